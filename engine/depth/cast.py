@@ -25,7 +25,7 @@ from .prepared_layer import PreparedLayer, prepare_layers
 
 FAINT = 1e-3  # of a picture's mean radiance
 LAYER_PLANES, PREPARING_PLANES = 3, 10  # planes in memory of a prepared layer, and during its preparation
-LEVELS_PX = 1.4  # pixels of a layer's levels, relative to the layer's
+LEVELS_PX = 1.6  # pixels of a layer's levels, relative to the layer's
 SAMPLE_RAYS = 256  # for the reach of all
 SUMMABLE = 2.0**88  # radiance whose sums over rays stay within float32
 DIMMED = 2.0**-40  # brighter light is multiplied by this first; for a power of two, this is exact
@@ -141,7 +141,7 @@ def _cast(layers, layered, lens, rays, most_rays, most_of_lamps, stop, times, pr
                 stop.iris.directions, stop.shape, stop.reach * cell_size(8),
                 layer_arrays(layers, lens, group, levels, scale),
                 tuple(scale * FAINT * float(abs(plane.mean(dtype=np.float64))) for plane in sharp), meetings.kinds,
-                _first_eights(counts, meetings.counts), meetings.counts // 8, TILE_PX)
+                _first_eights(counts, meetings.counts), meetings.counts // 8, meetings.steps, TILE_PX)
             for completed in _filled_rows(casting, blurred, clear):
                 progress((first + completed * len(sharp)) / count)
             del casting

@@ -1,4 +1,4 @@
-"""Levels of layers, each with half the resolution of the previous one, for rays that represent a part of the pupil.
+"""Levels of layers, each with larger pixels than the previous one, for rays that represent a part of the pupil.
 
 Such a ray looks up the mean over the blur of its part of the pupil, a square that is at most as large as a pixel of
 the level. The pixels of a level are means of light and of alpha, so that surfaces do not mix. Adjacent rays look up
@@ -10,6 +10,7 @@ is therefore continued in the farther layer, behind itself.
 """
 
 from collections.abc import Sequence
+from functools import reduce
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from ..lens import Lens
 from .depth_range import blur_per_nearness_px
 from .prepared_layer import PreparedLayer
 
+SIZES = (1, 2, 3, 4, 6, 8, 12, 16, 24)  # sides of the levels' pixels: in finer steps than halves, look-ups spread less
 BORDER = 3  # pixels around a level: one that stays empty, and two for surfaces of the nearer layer
 SAME_SURFACE = 0.5  # of a level's pixels: the largest difference in blur between parts of one surface
 
@@ -32,7 +34,7 @@ def layer_arrays(layers: Sequence[PreparedLayer], lens: Lens, wavelengths: slice
     lens : Lens
     wavelengths : slice
     levels : int
-        Their number, 1 for the capture's pixels alone.
+        Their number, 1 for the capture's pixels alone: the first of SIZES.
     scale : float
         Factor on light.
     """
@@ -42,10 +44,10 @@ def layer_arrays(layers: Sequence[PreparedLayer], lens: Lens, wavelengths: slice
         finest = layer.finest(wavelengths, scale)
         place = layer.depth[..., 0] * np.float32(blur_per_nearness_px(lens, layer.capture.pitch_um))
         light = (plane * np.float32(scale) for plane in layer.layer.cube[wavelengths])
-        coarse = _levels(layer, [layer.layer.alpha, place, *light], levels)
-        for number, (near, far) in enumerate(zip(nearer, coarse, strict=False), 1):
-            _continue_surfaces(near, far, SAME_SURFACE * 2**number)
-        arrays.append(layer.of(finest, [_level_arrays(layer, number, *each) for number, each in enumerate(coarse, 1)]))
+        coarse, sizes = _levels(layer, [layer.layer.alpha, place, *light], levels), SIZES[1:levels]
+        for size, near, far in zip(sizes, nearer, coarse, strict=False):
+            _continue_surfaces(near, far, SAME_SURFACE * size)
+        arrays.append(layer.of(finest, [_level_arrays(layer, *each) for each in zip(sizes, coarse, strict=True)]))
         nearer = coarse
     return tuple(arrays)
 
@@ -55,24 +57,29 @@ def _levels(layer, planes, levels):
 
     The planes are alpha, place, which continues beyond the layer's end, and light; pixels are blocks of the capture's.
     """
-    block = 2 ** (levels - 1)
-    before = [origin % block for origin in layer.layer.origin_px]
-    widths = [(first, -(first + count) % block) for first, count in zip(before, planes[0].shape, strict=True)]
     sides = list(zip(layer.goes_on[::2], layer.goes_on[1::2], strict=True))
     ends = [sides, [(True, True)] * 2, *[sides] * (len(planes) - 2)]
-    stacks = [[] for _ in range(1, levels)]
+    stacks: dict[int, list[np.ndarray]] = {size: [] for size in SIZES[1:levels]}
     for plane, end in zip(planes, ends, strict=True):
-        plane = _continued(plane, widths, end)
-        for stack in stacks:
-            plane = (plane[::2, ::2] + plane[::2, 1::2] + plane[1::2, ::2] + plane[1::2, 1::2]) * np.float32(0.25)
-            stack.append(_continued(plane, [(BORDER, BORDER)] * 2, end))
+        coarse = {1: (layer.layer.origin_px, plane)}
+        for size, stack in stacks.items():
+            finer = size // 2 if size // 2 in coarse and size % 2 == 0 else 1
+            coarse[size] = _coarser(*coarse[finer], size // finer, end)
+            stack.append(_continued(coarse[size][1], [(BORDER, BORDER)] * 2, end))
     result = []
-    for level, stack in enumerate(stacks, 1):
-        first = tuple((origin - at) // 2**level - BORDER
-                      for origin, at in zip(layer.layer.origin_px, before, strict=True))
+    for size, stack in stacks.items():
+        first = tuple(at // size - BORDER for at in layer.layer.origin_px)
         result.append((first, np.stack(stack, dtype=np.float32)))
         stack.clear()
     return result
+
+
+def _coarser(first, plane, times, sides):
+    """Row and column of the first pixel, and means over blocks of `times` x `times` pixels, from a plane's."""
+    plane = _continued(plane, [(at % times, -(at + n) % times) for at, n in zip(first, plane.shape, strict=True)], sides)
+    for _ in range(2):
+        plane = reduce(np.add, [plane[n::times] for n in range(times)]).T
+    return [at // times for at in first], plane * np.float32(1 / times**2)
 
 
 def _continued(plane, widths, sides):
@@ -102,6 +109,7 @@ def _continue_surfaces(near, far, same):
         far_plane += part * plane
 
 
-def _level_arrays(layer, level, first, stack):
-    axis_px = tuple((axis + 0.5) / 2**level - 0.5 - at for axis, at in zip(layer.capture.centre_px, first, strict=True))
-    return LevelArrays(stack[2:], stack[0], axis_px, 1 / 2**level, (-np.inf, np.inf) * 2)
+def _level_arrays(layer, size, level):
+    first, stack = level
+    axis_px = tuple((axis + 0.5) / size - 0.5 - at for axis, at in zip(layer.capture.centre_px, first, strict=True))
+    return LevelArrays(stack[2:], stack[0], axis_px, 1 / size, (-np.inf, np.inf) * 2)

@@ -11,8 +11,9 @@ import numpy as np
 
 from ..field.field_map import RayReach, RaySample, Tiles
 from ..image.pixel_grid import PixelGrid
-from ..kernels.cast import LEVELS, MEETING
+from ..kernels.cast import MEETING
 from ..rays.stop_places import SQUARES
+from .levels import SIZES
 from .prepared_layer import PreparedLayer
 
 TILE_PX, BLOCK_PX = 16, 8
@@ -21,20 +22,25 @@ QUANTITIES = 7  # with extremes in the lookup
 COUNTS = np.array(SQUARES)  # of rays
 FINEST_PX = 0.5  # smallest useful side of a ray's cell in a blur: half a pixel
 RAYS_PER_PX = 4  # of a blur, at most, for light without lamps
-OVERLAP = 2  # side of a look-up in distances between rays: aberrations stretch the rays' lattice, and narrower look-ups
+OVERLAP = 1.75  # side of a look-up in distances between rays: aberrations stretch the rays' lattice, and narrower look-ups
 # show it as rings in the discs of lamps
 COARSEST = 1.15  # side of a look-up in pixels of the layer's level
-STEP = 0.1  # at the rim of a lamp's disc, relative to the light around it, from which the number of rays increases
+STEPS = np.array([1, 2, 4])  # distances between cast pixels
+SMOOTH = 1.75  # least side of a tile's look-ups, in these distances: pixels between cast ones then differ from
+# interpolated ones by a tenth of the rays' error, and lamps have all of their light
+STEP = 0.05  # at the rim of a lamp's disc, relative to the light around it, from which the number of rays increases
 OPAQUE = 0.998
 STEPS_PX = (0.25, 1.0, 4.0)  # largest differences in blur for 0, 1 and 2 steps of the search; 3 beyond
 
 
 @dataclass(frozen=True, eq=False)
 class Meetings:
-    """Arrays (tile row, tile column, layer) of MEETING, and (tile row, tile column) of the number of rays."""
+    """Arrays (tile row, tile column, layer) of MEETING, and (tile row, tile column) of the number of rays of a pixel and
+    of the distance between the pixels that are cast."""
 
     kinds: np.ndarray
     counts: np.ndarray
+    steps: np.ndarray
 
 
 def plan_meetings(layers: list[PreparedLayer], rays: RaySample, sensor: PixelGrid,
@@ -83,9 +89,13 @@ def plan_meetings(layers: list[PreparedLayer], rays: RaySample, sensor: PixelGri
         lit_beyond |= blur.met & (blur.look.brightest > 0)
     counts = COUNTS[np.minimum(np.searchsorted(COUNTS, needed), np.searchsorted(COUNTS, most_of_lamps, "right") - 1)]
     counts = np.where(needed > 0, counts, 0)
+    narrowest_px = np.full(shape, np.inf)
     for here, blur in zip(np.moveaxis(meetings, -1, 0), blurs, strict=True):
-        here["level"], here["cells"] = blur.level(np.maximum(counts, 1))
-    return Meetings(meetings, counts)
+        side_px = blur.side_px(np.maximum(counts, 1))
+        here["level"], here["cells"] = blur.level(side_px)
+        narrowest_px = np.where(blur.met, np.minimum(narrowest_px, np.where(here["focused"], 0, side_px)), narrowest_px)
+    steps = STEPS[np.searchsorted(STEPS[1:] * SMOOTH, narrowest_px, "right")]
+    return Meetings(meetings, counts, steps)
 
 
 def around_px(area_px: np.ndarray) -> np.ndarray:
@@ -128,13 +138,16 @@ class _Blur:
         lamps = np.minimum((lamp / area) ** 2, area / FINEST_PX**2)
         return np.maximum(lamps, np.minimum(most_rays, RAYS_PER_PX * largest))
 
-    def level(self, counts):
-        """The level of the layer's pixels that suits the look-ups of this number of rays, 0 for light in focus; and the
-        number of look-ups along a side of its pixels, at least 1."""
-        side_px = _look_up_px(self.reach.area_px((self.least + self.most) / 2), counts)
-        level = np.minimum(np.ceil(np.log2(np.maximum(side_px / COARSEST, 1))), LEVELS - 1)
+    def side_px(self, counts):
+        """Side of the squares that this number of rays look up."""
+        return _look_up_px(self.reach.area_px((self.least + self.most) / 2), counts)
+
+    def level(self, side_px):
+        """The level of the layer's pixels that suits look-ups of this side, 0 for light in focus; and the number of
+        look-ups along a side of its pixels, at least 1."""
+        level = np.minimum(np.searchsorted(SIZES, side_px / COARSEST), len(SIZES) - 1)
         level = np.where(self.look.sharpest > 0, 0, level)
-        return level, np.maximum(2**level / side_px, 1)
+        return level, np.maximum(np.array(SIZES)[level] / side_px, 1)
 
 
 def _tiles(sensor):

@@ -260,7 +260,47 @@ INLINE pixel pixel_of(const lf_cast_of *c, int64_t row, int64_t column, float ce
 
 static float sum_of(const float *a) { return ((a[0] + a[1]) + (a[2] + a[3])) + ((a[4] + a[5]) + (a[6] + a[7])); }
 
-/* Casts the pixels of a tile. */
+/* Divides the sums of a pixel: the radiance of each wavelength in place of LIGHT, and the clear share in place of ALL. */
+INLINE void divide(const lf_cast_of *c, int focused, float *sums)
+{
+    for (int64_t w = 0; w < c->wavelengths; w++, sums += 8 * SUMS) {
+        const float light = sum_of(sums + 8 * LIGHT), all = sum_of(sums + 8 * ALL);
+        const float part = focused && all > 0 ? sum_of(sums + 8 * THROUGH) / all : 1;
+        sums[8 * LIGHT] = light > 0 ? sum_of(sums + 8 * BLURRED) / light : 0;
+        sums[8 * ALL] = part < 0 ? 0 : part < 1 ? part : 1;
+    }
+}
+
+typedef struct { /* a row or a column between those that are cast, counted from the tile's first ones */
+    int64_t before, after;
+    float weight; /* of the latter */
+} crossing;
+
+INLINE crossing crossing_of(int64_t pixel, int64_t step, int64_t count)
+{
+    const int64_t before = pixel / step, after = before + 1 < count ? before + 1 : before;
+    return (crossing){before, after, (float)(pixel % step) / (float)step};
+}
+
+/* Writes a tile of a picture from the first values of the pixels that are cast. */
+static void fill(const float *values, int64_t each, int64_t step, int64_t tall, int64_t wide, const lf_picture *to, int64_t top,
+                 int64_t left, int64_t bottom, int64_t right)
+{
+    for (int64_t row = top; row < bottom; row++) {
+        const crossing y = crossing_of(row - top, step, tall);
+        for (int64_t column = left; column < right; column++) {
+            const crossing x = crossing_of(column - left, step, wide);
+            const float *above = values + y.before * wide * each, *below = values + y.after * wide * each;
+            for (int64_t w = 0; w < to->planes; w++) {
+                const int64_t a = x.before * each + 8 * SUMS * w, b = x.after * each + 8 * SUMS * w;
+                const float upper = above[a] + x.weight * (above[b] - above[a]), lower = below[a] + x.weight * (below[b] - below[a]);
+                to->values[w * to->plane_step + row * to->row_step + column] = upper + y.weight * (lower - upper);
+            }
+        }
+    }
+}
+
+/* Casts the pixels of a tile. With a step above 1, the last rows and columns may be beyond the tile. */
 INLINE void cast_pixels(const lf_cast_of *c, int64_t tile, int focused, const lf_picture *blurred, const lf_picture *clear,
                         float *work)
 {
@@ -268,29 +308,22 @@ INLINE void cast_pixels(const lf_cast_of *c, int64_t tile, int focused, const lf
     const int64_t top = tile / c->tile_columns * c->tile_px, left = tile % c->tile_columns * c->tile_px;
     const int64_t bottom = top + c->tile_px < blurred->rows ? top + c->tile_px : blurred->rows;
     const int64_t right = left + c->tile_px < blurred->columns ? left + c->tile_px : blurred->columns;
+    const int64_t step = c->tile_step[tile], tall = (bottom - top + step - 2) / step + 1, wide = (right - left + step - 2) / step + 1;
     const int64_t size = 16 + 48 * c->wavelengths, each = 8 * SUMS * c->wavelengths, eights = c->tile_eights[tile];
     const float cells = __builtin_sqrtf((float)eights) / c->cell_of_eight;
-    for (int64_t n = 0; n < (bottom - top) * (right - left) * each; n++) work[n] = 0;
+    for (int64_t n = 0; n < tall * wide * each; n++) work[n] = 0;
     for (int64_t n = c->first_eights[tile]; n < c->first_eights[tile] + eights; n++) {
         float *sums = work;
-        for (int64_t row = top; row < bottom; row++)
-            for (int64_t column = left; column < right; column++, sums += each) {
-                pixel here = pixel_of(c, row, column, cells);
+        for (int64_t j = 0; j < tall; j++)
+            for (int64_t i = 0; i < wide; i++, sums += each) {
+                pixel here = pixel_of(c, top + j * step, left + i * step, cells);
                 here.low += n * size, here.high += n * size;
                 for (int64_t first = 0; first < 8; first += WIDE) follow(c, &here, first, meetings, focused, sums + first);
             }
     }
-    const float *sums = work;
-    for (int64_t row = top; row < bottom; row++)
-        for (int64_t column = left; column < right; column++)
-            for (int64_t w = 0; w < c->wavelengths; w++, sums += 8 * SUMS) {
-                const float light = sum_of(sums + 8 * LIGHT), all = sum_of(sums + 8 * ALL);
-                const float part = focused && all > 0 ? sum_of(sums + 8 * THROUGH) / all : 1;
-                blurred->values[w * blurred->plane_step + row * blurred->row_step + column] =
-                    light > 0 ? sum_of(sums + 8 * BLURRED) / light : 0;
-                clear->values[w * clear->plane_step + row * clear->row_step + column] =
-                    part < 0 ? 0 : part < 1 ? part : 1;
-            }
+    for (int64_t n = 0; n < tall * wide; n++) divide(c, focused, work + n * each);
+    fill(work + 8 * LIGHT, each, step, tall, wide, blurred, top, left, bottom, right);
+    fill(work + 8 * ALL, each, step, tall, wide, clear, top, left, bottom, right);
 }
 
 lf_cast_loop OF_VARIANT(lf_cast);

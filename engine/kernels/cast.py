@@ -91,6 +91,8 @@ class Casting:
         number of cells in a pixel of this level along a side.
     first_eights, eights : int64 arrays (tile row, tile column)
         The first and the number of the groups of eight rays; pixels of tiles with 0 are not written.
+    steps : int64 array (tile row, tile column)
+        Distance between the pixels that are cast, from 1 to `tile_px`; those between them are interpolated.
     tile_px : int
     """
 
@@ -107,6 +109,7 @@ class Casting:
     meetings: np.ndarray
     first_eights: np.ndarray
     eights: np.ndarray
+    steps: np.ndarray
     tile_px: int
 
     @property
@@ -148,7 +151,7 @@ def cast(casting: Casting, row: int, blurred: np.ndarray, clear: np.ndarray) -> 
                      (casting.faint + (0.0,) * TOGETHER)[:TOGETHER],
                      address(casting.meetings, MEETING, (tile_rows, tile_columns, len(layers))),
                      address(casting.first_eights, np.int64, casting.eights.shape),
-                     address(casting.eights, np.int64), tile_rows, tile_columns, casting.tile_px)
+                     address(casting.eights, np.int64), address(casting.steps, np.int64, casting.eights.shape), tile_rows, tile_columns, casting.tile_px)
     work = np.empty(32 * casting.wavelengths * casting.tile_px**2, np.float32)
     check(loops.lf_cast(variant, byref(structure), row * tile_columns, (row + 1) * tile_columns,
                         byref(picture(blurred)), byref(picture(clear)), address(work, np.float32)))

@@ -263,7 +263,8 @@ int lf_cast(int variant, const lf_cast_of *c, int64_t first_tile, int64_t end_ti
         if (!layer_fits(c->layer + n, c->wavelengths)) return LF_BAD_SIZE;
     for (int64_t tile = first_tile; tile < end_tile; tile++) {
         if (!within(c->tile_eights[tile], 0, c->eights)
-            || !within(c->first_eights[tile], 0, c->eights - c->tile_eights[tile]))
+            || !within(c->first_eights[tile], 0, c->eights - c->tile_eights[tile])
+            || !within(c->tile_step[tile], 1, c->tile_px))
             return LF_BAD_SIZE;
         for (int64_t n = 0; n < c->layers; n++)
             if (!within(c->meetings[tile * c->layers + n].level, 0, c->layer[n].levels - 1)) return LF_BAD_SIZE;

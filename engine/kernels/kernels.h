@@ -17,7 +17,7 @@
 #define LENSFIELD_KERNELS_H
 #include <stdint.h>
 
-#define LF_ABI 8
+#define LF_ABI 9
 
 enum { LF_OUTSIDE = 1, LF_BAD_SIZE = 2 };
 
@@ -187,7 +187,7 @@ typedef int lf_spots_loop(const lf_bundle *, double *out, double *light);
 /* cast */
 
 #define LF_TOGETHER 6  /* limit of wavelengths in one call */
-#define LF_LEVELS 6   /* limit of a layer's resolutions */
+#define LF_LEVELS 9   /* limit of a layer's resolutions */
 
 typedef struct {         /* a layer at one resolution */
     lf_picture light;    /* (wavelength): premultiplied by alpha; at least 2 x 2 pixels */
@@ -231,6 +231,7 @@ typedef struct {
     float faint[LF_TOGETHER]; /* (wavelength): radiance that is negligible compared with the visible radiance */
     const lf_meeting *meetings; /* (tile, layer) */
     const int64_t *first_eights, *tile_eights; /* (tile): the first and the number of its rays, in eights */
+    const int64_t *tile_step; /* (tile): distance between pixels that are cast; those between them are interpolated */
     int64_t tile_rows, tile_columns, tile_px;
 } lf_cast_of;
 

@@ -14,20 +14,32 @@ def cast(casting: Casting, row: int, blurred: np.ndarray, clear: np.ndarray) -> 
     for tile in np.flatnonzero(casting.eights[row]):
         corner_px = row * size, tile * size
         pixels = np.s_[:, corner_px[0]:corner_px[0] + size, corner_px[1]:corner_px[1] + size]
+        shape_px, step = blurred[pixels].shape[1:], casting.steps[row, tile]
         begin, eights = casting.first_eights[row, tile], casting.eights[row, tile]
         cells = np.sqrt(np.float32(eights)) / np.float32(casting.cell_of_eight)
         light, out_of_focus, through, total = sum(
-            _sums(casting, _rays(casting, corner_px, blurred[pixels].shape[1:],
+            _sums(casting, _rays(casting, corner_px, shape_px, step,
                                  np.s_[first:min(first + PORTION, begin + eights)], cells), casting.meetings[row, tile])
             for first in range(begin, begin + eights, PORTION))
-        blurred[pixels] = np.divide(out_of_focus, light, out=np.zeros_like(light), where=light > 0)
-        clear[pixels] = np.clip(np.divide(through, total, out=np.ones_like(total), where=total > 0), 0, 1)
+        of_rays = np.divide(out_of_focus, light, out=np.zeros_like(light), where=light > 0)
+        share = np.clip(np.divide(through, total, out=np.ones_like(total), where=total > 0), 0, 1)
+        blurred[pixels], clear[pixels] = (_filled(plane, shape_px, step) for plane in (of_rays, share))
 
 
-def _rays(casting, corner_px, shape_px, eights, cells):
+def _filled(planes, shape_px, step):
+    """All pixels of a tile, interpolated between those that are cast."""
+    for axis, count in zip((2, 1), shape_px[::-1], strict=True):
+        before, part = np.divmod(np.arange(count), step)
+        after = np.minimum(before + 1, planes.shape[axis] - 1)
+        weight = part.astype(np.float32) / np.float32(step)
+        planes = _between(planes.take(before, axis), planes.take(after, axis), weight if axis == 2 else weight[:, None])
+    return planes
+
+
+def _rays(casting, corner_px, shape_px, step, eights, cells):
     """Arrays (wavelength, row, column, ray): positions at infinity to the right and up, and their change with the
     inverse depth; the light of rays; and 1 for rays that pass. `cells` is their number in a semi-aperture."""
-    row, column = np.indices(shape_px)
+    row, column = step * np.indices([(count + step - 2) // step + 1 for count in shape_px])
     x, y = corner_px[1] + column - casting.centre_px[1], casting.centre_px[0] - corner_px[0] - row
     height = np.sqrt(x * x + y * y)
     right = np.divide(x, height, out=np.zeros_like(height), where=height > 0).astype(np.float32)[..., None]
@@ -36,7 +48,7 @@ def _rays(casting, corner_px, shape_px, eights, cells):
     before = np.minimum(step, len(casting.rays) - 2).astype(np.int64)
     weight = (step - before).astype(np.float32)[..., None]
     low, high = (np.moveaxis(casting.rays[before + n, eights], -2, 0) for n in (0, 1))
-    stop, low, high = (each.reshape(-1, *shape_px, low.shape[-2] * 8) for each in (low[:STOP], low[STOP:], high[STOP:]))
+    stop, low, high = (each.reshape(-1, *row.shape, low.shape[-2] * 8) for each in (low[:STOP], low[STOP:], high[STOP:]))
     low, high = (each.reshape(-1, QUANTITIES, *each.shape[1:]).swapaxes(0, 1) for each in (low, high))
     out, across, by_out, by_across = _between(low[:4], high[:4], weight)
     inside, light = _between(low[4:], high[4:], np.minimum(weight, np.float32(1)))

@@ -1,6 +1,8 @@
 """Casting: layers of depth along rays, against first-order optics, and C against numpy."""
 
 import tracemalloc
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -343,6 +345,29 @@ def test_tiles_in_focus_are_not_cast_and_blur_of_a_pixel_needs_few_rays(lens, mo
         counts = plans[0].counts
         assert not counts[:4].any() and not counts[:, 5:].any()
         assert least <= counts[8:, :1].min() and counts.max() <= most
+
+
+@pytest.mark.parametrize("blur, step", [(-22.0, 2), (44.0, 4)])
+@pytest.mark.parametrize("variant", available())
+def test_pixels_of_wide_blur_are_interpolated(lens, monkeypatch, variant, blur, step):
+    """A texture next to a strip in focus: the difference from all pixels is below that between 64 and 256 rays."""
+    grid, texture = PixelGrid((150, 203), PITCH_UM, (-31.3, 90.8)), np.random.default_rng(1).random((2, 150, 203))
+    depth_mm = np.full(grid.shape_px, depth_of_blur(lens, blur))
+    depth_mm[:, :20] = IN_FOCUS_MM + lens.entrance_pupil_mm
+    scene, plans, pictures = [layer(np.ones(grid.shape_px), depth_mm, texture)], [], []
+
+    def planned(*given, step=None):
+        plans.append(plan_meetings(*given))
+        return plans[-1] if step is None else replace(plans[-1], steps=np.full_like(plans[-1].steps, step))
+
+    with using(variant):
+        for rays, forced in ((64, None), (64, 1), (256, 1)):
+            monkeypatch.setattr(cast_module, "plan_meetings", partial(planned, step=forced))
+            pictures.append(np.stack([plane.blurred for plane in planes(scene, lens, grid, most_rays=rays)])[:, :, 64:])
+    few, full, many = pictures
+    assert plans[0].steps[:, :2].max() == 1 and np.all(plans[0].steps[:, 5:] == step)
+    assert 0 < np.abs(few - full).mean() < 0.5 * np.abs(full - many).mean()
+    assert few.mean() == pytest.approx(full.mean(), rel=1e-3)
 
 
 @pytest.mark.parametrize("size", [1e30, 1e37, 3e38])

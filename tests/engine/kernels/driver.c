@@ -819,11 +819,13 @@ static void try_casting(void)
     }
     lf_meeting *meetings = ROOM(lf_meeting, down * across * layers);
     int64_t *tile_eights = ROOM(int64_t, down * across), *first_eights = ROOM(int64_t, down * across);
+    int64_t *tile_step = ROOM(int64_t, down * across);
     for (int64_t i = 0; i < down * across * layers; i++)
         meetings[i] = (lf_meeting){(float)unit(), 0, kind ? (int32_t)below(5) - 1 : (int32_t)below(2) - 1, 0,
                                    i % layers == layers - 1 && below(2), (int32_t)below(layer[i % layers].levels), 1 + (float)(below(2) * unit())};
     for (int64_t i = 0; i < down * across; i++) {
         tile_eights[i] = below(eights + 1);
+        tile_step[i] = 1 + below(2) * below(tile);
         first_eights[i] = below(eights - tile_eights[i] + 1);
         for (int64_t n = 0; n < layers && i % 2; n++)
             meetings[i * layers + n].focused = 1, meetings[i * layers + n].share = (float)unit();
@@ -836,7 +838,7 @@ static void try_casting(void)
                     .per_focal = below(2) ? 0 : (float)(0.2 * unit()), .shrinkage = shrinkage, .shrinkage_steps = steps,
                     .normals = normals, .blades = blades, .blade_margin = 0.8f,
                     .blade_bend = 0.2f, .blade_slope = 0.7f, .cell_of_eight = 0.6f, .layer = layer, .layers = layers,
-                    .meetings = meetings, .first_eights = first_eights, .tile_eights = tile_eights, .tile_rows = down, .tile_columns = across, .tile_px = tile};
+                    .meetings = meetings, .first_eights = first_eights, .tile_eights = tile_eights, .tile_step = tile_step, .tile_rows = down, .tile_columns = across, .tile_px = tile};
     for (int w = 0; w < LF_TOGETHER; w++) c.faint[w] = (float)(0.1 * unit());
     const int64_t plane = rows * columns;
     lf_cast_of odd = c;
@@ -853,12 +855,21 @@ static void try_casting(void)
         const double bound = 1e3 * SINGLE * (double)layers;
         for (int64_t i = 0; kind == 0 && i < wavelengths * plane; i++) {
             const int64_t row = i % plane / columns, column = i % columns, of = row / tile * across + column / tile;
-            double sums[4] = {0};
             if (!tile_eights[of]) continue;
-            rays_of(&c, meetings + of * layers, first_eights[of], tile_eights[of], row, column, i / plane, sums);
-            take_deviation(v, 4, fabs(result[i] - sums[1] / sums[0]), bound);
-            take_deviation(v, 4, fabs(result[wavelengths * plane + i] - (sums[3] > 0 ? sums[2] / sums[3] : 1)),
-                           bound * sums[0] / fmax(sums[3], sums[0] * bound));
+            const int64_t step = tile_step[of], above = row % tile / step * step, before = column % tile / step * step;
+            const double down_part = (double)(row % tile - above) / (double)step, right_part = (double)(column % tile - before) / (double)step;
+            double truth[2] = {0}, least = INFINITY;
+            for (int64_t n = 0; n < 4; n++) {
+                const double part = (n / 2 ? down_part : 1 - down_part) * (n % 2 ? right_part : 1 - right_part);
+                double sums[4] = {0};
+                if (part == 0) continue;
+                rays_of(&c, meetings + of * layers, first_eights[of], tile_eights[of], row / tile * tile + above + n / 2 * step,
+                        column / tile * tile + before + n % 2 * step, i / plane, sums);
+                truth[0] += part * sums[1] / sums[0], truth[1] += part * (sums[3] > 0 ? sums[2] / sums[3] : 1);
+                least = fmin(least, sums[3] / sums[0]);
+            }
+            take_deviation(v, 4, fabs(result[i] - truth[0]), bound);
+            take_deviation(v, 4, fabs(result[wavelengths * plane + i] - truth[1]), bound / fmax(least, bound));
         }
         free(result);
     }
@@ -866,7 +877,7 @@ static void try_casting(void)
         for (int64_t k = 0; k < layer[n].levels; k++) free(layer[n].level[k].light.values), free((void *)layer[n].level[k].alpha);
         free((void *)layer[n].depth);
     }
-    void *all[] = {rays, normals, work, layer, meetings, first_eights, tile_eights, shrinkage};
+    void *all[] = {rays, normals, work, layer, meetings, first_eights, tile_eights, tile_step, shrinkage};
     for (size_t n = 0; n < sizeof all / sizeof *all; n++) free(all[n]);
 }
 
