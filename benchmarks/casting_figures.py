@@ -3,8 +3,9 @@
     python benchmarks/casting_figures.py
 
 prints, for each accuracy of the tiers: the processor seconds for 1920 x 1080 px at 12 wavelengths in 8 layers, blurred
-by up to 60 px on both sides of the focus, without the trace of the lens's rays; and the deviation of light inside the disc of a lamp of 3 px,
-blurred over 26 px by a lens without aberrations, relative to its mean. Set LENSFIELD_KERNELS=avx2 to compare machines.
+by up to 60 px before the focus and 20 px behind it, without the trace of the lens's rays; and the deviation of light
+inside the disc of a lamp of 3 px, blurred over 26 px by a lens without aberrations, relative to its mean. Set
+LENSFIELD_KERNELS=avx2 to compare machines.
 """
 
 import resource
