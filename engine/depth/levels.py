@@ -59,7 +59,7 @@ def _levels(layer, planes, levels):
     """
     sides = list(zip(layer.goes_on[::2], layer.goes_on[1::2], strict=True))
     ends = [sides, [(True, True)] * 2, *[sides] * (len(planes) - 2)]
-    stacks: dict[int, list[np.ndarray]] = {size: [] for size in SIZES[1:levels]}
+    stacks = {size: [] for size in SIZES[1:levels]}
     for plane, end in zip(planes, ends, strict=True):
         coarse = {1: (layer.layer.origin_px, plane)}
         for size, stack in stacks.items():
@@ -76,7 +76,8 @@ def _levels(layer, planes, levels):
 
 def _coarser(first, plane, times, sides):
     """Row and column of the first pixel, and means over blocks of `times` x `times` pixels, from a plane's."""
-    plane = _continued(plane, [(at % times, -(at + n) % times) for at, n in zip(first, plane.shape, strict=True)], sides)
+    widths = [(at % times, -(at + n) % times) for at, n in zip(first, plane.shape, strict=True)]
+    plane = _continued(plane, widths, sides)
     for _ in range(2):
         plane = reduce(np.add, [plane[n::times] for n in range(times)]).T
     return [at // times for at in first], plane * np.float32(1 / times**2)

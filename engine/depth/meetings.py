@@ -22,8 +22,8 @@ QUANTITIES = 7  # with extremes in the lookup
 COUNTS = np.array(SQUARES)  # of rays
 FINEST_PX = 0.5  # smallest useful side of a ray's cell in a blur: half a pixel
 RAYS_PER_PX = 4  # of a blur, at most, for light without lamps
-OVERLAP = 1.75  # side of a look-up in distances between rays: aberrations stretch the rays' lattice, and narrower look-ups
-# show it as rings in the discs of lamps
+OVERLAP = 1.75  # side of a look-up in distances between rays: aberrations stretch the rays' lattice, and narrower
+# look-ups show it as rings in the discs of lamps
 COARSEST = 1.15  # side of a look-up in pixels of the layer's level
 STEPS = np.array([1, 2, 4])  # distances between cast pixels
 SMOOTH = 1.75  # least side of a tile's look-ups, in these distances: pixels between cast ones then differ from
@@ -35,8 +35,8 @@ STEPS_PX = (0.25, 1.0, 4.0)  # largest differences in blur for 0, 1 and 2 steps 
 
 @dataclass(frozen=True, eq=False)
 class Meetings:
-    """Arrays (tile row, tile column, layer) of MEETING, and (tile row, tile column) of the number of rays of a pixel and
-    of the distance between the pixels that are cast."""
+    """Arrays (tile row, tile column, layer) of MEETING, and (tile row, tile column) of the number of rays of a pixel
+    and of the distance between the pixels that are cast."""
 
     kinds: np.ndarray
     counts: np.ndarray
@@ -182,11 +182,12 @@ class _Blocks:
         alpha, (nearness, share) = layer.layer.alpha, np.moveaxis(layer.depth, -1, 0)
         covered = alpha > 0
         lowest = -np.inf
-        planes = [np.where(covered, each, lowest) for each in (nearness, -nearness, share, -share)]
+        extremes = [np.where(covered, each, lowest) for each in (nearness, -nearness, share, -share)]
         light = _light(layer.layer.cube)
         means = _in_blocks(light, 0).mean(axis=(1, 3))
         brightest = _largest_in_blocks(_means_of_squares(light), 0)
-        blocks = np.stack([*(_largest_in_blocks(plane, lowest) for plane in (*planes, -alpha, light * (1 - share))), brightest])
+        planes = *extremes, -alpha, light * (1 - share)
+        blocks = np.stack([*(_largest_in_blocks(plane, lowest) for plane in planes), brightest])
         self._goes_on, self._shape = layer.goes_on, alpha.shape
         self._levels = _over_powers_of_two(blocks)
         self._sums = np.zeros(np.add(blocks.shape[1:], 1))
@@ -212,8 +213,9 @@ class _Blocks:
         met = inside & (most > -np.inf)
         least, most, dullest, sharpest = (np.where(met, each, 0)
                                           for each in (-minus_least, most, -minus_dullest, sharpest))
+        mean_light = sums / np.maximum(blocks, (bottom + 1 - top) * (right + 1 - left))
         return _Look(met, least, most, dullest, sharpest, np.where(contained, -minus_clearest, 0),
-                     brightest.astype(float), blurred, sums / np.maximum(blocks, (bottom + 1 - top) * (right + 1 - left)))
+                     brightest.astype(float), blurred, mean_light)
 
 
 def _light(cube):

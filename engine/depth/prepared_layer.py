@@ -64,7 +64,7 @@ class PreparedLayer:
     @cached_property
     def lit(self) -> np.ndarray:
         """The pixels with light at any wavelength."""
-        return self.layer.cube.any(axis=0)
+        return np.asarray(self.layer.cube.any(axis=0))
 
     @property
     def out_of_focus(self) -> bool:

@@ -93,9 +93,8 @@ class SlabPlan:
 
 
 def plan_slabs(depth_mm: ArrayLike, capture: PixelGrid, lens: Lens, *, accuracy: float,
-               overscan_px: Sequence[int], light: ArrayLike | None = None, empty: ArrayLike = False, others: Sequence[Lens] = (),
-               reach: float = 1.0,
-               most_slabs: int = MOST_SLABS,
+               overscan_px: Sequence[int], light: ArrayLike | None = None, empty: ArrayLike = False,
+               others: Sequence[Lens] = (), reach: float = 1.0, most_slabs: int = MOST_SLABS,
                uncut_mm: Sequence[tuple[float, float]] = (),
                bodies_mm: Sequence[tuple[float, float]] = ()) -> SlabPlan:
     """Plan the slabs of a capture from one look at depth: as few as keep the hidden light within the accuracy.
@@ -255,8 +254,8 @@ def _look(depth_mm, light, empty, capture, lenses, overscan_px, reach):
     scale = max(blur_per_nearness_px(one, capture.pitch_um) * focal_mm / one.capture_focal_length_mm for one in lenses)
     far_px = [-scale * focus_nearness(one) for one in lenses]
     beyond_px = np.array(np.meshgrid(*beyond_px, indexing="ij"))
-    return _Look(planar_mm, light, empty, cosine, stretch, beyond_px, every * step_px, scale, (min(far_px), max(far_px)),
-                 tuple(map(int, overscan_px)), capture.overscan_px, reach)
+    return _Look(planar_mm, light, empty, cosine, stretch, beyond_px, every * step_px, scale,
+                 (min(far_px), max(far_px)), tuple(map(int, overscan_px)), capture.overscan_px, reach)
 
 
 @dataclass(frozen=True, eq=False)

@@ -151,7 +151,8 @@ def cast(casting: Casting, row: int, blurred: np.ndarray, clear: np.ndarray) -> 
                      (casting.faint + (0.0,) * TOGETHER)[:TOGETHER],
                      address(casting.meetings, MEETING, (tile_rows, tile_columns, len(layers))),
                      address(casting.first_eights, np.int64, casting.eights.shape),
-                     address(casting.eights, np.int64), address(casting.steps, np.int64, casting.eights.shape), tile_rows, tile_columns, casting.tile_px)
+                     address(casting.eights, np.int64), address(casting.steps, np.int64, casting.eights.shape),
+                     tile_rows, tile_columns, casting.tile_px)
     work = np.empty(32 * casting.wavelengths * casting.tile_px**2, np.float32)
     check(loops.lf_cast(variant, byref(structure), row * tile_columns, (row + 1) * tile_columns,
                         byref(picture(blurred)), byref(picture(clear)), address(work, np.float32)))

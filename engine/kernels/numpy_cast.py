@@ -48,7 +48,8 @@ def _rays(casting, corner_px, shape_px, step, eights, cells):
     before = np.minimum(step, len(casting.rays) - 2).astype(np.int64)
     weight = (step - before).astype(np.float32)[..., None]
     low, high = (np.moveaxis(casting.rays[before + n, eights], -2, 0) for n in (0, 1))
-    stop, low, high = (each.reshape(-1, *row.shape, low.shape[-2] * 8) for each in (low[:STOP], low[STOP:], high[STOP:]))
+    stop, low, high = (each.reshape(-1, *row.shape, low.shape[-2] * 8)
+                       for each in (low[:STOP], low[STOP:], high[STOP:]))
     low, high = (each.reshape(-1, QUANTITIES, *each.shape[1:]).swapaxes(0, 1) for each in (low, high))
     out, across, by_out, by_across = _between(low[:4], high[:4], weight)
     inside, light = _between(low[4:], high[4:], np.minimum(weight, np.float32(1)))
