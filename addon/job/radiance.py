@@ -82,7 +82,8 @@ class Captured:
     @property
     def _empty(self):
         """The pixels of the background without light."""
-        return (self.depth_m >= BACKGROUND_M) & ~self.radiance.cube.any(axis=0)
+        background = self.depth_m >= BACKGROUND_M
+        return background & ~self.radiance.cube.any(axis=0) if background.any() else background
 
     def _frame_mm(self):
         return self._frame(self.depth_m) * M_TO_MM
