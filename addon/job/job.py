@@ -80,7 +80,7 @@ def job_of(scene, **given):
     rings = {name: getattr(request, name) for name in RING_FIELDS}
     iris = scene_iris(scene, request.lens, request.iris, **rings)
     quality = request.lens_quality or request.spectral.tier
-    lens, warning, words = scene_lens(scene, request.lens, request.view, quality, **rings)
+    lens, warning, words = scene_lens(scene, request.lens, request.view, quality, request.wavelengths_nm, **rings)
     decided = {"lens": lens, "iris": iris, "wavelengths_nm": np.array(request.wavelengths_nm),
                "denoise": ON if denoises(scene, request) else OFF}
     return Job(**vars(request) | decided, frame=scene.frame_current, clamp=request.spectral.tier != REFERENCE,

@@ -110,7 +110,7 @@ def _steps(path, request):
     stored, words = _stored(path), ()
     if not isinstance(lens, Lens):
         iris = iris if iris_is_visible(lens, rings) else None
-        lens, words = yield Work(lambda _: _turned(request, rings, stored.focal_mm), "Baking the lens", 0.0)
+        lens, words = yield Work(lambda _: _turned(request, rings, stored), "Baking the lens", 0.0)
     lacking = _check_overscan(lens, stored, request, path)
     with result.report.stage("read radiance"):
         captured = yield Work(lambda _: _read(path, request.depth, result.irradiance.parent),
@@ -151,14 +151,15 @@ def _read(path, depth, folder):
     return Captured(radiance, planes["Z"], planes.get("A"), planes.get(REGION), layers)
 
 
-def _turned(request, rings, focal_mm):
-    """The lens of a name or path, and a line for each setting that it does not have."""
+def _turned(request, rings, stored):
+    """The lens of a name or path for the stored radiance, and a line for each setting that it does not have."""
     lens = request.lens
     if not has_rings(lens):
         return load_lens(lens, rings), ()
     if request.view == CAMERA:
-        rings = resized_rings(prescription_of(lens), rings, focal_mm)
-    return load_lens(lens, rings, request.lens_quality or STANDARD), clamped_rings(lens, rings)
+        rings = resized_rings(prescription_of(lens), rings, stored.focal_mm)
+    quality = request.lens_quality or STANDARD
+    return load_lens(lens, rings, quality, wavelengths_nm=stored.wavelengths_nm), clamped_rings(lens, rings)
 
 
 def _fitted(lens, captured, view):

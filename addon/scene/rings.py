@@ -92,7 +92,7 @@ def _camera_iris(scene):
                 _as_set(scene.lensfield.iris_roundness))
 
 
-def scene_lens(scene, lens, view, quality, **overrides):
+def scene_lens(scene, lens, view, quality, wavelengths_nm=None, **overrides):
     """The lens for a scene: with its camera's focus and f-stop, and with its own view or the camera's.
 
     Parameters
@@ -102,6 +102,8 @@ def scene_lens(scene, lens, view, quality, **overrides):
     view : "lens" or "camera"
     quality : str
         How finely a prescription is baked.
+    wavelengths_nm : sequence of float, optional
+        Of the picture, as for `load_lens`.
     overrides : by name
         Arguments of `scene_rings`.
 
@@ -124,7 +126,8 @@ def scene_lens(scene, lens, view, quality, **overrides):
         return *lens_for_view(scene, load_lens(lens), view), (FIXED,) * (rings != AT_REST)
     if view == CAMERA and scene.camera and scene.camera.type == "CAMERA":
         rings = resized_rings(prescription_of(lens), rings, scene.camera.data.lens)
-    return *lens_for_view(scene, load_lens(lens, rings, quality), view), clamped_rings(lens, rings)
+    baked = load_lens(lens, rings, quality, wavelengths_nm=wavelengths_nm)
+    return *lens_for_view(scene, baked, view), clamped_rings(lens, rings)
 
 
 def _as_set(number):

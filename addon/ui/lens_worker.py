@@ -1,7 +1,7 @@
 """The lens of a panel, loaded in threads: panels are drawn many times a second and must not wait for a bake.
 
 Each scene has one request, its newest, which also stores the answer. The facts of a lens are available at once. It is
-baked, at the quality of the render, as soon as its focus and f-stop stop changing.
+baked, at the quality and for the wavelengths of the render, as soon as its focus and f-stop stop changing.
 """
 
 import traceback
@@ -74,7 +74,8 @@ def lens_request(scene):
     settings, name = scene.lensfield, scene.lensfield.lens_name_or_path()
     camera = scene.camera.data if scene.camera and scene.camera.type == "CAMERA" else None
     focal_mm = camera.lens if camera and settings.view == "CAMERA" else None
-    question = name, stamp_of(name), rings_for(scene, name), focal_mm, settings.to_spectral_options().tier
+    question = (name, stamp_of(name), rings_for(scene, name), focal_mm, _wavelengths_nm(settings),
+                settings.to_spectral_options().tier)
     request = _requests.get(scene.session_uid)
     if request is None or request.question != question:
         request = _ask(scene, question)
@@ -103,8 +104,9 @@ def lens_now(scene, quality=None):
     InputError
         The lens is not available.
     """
-    name, _, rings, focal_mm, requested_quality = lens_request(scene).question
-    return load_lens(name, lens_facts(name, rings, focal_mm).rings, quality or requested_quality)
+    name, _, rings, focal_mm, wavelengths_nm, requested_quality = lens_request(scene).question
+    return load_lens(name, lens_facts(name, rings, focal_mm).rings, quality or requested_quality,
+                     wavelengths_nm=wavelengths_nm)
 
 
 def quality_at_hand(scene):
@@ -121,6 +123,14 @@ def forget_requests():
     _requests.clear()
     if bpy.app.timers.is_registered(_tick):
         bpy.app.timers.unregister(_tick)
+
+
+def _wavelengths_nm(settings):
+    """The wavelengths of a render; None while their text is not valid, which the plan in the panel reports."""
+    try:
+        return tuple(settings.wavelengths_nm().tolist())
+    except InputError:
+        return None
 
 
 def _ask(scene, question):
@@ -144,14 +154,14 @@ def _tick():
 
 def _answer(request):
     """Read the facts of a lens, then bake it; runs in a thread."""
-    name, _, rings, focal_mm, quality = request.question
+    name, _, rings, focal_mm, wavelengths_nm, quality = request.question
     try:
         request.facts = lens_facts(name, rings, focal_mm)
         request.known.set()
-        arguments = name, request.facts.rings, quality
-        if loaded_lens(*arguments) is None:
+        rings = request.facts.rings
+        if loaded_lens(name, rings, quality, wavelengths_nm) is None:
             _wait_until_settled(request)
-        lens = load_lens(*arguments, request.on_progress)
+        lens = load_lens(name, rings, quality, request.on_progress, wavelengths_nm)
         hash(lens)  # slow, and needed to look up plans: compute it in this thread
         request.lens = lens
     except Dropped:

@@ -10,6 +10,7 @@ from ..lens.conventions import WAVELENGTHS_NM, four_by_three
 from ..lens.lens import Lens
 from ..prescription.prescription import Prescription
 from ..prescription.system import System
+from ..rays.field_heights import image_radius_mm
 from ..rays.focus import build_system
 from ..rays.pupil import polynomial_weights
 from ..rays.rays import HalfPupil, trace_pupil
@@ -68,13 +69,14 @@ def bake(prescription: Prescription, *, quality: str = "standard", heights: int 
     heights_mm, between = _heights(system, heights, wavelengths_nm, fineness)
     traced = trace_wavefronts(system, heights_mm, _traced_nm(wavelengths_nm, fineness.traced), fineness.pupil)
     area, flux = _illumination(system, heights_mm, traced, wavelengths_nm, fineness)
+    reference_area = _reference_area(system, fineness)
     wavefronts = traced.at(wavelengths_nm)
     needed_um = needed_width_um(traced)
-    samples = samples or _samples(needed_um, _sensor_mm(system, traced.chief_height_mm.max()), fineness)
+    samples = samples or _samples(needed_um, _sensor_mm(system), fineness)
     sample_um = pitch_um or pitch_for_um(needed_um, samples)
     psf, fringes = _psfs(traced, wavefronts, sample_um, samples, fineness, workers, progress)
     notes = _notes(system.prescription.notes, fringes / fineness.sums.fringes, between, fineness)
-    return _lens(system, heights_mm, wavefronts, area, flux, sample_um, psf, notes)
+    return _lens(system, heights_mm, wavefronts, area, reference_area, flux, sample_um, psf, notes)
 
 
 def _check_request(prescription, heights, wavelengths_nm, samples, pitch_um):
@@ -88,8 +90,8 @@ def _check_request(prescription, heights, wavelengths_nm, samples, pitch_um):
         raise LensError(prescription.name, "pitch", pitch_um, "expected a positive number of um")
 
 
-def _sensor_mm(system, last_mm):
-    return system.prescription.sensor_mm or four_by_three(last_mm)
+def _sensor_mm(system):
+    return system.prescription.sensor_mm or four_by_three(image_radius_mm(system))
 
 
 def _samples(width_um, sensor_mm, quality: Quality):
@@ -146,6 +148,13 @@ def _illumination(system, heights_mm, traced: Wavefronts, wavelengths_nm, qualit
     return polynomial_weights(1e3 / traced.wavelengths_nm, 1e3 / wavelengths_nm) @ np.stack([area, flux])
 
 
+def _reference_area(system, quality: Quality):
+    """Area in direction cosines of the bundle on the axis at the reference wavelength, whatever wavelengths are baked:
+    the lens's f-number."""
+    axis = trace_wavefronts(system, [0.0], [system.prescription.reference_wavelength_nm], quality.pupil)
+    return axis.areas(*quality.edges)[0][0, 0]
+
+
 def _beam_per_image(system, heights_mm):
     """The object's area or solid angle over the paraxial image's area: the factor of the light that the source's
     coordinates do not include."""
@@ -193,21 +202,20 @@ def _psfs(traced, wavefronts, pitch_um, samples, quality: Quality, workers, prog
     return psf, fringes.max()
 
 
-def _lens(system: System, heights_mm, wavefronts, area, flux, pitch_um, psf, notes):
+def _lens(system: System, heights_mm, wavefronts, area, reference_area, flux, pitch_um, psf, notes):
     """The `Lens` with the baked tables."""
     prescription, wavelengths_nm = system.prescription, wavefronts.wavelengths_nm
     real_mm = wavefronts.chief_height_mm.copy()
     real_mm[:, 0] = 0.0  # instead of rounding errors of 1e-15
     energy = psf.sum(axis=(2, 3))
-    reference = np.argmin(np.abs(wavelengths_nm - prescription.reference_wavelength_nm))
     return Lens(
         name=prescription.name, maker=prescription.maker, story=prescription.story, source=prescription.source,
         notes=notes, efl_mm=system.efl_mm, magnification=system.magnification,
-        f_number_effective=0.5 / np.sqrt(area[reference, 0] / np.pi),
+        f_number_effective=0.5 / np.sqrt(reference_area / np.pi),
         object_distance_mm=prescription.object_distance_mm, entrance_pupil_mm=system.entrance_pupil_mm,
-        sensor_mm=_sensor_mm(system, real_mm[reference, -1]),
+        sensor_mm=_sensor_mm(system),
         reference_wavelength_nm=prescription.reference_wavelength_nm, wavelengths_nm=wavelengths_nm,
         heights_mm=heights_mm, real_height_mm=real_mm, relative_illumination=area / area[:, :1],
         psf=psf / energy[..., None, None], psf_pitch_um=pitch_um, enclosed_energy=np.minimum(energy, 1),
         transmittance=system.transmittance(wavelengths_nm),
-        point_flux=flux / area * area[:, :1] / area[reference, 0])
+        point_flux=flux / area * area[:, :1] / reference_area)

@@ -1,11 +1,13 @@
 """Lenses by name or path: bundled lenses, prescriptions and packages."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from os import PathLike
 from pathlib import Path
+
+import numpy as np
 
 from ..lens.lens import Lens
 from ..lens_files import IMPORT_FIRST, is_import
@@ -49,7 +51,8 @@ def _search_text(name, lens):
 
 
 def load_lens(name_or_path: str | PathLike[str], rings: Rings = AT_REST, quality: str = "standard",
-              progress: Callable[[float, str], object] = lambda fraction, label: None) -> Lens:
+              progress: Callable[[float, str], object] = lambda fraction, label: None,
+              wavelengths_nm: Sequence[float] | np.ndarray | None = None) -> Lens:
     """Load the lens with this name or in this file, set to a focus distance and an f-number.
 
     Parameters
@@ -61,6 +64,9 @@ def load_lens(name_or_path: str | PathLike[str], rings: Rings = AT_REST, quality
     quality : str
         Sampling of the bake of a prescription: one of `QUALITIES`.
     progress : function (fraction, label)
+    wavelengths_nm : sequence of float or None
+        Of the pictures: a prescription is baked for these alone, which is faster and more accurate if they are few.
+        None for lens data over all wavelengths.
 
     Raises
     ------
@@ -75,7 +81,7 @@ def load_lens(name_or_path: str | PathLike[str], rings: Rings = AT_REST, quality
         return _package_lens(package, name_or_path)
     prescription = prescription_of(name_or_path)
     try:
-        return baked_lens(prescription, rings, quality, progress)
+        return baked_lens(prescription, rings, quality, progress, wavelengths_nm)
     except LensError as error:
         raise error.at(name_or_path) from None
 

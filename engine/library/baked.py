@@ -1,8 +1,10 @@
 """Lenses baked on demand, and cached in the user's cache folder."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from io import BytesIO
+
+import numpy as np
 
 from ..bake.bake import bake
 from ..bake.quality import QUALITIES
@@ -20,8 +22,9 @@ WAVELENGTHS_NM = (400, 410, 420, 430, 441, 453, 467, 482, 499, 518, 539, 562, 58
 
 
 def baked_lens(prescription: Prescription, rings: Rings = AT_REST, quality: str = "standard",
-               progress: Callable[[float, str], object] = lambda fraction, label: None) -> Lens:
-    """Lens data of a prescription with its rings set, baked or from the cache.
+               progress: Callable[[float, str], object] = lambda fraction, label: None,
+               wavelengths_nm: Sequence[float] | np.ndarray | None = None) -> Lens:
+    """Lens data of a prescription with its rings set, baked or from the cache, for pictures with these wavelengths.
 
     Raises
     ------
@@ -31,9 +34,28 @@ def baked_lens(prescription: Prescription, rings: Rings = AT_REST, quality: str 
     if quality not in QUALITIES:
         raise LensError(prescription.name, "quality", quality, f"expected {', '.join(QUALITIES)}")
     fixed = turned(prescription, rings).prescription
-    key = digest_of((fixed, quality))
+    baked_nm = needed_wavelengths_nm(wavelengths_nm)
+    key = digest_of((fixed, quality, baked_nm))
     package = cache.load(KIND, key)
     if package is None:
-        package = package_bytes(bake(fixed, quality=quality, wavelengths_nm=WAVELENGTHS_NM, progress=progress))
+        package = package_bytes(bake(fixed, quality=quality, wavelengths_nm=baked_nm, progress=progress))
         cache.store(KIND, key, package, MOST_BYTES)
     return replace(read_package(BytesIO(package)), prescription=fixed)
+
+
+def needed_wavelengths_nm(wavelengths_nm: Sequence[float] | np.ndarray | None) -> tuple[float, ...]:
+    """The wavelengths of a bake for pictures with these wavelengths in nm.
+
+    These are the picture's own, between which nothing is interpolated; or, if these are more, the `WAVELENGTHS_NM` that
+    enclose them. Without a picture, and for one beyond the range of `WAVELENGTHS_NM`, they are all of these.
+    """
+    if wavelengths_nm is None or not len(wavelengths_nm):
+        return WAVELENGTHS_NM
+    own_nm = np.unique(wavelengths_nm)
+    if not WAVELENGTHS_NM[0] <= own_nm[0] <= own_nm[-1] <= WAVELENGTHS_NM[-1]:
+        return WAVELENGTHS_NM
+    places = np.interp(own_nm, WAVELENGTHS_NM, np.arange(len(WAVELENGTHS_NM)))
+    around = np.unique(np.concatenate([np.floor(places), np.ceil(places)]).astype(int))
+    if around.size < own_nm.size:
+        return tuple(WAVELENGTHS_NM[index] for index in around)
+    return tuple(own_nm.tolist())

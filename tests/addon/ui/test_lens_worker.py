@@ -24,8 +24,8 @@ class Oven:
     def __init__(self):
         self.requests, self.opened, self.entered, self.error = [], Event(), Event(), None
 
-    def load_lens(self, name, rings, quality, progress):
-        self.requests.append((name, rings.f_number))
+    def load_lens(self, name, rings, quality, progress, wavelengths_nm):
+        self.requests.append((name, rings.f_number, wavelengths_nm))
         while not self.opened.wait(0.01):
             progress(0.4, "Summing up PSFs")
             self.entered.set()
@@ -93,6 +93,14 @@ def test_a_turning_ring_bakes_nothing(scene, oven, monkeypatch):
         turn(scene, f_number)
         assert f"at f/{f_number}, focused at 10 m; range f/5.5 to f/22" in panel_text(scene)
     assert not oven.requests
+
+
+def test_a_lens_is_baked_for_the_wavelengths_of_the_render(scene, oven):
+    oven.opened.set()
+    scene.lensfield.wavelength_mode = "LIST"
+    for text, wavelengths_nm in (("450, 610", (450.0, 610.0)), ("450, 6x", None)):
+        scene.lensfield.wavelength_list = text
+        assert answered(scene) and oven.requests[-1][-1] == wavelengths_nm
 
 
 def test_an_old_lens_is_not_shown_for_a_new_request(scene, oven):

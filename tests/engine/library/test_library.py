@@ -9,6 +9,7 @@ import pytest
 from lens_texts import TOML, changed
 from lensfield.cli import main
 from lensfield.engine import LensError
+from lensfield.engine.bake.quality import QUALITIES
 from lensfield.engine.lens_files.package import write_package
 from lensfield.engine.library import Rings, baked, clamped_rings, has_rings, load_lens, prescription_of
 from lensfield.engine.runtime import cache
@@ -55,6 +56,40 @@ def test_every_setting_of_a_lens_distinguishes_it_in_the_cache(folder, bakes, si
              (Rings(1500.0, 16.0, True), "preview"), (NEAR, "standard"), (Rings(), "preview")]
     first, *others = (load_lens(singlet, *each) for each in cases)
     assert len(bakes) == len(cases) and first not in others
+
+
+@pytest.mark.parametrize("picture_nm, baked_nm", [
+    (None, baked.WAVELENGTHS_NM), (np.linspace(400, 700, 21), baked.WAVELENGTHS_NM),
+    (np.linspace(400, 700, 9), tuple(np.linspace(400, 700, 9))), ([632.8], (632.8,)), ([467, 539], (467, 539)),
+    (np.linspace(505, 590, 30), (499, 518, 539, 562, 588, 618)), ([390.0, 550.0], baked.WAVELENGTHS_NM),
+    ([550.0, 720.0], baked.WAVELENGTHS_NM), ([np.nan, 550.0], baked.WAVELENGTHS_NM)])
+def test_a_picture_needs_its_own_wavelengths_or_the_fewer_ones_around_them(picture_nm, baked_nm):
+    assert baked.needed_wavelengths_nm(picture_nm) == baked_nm
+
+
+def test_pictures_of_the_same_wavelengths_share_a_bake(folder, bakes, singlet):
+    first, again, other = (load_lens(singlet, NEAR, "preview", wavelengths_nm=nm)
+                           for nm in ([480.0, 610.0], np.array([480.0, 610.0]), [480.0, 620.0]))
+    assert first == again != other and len(bakes) == 2
+    assert first.wavelengths_nm.tolist() == [480.0, 610.0]
+
+
+@pytest.mark.parametrize("own_nm", [[435.0], [435.0, 480.0, 610.0], np.linspace(430, 690, 7)])
+def test_a_lens_does_not_depend_on_the_other_wavelengths_of_its_bake(own_nm):
+    """Off the axis, near, and without a sensor in its file. Heights are chosen anew, so PSFs are compared on the axis
+    and at the field's end."""
+    prescription = replace(prescription_of("nikkor-28mm"), sensor_mm=None)
+    alone, among = (baked.bake(replace(prescription, object_distance_mm=900.0), quality="preview", pitch_um=2.4,
+                               samples=65, wavelengths_nm=nm)
+                    for nm in (own_nm, np.union1d(own_nm, np.linspace(420, 700, 9))))
+    for name in ("f_number_effective", "sensor_mm", "efl_mm", "magnification"):
+        assert getattr(alone, name) == pytest.approx(getattr(among, name), rel=1e-12)
+    for nm in own_nm:
+        one, other = alone.at_wavelength(nm), among.at_wavelength(nm)
+        for name in ("real_height_mm", "relative_illumination", "point_flux"):
+            assert getattr(one, name)[[0, -1]] == pytest.approx(getattr(other, name)[[0, -1]], rel=1e-4)
+        assert one.transmittance == pytest.approx(other.transmittance, rel=1e-12)
+        assert np.abs(one.psf - other.psf)[[0, -1]].sum(axis=(1, 2)).max() < QUALITIES["preview"].between
 
 
 def test_another_prescription_of_the_same_name_is_another_lens(folder, bakes, singlet):
