@@ -25,6 +25,7 @@ LEAST_ROWS = 96  # across the pupil: edges that cross fewer rows are rough
 MOST_PLACES = 1 << 26  # in the sum, or in the pupil: some hundred MB
 RAYS_ALONE = 3.0  # lengthening: a PSF with more consists of rays alone
 MARGIN_FRINGES = 8.0  # of the box of waves: closer to the rays, light beyond the edge of the pupil has fringes
+FEW_FRINGES = 150  # across a box: in a wider one, less of the light returns from the next period
 LONGEST = 100.0  # longest waves, relative to the wavelength: a wider window would exceed any blur worth a PSF
 INSIDE = 2 / 3
 WORST_FIT_WAVES = 0.3  # RMS
@@ -41,7 +42,8 @@ class Sums:
     oversampling : float
         Parts per sample, relative to the number that resolves the finest plane waves.
     repeat : float
-        Period of the sum, in boxes.
+        Period of the sum, in boxes. For a box of more than `FEW_FRINGES`, the distance to the next period remains that
+        of a box of so many.
     fringes : float
         Limit of the finest fringes in the width of a sample. Light with more is summed at a longer wavelength: rays
         keep their directions, and diffraction is wider, but still far narrower than a sample.
@@ -136,7 +138,8 @@ def _sum_over_grid(fit, wavelength_um, pitch_um, first_row, shape, sums):
     halves = np.array([fit.half_x, fit.half_y])
     parts = _parts_of_a_sample(halves.max(), wavelength_um, pitch_um, sums)
     part_um, places = pitch_um / parts, np.array(shape[::-1]) * parts + 2  # one extra part at either end
-    needed = np.ceil(np.maximum(sums.repeat * places, LEAST_ROWS * wavelength_um / (2 * halves * part_um))).astype(int)
+    repeat = 1 + (sums.repeat - 1) * np.minimum(1, FEW_FRINGES * wavelength_um / (2 * halves * part_um * places))
+    needed = np.ceil(np.maximum(repeat * places, LEAST_ROWS * wavelength_um / (2 * halves * part_um))).astype(int)
     length_x = 2 * scipy.fft.next_fast_len(-(-needed[0] // 2), real=True)
     length_y = scipy.fft.next_fast_len(needed[1])
     if length_x * length_y // 2 > MOST_PLACES:

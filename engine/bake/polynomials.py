@@ -1,8 +1,4 @@
-"""Chebyshev polynomials over x and y, even in x: fitted to rays by least squares, and evaluated on grids.
-
-Matrix products are split into pieces small enough for BLAS to compute on the calling thread. Threads of BLAS would wait
-for the bake's threads, many times longer than the products take, and results would depend on their number.
-"""
+"""Chebyshev polynomials over x and y, even in x: fitted to rays by least squares, and evaluated on grids."""
 
 import numpy as np
 import scipy
@@ -10,8 +6,8 @@ from numpy.polynomial.chebyshev import chebvander
 
 from ..kernels.fitting import fit
 from ..kernels.library import NUMPY, running
+from ..runtime.products import PIECE, product
 
-PIECE = 1 << 17  # multiply-adds: half of OpenBLAS's threshold for threads
 RIDGE = 1e-15  # relative to the sum of squares: keeps terms that the rays do not determine at 0
 REFINEMENTS = 2
 
@@ -43,22 +39,12 @@ def fitted(x: np.ndarray, y: np.ndarray, weight: np.ndarray, values: np.ndarray,
 
 def of_rows(coefficients: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Polynomials over x for each row: array (..., y, half the power of x), in the coefficients' precision."""
-    return _product(chebvander(y, coefficients.shape[-2] - 1).astype(coefficients.dtype), coefficients)
+    return product(chebvander(y, coefficients.shape[-2] - 1).astype(coefficients.dtype), coefficients)
 
 
 def along_rows(polynomials: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Values of polynomials from `of_rows`: array (..., y, x)."""
-    return _product(polynomials, chebvander(2 * x**2 - 1, polynomials.shape[-1] - 1).T.astype(polynomials.dtype))
-
-
-def _product(left, right):
-    """left @ right, for matrices or stacks of matrices, in pieces of several rows."""
-    *stack, rows, inner = left.shape
-    together = max(1, PIECE // (inner * right.shape[-1]))
-    pieces = np.zeros((*stack, -(-rows // together), together, inner), left.dtype)
-    pieces.reshape(*stack, -1, inner)[..., :rows, :] = left
-    product = pieces @ (right[..., None, :, :] if right.ndim > 2 else right)
-    return product.reshape(*product.shape[:-3], -1, right.shape[-1])[..., :rows, :]
+    return product(polynomials, chebvander(2 * x**2 - 1, polynomials.shape[-1] - 1).T.astype(polynomials.dtype))
 
 
 def _sums_of_squares(basis):

@@ -5,6 +5,7 @@ from functools import lru_cache
 import numpy as np
 import scipy
 
+from ..runtime.products import product
 from .rays import HalfPupil
 
 DEGREE = 5
@@ -34,13 +35,13 @@ class PupilSplines:
 
     def values(self, table: np.ndarray, odd: bool = False) -> np.ndarray:
         """Values of a quantity that is the same in the other half of the pupil or, if odd, has the opposite sign."""
-        return self._radial[0] @ table @ self._azimuthal[odd][0]
+        return product(self._radial[0] @ table, self._azimuthal[odd][0])
 
     def jacobian(self, first: np.ndarray, second: np.ndarray) -> np.ndarray:
         """Signed area in the coordinates (first, second), odd and even, per unit of radius times azimuth."""
         (radial, radial_slope), odd, even = self._radial, self._azimuthal[True], self._azimuthal[False]
-        return ((radial_slope @ first @ odd[0]) * (radial @ second @ even[1])
-                - (radial @ first @ odd[1]) * (radial_slope @ second @ even[0]))
+        return (product(radial_slope @ first, odd[0]) * product(radial @ second, even[1])
+                - product(radial @ first, odd[1]) * product(radial_slope @ second, even[0]))
 
 
 def _mirroring(count, sign):
@@ -67,12 +68,19 @@ class PupilQuadrature:
 
     def __init__(self, pupil: HalfPupil, radii: int, azimuths: int):
         nodes, weights = gauss_legendre(radii)
-        self.splines = PupilSplines(pupil, (nodes + 1) / 2, (np.arange(azimuths) + 0.5) * np.pi / azimuths)
+        places = (nodes + 1) / 2, (np.arange(azimuths) + 0.5) * np.pi / azimuths
+        self.splines = PupilSplines(pupil, *places)
+        self._nearest = np.ix_(*(np.abs(rays[:, None] - each).argmin(axis=0)
+                                 for rays, each in zip((pupil.radii, pupil.azimuths), places, strict=True)))
         self.cells = weights[:, None] / 2 * np.pi / azimuths
 
     def coverage(self, limits: np.ndarray) -> np.ndarray | float:
-        """Share of each sample that passes all limits, arrays (limit, radius, azimuth): values up to 1 pass."""
-        return covered(self.splines.values(limits[np.any(limits > 1, axis=(1, 2))]))
+        """Share of each sample that passes all limits, arrays (limit, radius, azimuth): values up to 1 pass.
+
+        Only samples at rays that pass, or next to them: splines overshoot among lost rays.
+        """
+        near = scipy.ndimage.binary_dilation(np.all(limits <= 1, axis=0), np.ones((3, 3)))
+        return covered(self.splines.values(limits[np.any(limits > 1, axis=(1, 2))])) * near[self._nearest]
 
 
 def covered(limits: np.ndarray) -> np.ndarray | float:

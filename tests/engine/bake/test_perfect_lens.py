@@ -7,6 +7,7 @@ import pytest
 from scipy.special import j0, j1
 
 from lensfield.engine import LensError
+from lensfield.engine.bake import diffraction
 from lensfield.engine.bake.diffraction import Sums, point_spread
 from lensfield.engine.bake.pupil_fit import fit_pupils
 from lensfield.engine.bake.quality import QUALITIES
@@ -123,6 +124,16 @@ def test_a_few_parts_per_sample_resolve_all_waves(fringes):
     """Down to one part per fringe; and 60 fringes are reduced to 12."""
     psf = psf_at(5.0, 0, fringes * UM / (2 * aperture(5.0)), 15, Sums(12, 0.5, 1.0, 12.0))
     assert psf.sum() == pytest.approx(1, abs=0.02) and psf.max() == psf[7, 7]
+
+
+@pytest.mark.parametrize("angle_deg", [0, 12])
+def test_wide_boxes_repeat_closer_without_more_error(angle_deg, monkeypatch):
+    """A blurred disc of 250 um at f/2 has up to 450 fringes: its box is surrounded by a fraction of its width."""
+    blurred = {"defocus_mm": 0.5, "pitch_um": 10.0, "samples": 45}
+    close = psf_at(2.0, angle_deg, sums=QUALITIES["reference"].sums, **blurred)
+    monkeypatch.setattr(diffraction, "FEW_FRINGES", np.inf)
+    far = psf_at(2.0, angle_deg, sums=QUALITIES["reference"].sums, **blurred)
+    assert 0 < np.abs(close - far).sum() < PROMISED["reference"]
 
 
 def test_waves_are_not_lengthened_where_samples_are_fine():
