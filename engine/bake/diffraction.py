@@ -20,6 +20,7 @@ from .spots import spot_diagram
 from .wavefront import Wavefront
 
 LEAST_PARTS = 2  # per sample along each side
+MORE_PARTS = 4  # per sample, at most, than fringes
 EIGHT = 8  # columns are padded to a multiple, for vector instructions
 LEAST_ROWS = 96  # across the pupil: edges that cross fewer rows are rough
 MOST_PLACES = 1 << 26  # in the sum, or in the pupil: some hundred MB
@@ -167,7 +168,8 @@ def _parts_of_a_sample(cosine, wavelength_um, pitch_um, sums):
     aliases are as fine as the parts and vanish in the samples' means, so one extra part is enough.
     """
     fringes = 2 * cosine * pitch_um / wavelength_um
-    return max(LEAST_PARTS, int(np.ceil(fringes * sums.oversampling)) + 1, int(fringes) + 1)
+    return max(LEAST_PARTS, int(np.ceil(fringes + min(fringes * (sums.oversampling - 1), MORE_PARTS))) + 1,
+               int(fringes) + 1)
 
 
 def _transformed(amplitudes, length_y, parts, shape):
