@@ -10,9 +10,11 @@ PIECE = 1 << 17  # multiply-adds: half of OpenBLAS's threshold for threads
 
 
 def product(left: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """left @ right, for matrices or stacks of matrices, in pieces of several rows."""
+    """left @ right, for matrices or stacks of as many matrices, in pieces of several rows."""
     *stack, rows, inner = left.shape
     together = max(1, PIECE // (inner * right.shape[-1]))
+    if together >= rows:
+        return left @ right
     count = -(-rows // together)
     pieces = np.zeros((*stack, count, together, inner), left.dtype)
     pieces.reshape(*stack, count * together, inner)[..., :rows, :] = left
