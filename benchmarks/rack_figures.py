@@ -2,11 +2,12 @@
 
     python benchmarks/rack_figures.py [QUALITY [LENS ...]]
 
-Focus moves from infinity to the closest distance in 24 frames, in equal steps of reciprocal distance. Nothing is cached, and
-the table of rays is not included. Without arguments, some fast and some slow lenses are baked at preview.
+Focus moves from infinity to the closest distance in 24 frames, in equal steps of reciprocal distance. Nothing is
+cached, and the table of rays is not included. Without arguments, some fast and some slow lenses are baked at preview.
 """
 
 import sys
+from functools import partial
 
 import numpy as np
 from timing import least_s, machine
@@ -20,11 +21,11 @@ FRAMES = 24
 PICTURES_NM = np.linspace(400, 700, 21), np.linspace(400, 700, 9), np.linspace(450, 650, 3)
 
 
-def focuses_mm(name: str) -> np.ndarray:
-    """Focus distances of the frames."""
+def rack(name: str) -> list[Rings]:
+    """The rings in each frame."""
     far, near = ring_ends(prescription_of(name))
     with np.errstate(divide="ignore"):
-        return 1 / np.linspace(1 / far.focus_mm, 1 / near.focus_mm, FRAMES)
+        return [Rings(focus_mm) for focus_mm in 1 / np.linspace(1 / far.focus_mm, 1 / near.focus_mm, FRAMES)]
 
 
 def main(quality: str = "preview", *names: str) -> None:
@@ -32,8 +33,8 @@ def main(quality: str = "preview", *names: str) -> None:
     print(machine())
     for name in names or LENSES:
         for wavelengths_nm in PICTURES_NM:
-            frames_s = [least_s(lambda: load_lens(name, Rings(focus_mm), quality, wavelengths_nm=wavelengths_nm), 1)[0]
-                        for focus_mm in focuses_mm(name)]
+            frames_s = [least_s(partial(load_lens, name, rings, quality, wavelengths_nm=wavelengths_nm), 1)[0]
+                        for rings in rack(name)]
             print(f"{name:30}  {wavelengths_nm.size:3} wavelengths: {np.mean(frames_s):.2f} s a frame, "
                   f"worst {max(frames_s):.2f} s", flush=True)
 
