@@ -44,5 +44,5 @@ QUALITIES = {
     "standard": Quality(0.01, 81, 2880, HalfPupil(25, 33), 6,
                         Sums(degree=16, oversampling=1.3, repeat=1.3, fringes=13.5, beyond=0.01), (96, 128)),
     "reference": Quality(0.002, 161, 3840, HalfPupil(41, 65), 7,
-                         Sums(degree=20, oversampling=2.0, repeat=3.0, fringes=np.inf, beyond=0.001), (128, 160)),
+                         Sums(degree=20, oversampling=2.0, repeat=3.0, fringes=np.inf, beyond=0.001), (96, 128)),
 }
