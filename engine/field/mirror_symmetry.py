@@ -10,6 +10,9 @@ from functools import cached_property
 import numpy as np
 
 from ..image.pixel_grid import PixelGrid
+from ..runtime.threads import in_bands
+
+BAND_PIXELS = 1 << 16  # copied together
 
 
 @dataclass(frozen=True)
@@ -51,6 +54,31 @@ class Planes:
         """The complete picture, flipped for each plane: rows and columns run away from the axis."""
         turned = [picture, picture[::-1], picture[:, ::-1], picture[::-1, ::-1]]
         return turned[:self.count]
+
+    def together(self, picture: np.ndarray, rim_px: int) -> tuple[np.ndarray, tuple[float, float]]:
+        """The planes of a picture, with the samples of a pixel next to each other: array (row, column, plane).
+
+        Quadrants extend across the axis by this many pixels, or up to the picture's edge.
+
+        Returns
+        -------
+        array (row, column, plane)
+        (row, column)
+            Position of the axis, the same in all planes.
+        """
+        if not self.folded:
+            return picture[:, :, None], self.picture.centre_px
+        first_row, first_column = (max(n // 2 - rim_px, 0) for n in picture.shape)
+        views = [view[first_row:, first_column:] for view in self.views(picture)]
+        planes = np.empty((*views[0].shape, self.count), picture.dtype)
+
+        def copy(rows):
+            for plane, view in enumerate(views):
+                planes[rows, :, plane] = view[rows]
+
+        in_bands(copy, len(planes), BAND_PIXELS // planes[0].size)
+        row, column = self.picture.centre_px
+        return planes, (row - first_row, column - first_column)
 
     def split(self, picture: np.ndarray, rim_px: int = 0) -> np.ndarray:
         """The planes of a picture: array (plane, row, column).

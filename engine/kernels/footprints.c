@@ -19,19 +19,20 @@ typedef struct { /* the rows, or columns, of the capture that these touch, and t
     float share[MOST_TOUCHED][TOGETHER];
 } touched;
 
-/* The footprints of n pixels of a row, from column x; and the factors on their light. */
-static void find_footprints(const lf_geometry *lens, const lf_capture *capture, int64_t x, int n, double down,
+/* The footprints of pixels of a row, from column x; and the factors on their light. */
+static void find_footprints(const lf_geometry *lens, const lf_capture *capture, int32_t x, double down,
                             extents *restrict rows, extents *restrict columns, float *restrict factor)
 {
     const double last = (double)lens->samples, centre_column = lens->centre_column, last_px = lens->last_px;
     const double per_px = lens->samples_per_px, *restrict curves = lens->curves;
     const double row = capture->centre_row, column = capture->centre_column;
-    for (int i = 0; i < n; i++) {
+    const int32_t samples = (int32_t)lens->samples;
+    for (int i = 0; i < TOGETHER; i++) {
         const double right = (double)(x + i) - centre_column, distance = __builtin_sqrt(right * right + down * down);
         double at = distance * per_px;
         at = at < last ? at : last; /* NaN too */
         int32_t sample = (int32_t)at;
-        sample -= sample == (int32_t)last;
+        sample -= sample == samples;
         const int32_t low = 3 * sample, high = low + 3;
         const double on = at - (double)sample;
         const double tangential = curves[low] + on * (curves[high] - curves[low]);
@@ -47,34 +48,36 @@ static void find_footprints(const lf_geometry *lens, const lf_capture *capture, 
     }
 }
 
-/* The rows or columns, of `length`, that n footprints of at least a pixel's width touch. The area outside is empty. */
-static void find_touched(const extents *restrict e, int n, int64_t length, touched *restrict t)
+/* The rows or columns, of `length`, that footprints of at least a pixel's width touch. The area outside is empty. */
+static void find_touched(const extents *restrict e, int64_t length, touched *restrict t)
 {
     const double lowest = -2.0 - LF_LARGEST_FOOTPRINT, highest = (double)length + 1;
-    double begin[TOGETHER], per_px[TOGETHER];
+    const int32_t end = (int32_t)length;
+    float begin[TOGETHER], per_px[TOGETHER]; /* relative to the middle of the first pixel */
     int32_t widest = 0;
-    for (int i = 0; i < n; i++) {
+    for (int i = 0; i < TOGETHER; i++) {
         double width = e->width[i] > 1 ? e->width[i] : 1; /* NaN too */
         width = width < LF_LARGEST_FOOTPRINT ? width : LF_LARGEST_FOOTPRINT;
         double from = e->middle[i] - width / 2;
         from = from > lowest ? from : lowest; /* NaN too */
         from = from < highest ? from : highest;
-        begin[i] = from;
-        per_px[i] = 1 / width;
         t->first[i] = (int32_t)(from + 0.5 - lowest) + (int32_t)lowest; /* rounded down */
+        begin[i] = (float)(from - (double)t->first[i]);
+        per_px[i] = 1 / (float)width;
         const int32_t whole = (int32_t)(width - 1e-9);
         widest = whole > widest ? whole : widest;
     }
     t->count = 2 + widest;
-    t->last = (int32_t)length - 1;
+    t->last = end - 1;
     for (int k = 0; k < 2 + widest; k++)
-        for (int i = 0; i < n; i++) {
-            const int32_t pixel = t->first[i] + k, inside = (pixel >= 0) & (pixel < (int32_t)length);
-            double before = ((double)pixel - 0.5 - begin[i]) * per_px[i];
-            double up_to = ((double)pixel + 0.5 - begin[i]) * per_px[i];
-            before = before < 0 ? 0 : before < 1 ? before : 1;
+        for (int i = 0; i < TOGETHER; i++) {
+            const int32_t pixel = t->first[i] + k;
+            float before = ((float)k - 0.5f - begin[i]) * per_px[i];
+            float up_to = ((float)k + 0.5f - begin[i]) * per_px[i];
+            before = before < 0 ? 0 : before;
+            before = before < 1 ? before : 1;
             up_to = up_to < 1 ? up_to : 1;
-            t->share[k][i] = inside ? (float)(up_to - before) : 0;
+            t->share[k][i] = (pixel >= 0) & (pixel < end) ? up_to - before : 0;
         }
 }
 
@@ -84,37 +87,52 @@ INLINE int64_t touched_pixel(const touched *t, int k, int i)
     return pixel < 0 ? 0 : pixel < t->last ? pixel : t->last;
 }
 
-typedef float four_floats __attribute__((vector_size(16)));
+INLINE int is_inside(const touched *t, int i) { return t->first[i] >= 0 && t->first[i] + t->count <= t->last + 1; }
 
-typedef struct { /* the captures of four planes; the first one again for missing planes */
-    const float *first[4];
-    int64_t row_step[4], step[4];
-} four_captures;
+typedef float four_floats __attribute__((vector_size(16), aligned(4), may_alias));
 
-/* The averages of four captures over the footprint of a pixel. `inside`: whether they contain all of the footprint. */
-INLINE four_floats average_of_four(const four_captures *c, const touched *rows, const touched *columns, int i,
-                                   int inside)
+/* The averages of four planes over the footprint of a pixel. `inside`: whether the capture contains all of it. */
+INLINE four_floats average_of_four(const lf_capture *c, const touched *rows, const touched *columns, int i, int inside)
 {
-    const int64_t first_column = inside ? columns->first[i] : 0;
     four_floats sum = {0};
     for (int j = 0; j < rows->count; j++) {
-        const int64_t row = inside ? rows->first[i] + j : touched_pixel(rows, j, i);
-        const float *from[4];
-        for (int q = 0; q < 4; q++) from[q] = c->first[q] + row * c->row_step[q] + first_column * c->step[q];
+        const float *from = c->values + (inside ? rows->first[i] + j : touched_pixel(rows, j, i)) * c->row_step;
         four_floats in_row = {0};
         for (int k = 0; k < columns->count; k++) {
-            const int64_t column = inside ? 0 : touched_pixel(columns, k, i);
-            const four_floats light = {from[0][column * c->step[0]], from[1][column * c->step[1]],
-                                       from[2][column * c->step[2]], from[3][column * c->step[3]]};
-            in_row += columns->share[k][i] * light;
-            for (int q = 0; q < 4; q++) from[q] += inside ? c->step[q] : 0;
+            const int64_t column = inside ? columns->first[i] + k : touched_pixel(columns, k, i);
+            in_row += columns->share[k][i] * *(const four_floats *)(from + 4 * column);
         }
         sum += rows->share[j][i] * in_row;
     }
     return sum;
 }
 
-INLINE int is_inside(const touched *t, int i) { return t->first[i] >= 0 && t->first[i] + t->count <= t->last + 1; }
+/* Writes four planes of n pixels, from those at `to`. */
+static void average_four(const lf_capture *c, const touched *rows, const touched *columns, const float *factor, int n,
+                         float *to, int64_t plane_step)
+{
+    for (int i = 0; i < n; i++) {
+        const four_floats mean = is_inside(rows, i) && is_inside(columns, i) ? average_of_four(c, rows, columns, i, 1)
+                                                                             : average_of_four(c, rows, columns, i, 0);
+        for (int q = 0; q < 4; q++) to[q * plane_step + i] = mean[q] * factor[i];
+    }
+}
+
+/* Writes n pixels of one plane at `to`. */
+static void average_one(const lf_capture *c, const touched *rows, const touched *columns, const float *factor, int n,
+                        float *to)
+{
+    float in_row[TOGETHER], sum[TOGETHER] = {0};
+    for (int j = 0; j < rows->count; j++) {
+        for (int i = 0; i < n; i++) in_row[i] = 0;
+        for (int k = 0; k < columns->count; k++)
+            for (int i = 0; i < n; i++)
+                in_row[i] += columns->share[k][i]
+                             * c->values[touched_pixel(rows, j, i) * c->row_step + touched_pixel(columns, k, i)];
+        for (int i = 0; i < n; i++) sum[i] += rows->share[j][i] * in_row[i];
+    }
+    for (int i = 0; i < n; i++) to[i] = sum[i] * factor[i];
+}
 
 lf_footprints_loop OF_VARIANT(lf_footprints);
 /* Writes rows of `out`, by index, from first_row up to end_row. */
@@ -123,45 +141,16 @@ int OF_VARIANT(lf_footprints)(const lf_geometry *lens, const lf_capture *capture
 {
     extents down, across;
     touched rows, columns;
-    float factor[TOGETHER], in_row[TOGETHER], sum[TOGETHER];
-    four_captures four;
-    for (int q = 0; q < 4; q++) {
-        const int plane = q < (int)out->planes ? q : 0;
-        four.first[q] = capture->first[plane];
-        four.row_step[q] = capture->row_step[plane], four.step[q] = capture->step[plane];
-    }
+    float factor[TOGETHER];
     for (int64_t y = first_row; y < end_row; y++)
         for (int64_t x = 0; x < out->columns; x += TOGETHER) {
             const int n = out->columns - x < TOGETHER ? (int)(out->columns - x) : TOGETHER;
-            find_footprints(lens, capture, x, n, (double)y - lens->centre_row, &down, &across, factor);
-            find_touched(&down, n, capture->rows, &rows);
-            find_touched(&across, n, capture->columns, &columns);
-            if (out->planes > 1) {
-                float *to = out->values + y * out->row_step + x;
-                for (int i = 0; i < n; i++) {
-                    const four_floats mean = is_inside(&rows, i) && is_inside(&columns, i)
-                                                 ? average_of_four(&four, &rows, &columns, i, 1)
-                                                 : average_of_four(&four, &rows, &columns, i, 0);
-                    for (int q = 0; q < (int)out->planes; q++) to[q * out->plane_step + i] = mean[q] * factor[i];
-                }
-                continue;
-            }
-            for (int64_t plane = 0; plane < out->planes; plane++) {
-                const int64_t row_step = capture->row_step[plane], step = capture->step[plane];
-                const float *from = capture->first[plane];
-                float *to = out->values + plane * out->plane_step + y * out->row_step + x;
-                for (int i = 0; i < n; i++) sum[i] = 0;
-                for (int j = 0; j < rows.count; j++) {
-                    for (int i = 0; i < n; i++) in_row[i] = 0;
-                    for (int k = 0; k < columns.count; k++)
-                        for (int i = 0; i < n; i++) {
-                            const int64_t row = touched_pixel(&rows, j, i), column = touched_pixel(&columns, k, i);
-                            in_row[i] += columns.share[k][i] * from[row * row_step + column * step];
-                        }
-                    for (int i = 0; i < n; i++) sum[i] += rows.share[j][i] * in_row[i];
-                }
-                for (int i = 0; i < n; i++) to[i] = sum[i] * factor[i];
-            }
+            float *to = out->values + y * out->row_step + x;
+            find_footprints(lens, capture, (int32_t)x, (double)y - lens->centre_row, &down, &across, factor);
+            find_touched(&down, capture->rows, &rows);
+            find_touched(&across, capture->columns, &columns);
+            if (out->planes == 4) average_four(capture, &rows, &columns, factor, n, to, out->plane_step);
+            else average_one(capture, &rows, &columns, factor, n, to);
         }
     return 0;
 }

@@ -1,6 +1,5 @@
 """The ideal picture: each pixel is the average of a capture over the pixel's footprint."""
 
-from collections.abc import Sequence
 from ctypes import Structure, byref
 from dataclasses import dataclass
 
@@ -45,18 +44,17 @@ class RadialGeometry:
         return self._curves.nbytes
 
 
-def footprints(geometry: RadialGeometry, captures: Sequence[np.ndarray], centre_px: tuple[float, float], rows: slice,
+def footprints(geometry: RadialGeometry, capture: np.ndarray, centre_px: tuple[float, float], rows: slice,
                out: np.ndarray) -> None:
     """Write these rows of a picture, by index of `out`.
 
     Parameters
     ----------
     geometry : RadialGeometry
-    captures : 1 to 4 float32 arrays (row, column)
-        The capture for each plane: views of the same shape, whose rows or columns may be reversed. The area outside is
-        black.
+    capture : float32 array (row, column, plane)
+        One plane, or four, flipped so that rows and columns run away from the axis. The area outside is black.
     centre_px : (row, column)
-        Position of the axis in each of them.
+        Position of the axis in all planes.
     rows : slice
     out : float32 array (plane, row, column)
 
@@ -66,20 +64,14 @@ def footprints(geometry: RadialGeometry, captures: Sequence[np.ndarray], centre_
     """
     loops, variant = chosen()
     first, end, _ = rows.indices(out.shape[1])
-    check(loops.lf_footprints(variant, byref(geometry._structure), byref(_capture(captures, centre_px)), first, end,
+    check(loops.lf_footprints(variant, byref(geometry._structure), byref(_capture(capture, centre_px)), first, end,
                               byref(picture(out))))
 
 
-def _capture(captures, centre_px):
-    """Views of a capture as a structure for the loop."""
-    if len(captures) > 4 or any(view.dtype != np.float32 or view.ndim != 2 or view.shape != captures[0].shape
-                                or any(step % 4 for step in view.strides) for view in captures):
-        raise ValueError(f"captures are {[(str(view.dtype), view.shape) for view in captures]}: expected up to four "
-                         "float32 arrays (row, column) of the same shape")
-    addresses = (view.ctypes.data for view in captures)
-    rows, columns = ([view.strides[axis] // 4 for view in captures] for axis in (0, 1))
-    structure = CAPTURE(planes=len(captures), rows=captures[0].shape[0], columns=captures[0].shape[1],
-                        centre_row=centre_px[0], centre_column=centre_px[1])
-    for plane, values in enumerate(zip(addresses, rows, columns, strict=True)):
-        structure.first[plane], structure.row_step[plane], structure.step[plane] = values
-    return structure
+def _capture(capture, centre_px):
+    """The structure for the loop. Only rows may be apart."""
+    if capture.dtype != np.float32 or capture.ndim != 3 or not capture[:1].flags.c_contiguous:
+        raise ValueError(f"capture is {capture.dtype} of shape {capture.shape} and strides {capture.strides}: expected "
+                         "float32 (row, column, plane) with contiguous rows")
+    rows, columns, planes = capture.shape
+    return CAPTURE(capture.ctypes.data, planes, rows, columns, capture.strides[0] // 4, *centre_px)

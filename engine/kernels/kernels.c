@@ -166,9 +166,9 @@ int lf_excess(int variant, const lf_picture *light, float level, const lf_excess
 int lf_footprints(int variant, const lf_geometry *lens, const lf_capture *capture, int64_t first_row, int64_t end_row,
                   const lf_picture *out)
 {
-    if (!within(variant, 0, VARIANTS - 1) || !within(capture->planes, 1, 4) || !within(capture->rows, 1, MOST_PX)
-        || !within(capture->columns, 1, MOST_PX) || !fits(out) || !has_rows(out, first_row, end_row)
-        || capture->planes != out->planes || !within(lens->samples, 1, MOST_PX))
+    if (!within(variant, 0, VARIANTS - 1) || (capture->planes != 1 && capture->planes != 4)
+        || !within(capture->rows, 1, MOST_PX) || !within(capture->columns, 1, MOST_PX) || !fits(out)
+        || !has_rows(out, first_row, end_row) || capture->planes != out->planes || !within(lens->samples, 1, MOST_PX))
         return LF_BAD_SIZE;
     return variants[variant].footprints(lens, capture, first_row, end_row, out);
 }

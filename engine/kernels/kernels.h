@@ -98,10 +98,10 @@ typedef struct { /* the lens's geometry over the distance from the axis */
     double last_px;       /* the distance beyond which the picture is black */
 } lf_geometry;
 
-typedef struct { /* a capture for each plane of a folded picture: some rows and columns are reversed */
-    const float *first[4];        /* (plane): the first row and column */
-    int64_t row_step[4], step[4]; /* (plane): to the next row, to the next column */
-    int64_t planes, rows, columns;
+typedef struct { /* the planes of a capture, flipped so that rows and columns run away from the axis if there are four */
+    const float *values; /* (row, column, plane): the planes of a pixel are averaged together */
+    int64_t planes, rows, columns; /* planes: 1 or 4 */
+    int64_t row_step;
     double centre_row, centre_column; /* of the axis, in all planes */
 } lf_capture;
 

@@ -15,9 +15,13 @@
 #define FOUR 4
 #define RUN 8 /* groups of four pixels to process with each portion of the table while it is cached */
 #define ATAN_TERMS 14
+#define MIXTURE_STEP (LF_PORTION * 8 + LF_SLACK) /* between the mixtures of four pixels */
+
+typedef float four_floats __attribute__((vector_size(4 * FOUR), aligned(4), may_alias));
+typedef int32_t four_ints __attribute__((vector_size(4 * FOUR), aligned(4), may_alias));
 
 typedef struct { /* four pixels of a row */
-    const float *psfs[FOUR];  /* the first of the table's four PSFs for each, shifted to its position */
+    const float *psfs[FOUR];  /* the first of the table's four PSFs for each */
     float weight[FOUR][4];    /* of the table's four PSFs */
     float light[4][FOUR];     /* (plane, pixel) */
     float *out;               /* the first pixel of the square of PSFs */
@@ -42,14 +46,17 @@ INLINE double arctan(double t)
 }
 
 /* Positions of a row's pixels. In double precision, because for a bright pixel even the smallest weight of a wrong PSF
-   is visible. Simple enough for the compiler to vectorise. */
-static void find_places(const lf_places *p, int64_t columns, double down, const row_places *row)
+   is visible. Compilers vectorise both loops: `restrict` arguments, local copies of the numbers, and 32-bit integers,
+   because AVX2 cannot convert others. */
+static void find_azimuths(const lf_places *p, int32_t columns, double down, double *restrict sample_at,
+                          int32_t *restrict azimuth_before, float *restrict on)
 {
     const double quarter = (double)p->quarter_steps, per_rad = quarter * 0.63661977236758134;
-    const double last_azimuth = (double)(p->azimuths - 1), last_sample = (double)p->samples;
+    const double last_azimuth = (double)(p->azimuths - 1);
+    const double centre_column = p->centre_column, samples_per_px = p->samples_per_px;
     const double far_down = down < 0 ? -down : down;
-    for (int64_t x = 0; x < columns; x++) {
-        const double right = (double)x - p->centre_column, far_right = right < 0 ? -right : right;
+    for (int32_t x = 0; x < columns; x++) {
+        const double right = (double)x - centre_column, far_right = right < 0 ? -right : right;
         const double larger = far_right > far_down ? far_right : far_down;
         const double smaller = far_right > far_down ? far_down : far_right;
         double azimuth = arctan(smaller / (larger > 1e-20 ? larger : 1e-20)) * per_rad;
@@ -60,31 +67,46 @@ static void find_places(const lf_places *p, int64_t columns, double down, const 
         azimuth = azimuth > 0 ? azimuth : 0;
         int32_t before = (int32_t)azimuth;
         before -= before == (int32_t)last_azimuth;
-        row->azimuth[x] = before;
-        row->on[x] = (float)(azimuth - (double)before);
-        row->sample[x] = __builtin_sqrt(right * right + down * down) * p->samples_per_px;
-    }
-    const int32_t last_interval = (int32_t)p->heights - 2;
-    for (int64_t x = 0; x < columns; x++) {
-        const double at = row->sample[x] < last_sample ? row->sample[x] : last_sample; /* NaN too */
-        int32_t sample = (int32_t)at;
-        sample -= sample == (int32_t)last_sample;
-        const double low = p->paraxial[sample], high = p->paraxial[sample + 1];
-        const double height = low + (at - (double)sample) * (high - low);
-        int32_t below = p->interval[sample];
-        below += below < last_interval && height >= p->height[below + 1];
-        const double up = (height - p->height[below]) / (p->height[below + 1] - p->height[below]);
-        row->interval[x] = below;
-        row->up[x] = up > 0 ? up < 1 ? (float)up : 1 : 0; /* NaN too */
+        azimuth_before[x] = before;
+        on[x] = (float)(azimuth - (double)before);
+        sample_at[x] = __builtin_sqrt(right * right + down * down) * samples_per_px;
     }
 }
 
-/* A vector of the weighted sum of four PSFs: at two azimuths, and at the same azimuths of the next height. */
-INLINE floats mixed(const float *psf, int64_t azimuth_step, int64_t height_step, const float *weight)
+static void find_heights(int32_t columns, const double *restrict sample_at, int32_t samples,
+                         const double *restrict paraxial, const int32_t *restrict intervals,
+                         const double *restrict heights, int32_t last_interval, int32_t *restrict interval,
+                         float *restrict up)
 {
-    const float *higher = psf + height_step;
-    return weight[0] * *(const floats *)psf + weight[1] * *(const floats *)(psf + azimuth_step)
-           + weight[2] * *(const floats *)higher + weight[3] * *(const floats *)(higher + azimuth_step);
+    const double last_sample = (double)samples;
+    for (int32_t x = 0; x < columns; x++) {
+        const double at = sample_at[x] < last_sample ? sample_at[x] : last_sample; /* NaN too */
+        int32_t sample = (int32_t)at;
+        sample -= sample == samples;
+        const double low = paraxial[sample], high = paraxial[sample + 1];
+        const double height = low + (at - (double)sample) * (high - low);
+        int32_t below = intervals[sample];
+        below += (below < last_interval) & (height >= heights[below + 1]);
+        const double above = (height - heights[below]) / (heights[below + 1] - heights[below]);
+        const double risen = above > 0 ? above : 0; /* NaN too */
+        interval[x] = below;
+        up[x] = (float)(risen < 1 ? risen : 1);
+    }
+}
+
+/* Writes the first `taps` taps of a weighted sum of four PSFs: at two azimuths, and at the same azimuths of the next
+   height. The weights are copied, because the compiler must assume that the sums overwrite `weight`. */
+INLINE void mix(const float *psf, int64_t azimuth_step, int64_t height_step, const float *weight, int64_t taps,
+                int add, float *mixture)
+{
+    const float here = weight[0], next = weight[1], higher = weight[2], higher_next = weight[3];
+    const float *above = psf + height_step;
+    for (int64_t i = 0; i < taps; i += LANES) {
+        floats sum = here * *(const floats *)(psf + i) + next * *(const floats *)(psf + azimuth_step + i)
+                     + higher * *(const floats *)(above + i) + higher_next * *(const floats *)(above + azimuth_step + i);
+        if (add) sum += *(const floats *)(mixture + i);
+        *(floats *)(mixture + i) = sum;
+    }
 }
 
 /* Adds the light of four PSFs to a vector in a row of `planes` planes. */
@@ -97,7 +119,7 @@ INLINE floats mixed(const float *psf, int64_t azimuth_step, int64_t height_step,
     }
 
 /* Adds a row of `eights` * 8 taps of four PSFs, `step` apart in memory, to some planes. */
-INLINE void add_four(int eights, const float *psfs, int64_t step, int planes, float (*light)[FOUR], float *out,
+INLINE void add_four(int eights, const float *psfs, int64_t step, int planes, const float (*light)[FOUR], float *out,
                      int64_t plane_step)
 {
     int i = 0;
@@ -121,17 +143,20 @@ INLINE void add_pieces(int eights, const float *psfs, int64_t step, int64_t piec
     if (planes == 1)
         for (int64_t r = 0; r < pieces; r++) add_one(eights, psfs + r * 8 * eights, four->out + offset[r]);
     else
-        for (int q = 0; q < 4; q += at_once)
+        for (int q = 0; q < 4; q += at_once) {
+            float light[4][FOUR]; /* a copy: the compiler must assume that the sums overwrite `four` */
+            for (int k = 0; k < at_once * FOUR; k++) light[k / FOUR][k % FOUR] = four->light[q + k / FOUR][k % FOUR];
             for (int64_t r = 0; r < pieces; r++)
-                add_four(eights, psfs + r * 8 * eights, step, at_once, four->light + q,
-                         four->out + q * plane_step + offset[r], plane_step);
+                add_four(eights, psfs + r * 8 * eights, step, at_once, light, four->out + q * plane_step + offset[r],
+                         plane_step);
+        }
 }
 
 /* Spreads some groups of four pixels with heights in the same interval. */
 static void spread_run(const lf_table *t, int64_t azimuths, int64_t interval, four_pixels *run, int count,
                        float *mixtures, const int64_t *offset, int planes, int64_t plane_step)
 {
-    const int64_t step = LF_PORTION * 8 + LF_SLACK, length = t->length[interval];
+    const int64_t length = t->length[interval];
     int64_t done = 0, piece = t->first_piece[interval];
     for (int eights = 1; eights <= LF_LONGEST; eights++) {
         int64_t left = t->counts[interval * (LF_LONGEST + 1) + eights];
@@ -139,15 +164,14 @@ static void spread_run(const lf_table *t, int64_t azimuths, int64_t interval, fo
             const int64_t pieces = left * eights > LF_PORTION ? LF_PORTION / eights : left, taps = pieces * eights * 8;
             for (four_pixels *four = run; four < run + count; four++) {
                 for (int k = 0; k < FOUR; k++) {
-                    float *mixture = mixtures + (planes == 1 ? 0 : k * step); /* for one plane they are summed immediately */
-                    for (int64_t i = 0; i < taps; i += LANES) {
-                        floats sum = mixed(four->psfs[k] + done + i, length, azimuths * length, four->weight[k]);
-                        if (planes == 1 && k) sum += *(const floats *)(mixture + i);
-                        *(floats *)(mixture + i) = sum;
-                    }
+                    const float *psf = four->psfs[k] + done;
+                    if (planes == 1 && k) mix(psf, length, azimuths * length, four->weight[k], taps, 1, mixtures + k);
+                    else
+                        mix(psf, length, azimuths * length, four->weight[k], taps, 0,
+                            mixtures + (planes == 1 ? 0 : k * MIXTURE_STEP) + k); /* for one plane they are summed */
                 }
                 switch (eights) {
-#define CASE(n) case n: add_pieces(n, mixtures, step, pieces, offset + piece, planes, four, plane_step); break;
+#define CASE(n) case n: add_pieces(n, mixtures, MIXTURE_STEP, pieces, offset + piece, planes, four, plane_step); break;
                     CASE(1) CASE(2) CASE(3) CASE(4) CASE(5) CASE(6) CASE(7) CASE(8)
 #undef CASE
                 }
@@ -174,7 +198,26 @@ INLINE workplace laid_out(void *work, int64_t pieces, int64_t columns)
     w.row.up = (float *)(w.row.azimuth + room);
     w.row.on = w.row.up + room;
     w.mixtures = (float *)(((uintptr_t)(w.row.on + room) + 63) & ~(uintptr_t)63);
+    for (int k = 0; k < FOUR; k++)
+        for (int i = 0; i < k; i++) w.mixtures[k * MIXTURE_STEP + i] = 0; /* in front of the shifted taps */
     return w;
+}
+
+/* The light of four pixels from column x of row y, by plane. Returns 0 if all of it is black. */
+INLINE int light_of_four(const lf_picture *light, const lf_sections *sections, int64_t y, int64_t x, int in_one,
+                         four_floats of[4])
+{
+    const uint8_t *lit = sections->lit + y / sections->size_px * sections->columns;
+    const float *from = light->values + y * light->row_step + x;
+    four_ints any = {0};
+    for (int q = 0; q < (int)light->planes; q++, from += light->plane_step) {
+        if (in_one) of[q] = *(const four_floats *)from;
+        else
+            for (int k = 0; k < FOUR; k++)
+                of[q][k] = x + k < light->columns && lit[(x + k) / sections->size_px] ? from[k] : 0;
+        any |= (four_ints)of[q];
+    }
+    return ((any[0] | any[1] | any[2] | any[3]) & 0x7fffffff) != 0; /* NaN too */
 }
 
 lf_spread_loop OF_VARIANT(lf_spread);
@@ -192,19 +235,18 @@ int OF_VARIANT(lf_spread)(const lf_places *places, const lf_table *t, const lf_p
         four_pixels run[RUN];
         int64_t run_interval = 0;
         int waiting = 0, found = 0;
+        int64_t section = 0, section_end = sections->size_px; /* of column x */
         for (int64_t x = 0; x < columns; x += FOUR) {
-            float of[4][FOUR];
-            int any = 0;
-            for (int k = 0; k < FOUR; k++) {
-                const int is = x + k < columns && lit[(x + k) / sections->size_px];
-                for (int q = 0; q < planes; q++) {
-                    of[q][k] = is ? light->values[q * light->plane_step + y * light->row_step + x + k] : 0;
-                    any |= of[q][k] != 0; /* NaN too */
-                }
-            }
-            if (!any) continue;
+            for (; x >= section_end; section_end += sections->size_px) section++;
+            if (!lit[section] && x + FOUR <= section_end) continue;
+            const int in_one = lit[section] && x + FOUR <= section_end && x + FOUR <= columns;
+            four_floats of[4];
+            if (!light_of_four(light, sections, y, x, in_one, of)) continue;
             if (!found) {
-                find_places(places, columns, (double)y - places->centre_row, &w.row);
+                find_azimuths(places, (int32_t)columns, (double)y - places->centre_row, w.row.sample, w.row.azimuth,
+                              w.row.on);
+                find_heights((int32_t)columns, w.row.sample, (int32_t)places->samples, places->paraxial,
+                             places->interval, places->height, (int32_t)places->heights - 2, w.row.interval, w.row.up);
                 for (int64_t n = columns; n < columns + FOUR; n++) { /* a group may extend beyond the row */
                     w.row.interval[n] = w.row.interval[columns - 1];
                     w.row.azimuth[n] = w.row.azimuth[columns - 1];
@@ -227,7 +269,7 @@ int OF_VARIANT(lf_spread)(const lf_places *places, const lf_table *t, const lf_p
                     const int64_t at = x + (is ? k : done); /* the group's other pixels use the first one's, times zero */
                     const float up = w.row.up[at], on = w.row.on[at];
                     const float own = planes > 1 ? 1 : is ? of[0][k] : 0;
-                    four->psfs[k] = t->taps + t->begin[interval] + w.row.azimuth[at] * length - k;
+                    four->psfs[k] = t->taps + t->begin[interval] + w.row.azimuth[at] * length;
                     four->weight[k][0] = (1 - up) * (1 - on) * own;
                     four->weight[k][1] = (1 - up) * on * own;
                     four->weight[k][2] = up * (1 - on) * own;

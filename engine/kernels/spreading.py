@@ -13,6 +13,7 @@ from .library import check, chosen
 
 PLACES, TABLE, SECTIONS = STRUCTURES["places"], STRUCTURES["table"], STRUCTURES["sections"]
 LONGEST, SLACK = NUMBERS["LONGEST"], NUMBERS["SLACK"]
+LINE_BYTES = 64
 MOST_TAPS = 8 * LONGEST - 3  # in a piece: the last three are zero
 
 Fill = Callable[[slice, np.ndarray, np.ndarray], object]
@@ -96,7 +97,7 @@ class PackedTable:
         source = np.where(along < count[piece], row[piece] * side + column[piece] + along, pixels)
         length = np.bincount(interval, 8 * eights, heights - 1).astype(np.int64)
         begin = SLACK + np.cumsum(2 * azimuths * np.append(0, length))
-        taps = np.zeros(begin[-1] + SLACK, np.float32)
+        taps = _aligned_zeros(begin[-1] + SLACK)
         for low, interval_source in enumerate(np.split(source, np.cumsum(length)[:-1])):
             fill(slice(low, low + 2), interval_source, taps[begin[low]:begin[low + 1]].reshape(2, azimuths, -1))
         counts = np.bincount(interval * (LONGEST + 1) + eights, minlength=(heights - 1) * (LONGEST + 1))
@@ -110,6 +111,13 @@ class PackedTable:
     @property
     def nbytes(self) -> int:
         return sum(array.nbytes for array in self._arrays)
+
+
+def _aligned_zeros(count):
+    """Single-precision zeros that start a line of the processor's cache: reading vectors across lines is slower."""
+    zeros = np.zeros(count + LINE_BYTES // 4, np.float32)
+    start = -zeros.ctypes.data % LINE_BYTES // 4
+    return zeros[start:start + count]
 
 
 def _pieces(between):

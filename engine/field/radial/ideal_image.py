@@ -73,10 +73,10 @@ class IdealImage:
     def _by_kernels(self, radiance):
         """As `irradiance`, with a lookup of all geometry by the distance from the axis."""
         ideal = np.empty((self._planes.count, *self._planes.grid.shape_px), np.float32)
-        geometry, views, centre_px = self._geometry(), self._planes.views(radiance), self._capture.picture.centre_px
+        geometry, (capture, centre_px) = self._geometry(), self._capture.together(radiance, RIM_PX)
 
         def work(rows):
-            compiled_footprints(geometry, views, centre_px, rows, ideal)
+            compiled_footprints(geometry, capture, centre_px, rows, ideal)
 
         in_bands(work, ideal.shape[1], BAND_PIXELS // ideal.shape[2])
         return ideal

@@ -55,6 +55,17 @@ def test_a_rim_continues_across_the_axis_and_is_black_outside_the_picture(shape)
     np.testing.assert_array_equal(wide[0, 1::-1, 1::-1], narrow[3, rows:2 + rows, columns:2 + columns])
 
 
+@pytest.mark.parametrize("shape", [(6, 8), (7, 8), (6, 9), (7, 9)])
+@pytest.mark.parametrize("rim_px", [2, 20])
+def test_samples_of_all_planes_are_together_and_reach_across_the_axis(shape, rim_px):
+    picture = np.random.default_rng(2).random(shape)
+    planes, axis = Planes(PixelGrid(shape, 1.0), True).together(picture, rim_px)
+    first = [max(n // 2 - rim_px, 0) for n in shape]
+    assert axis == tuple((n - 1) / 2 - start for n, start in zip(shape, first, strict=True))
+    turned = [picture, picture[::-1], picture[:, ::-1], picture[::-1, ::-1]]
+    np.testing.assert_array_equal(planes, np.stack([each[first[0]:, first[1]:] for each in turned], axis=2))
+
+
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("radius", [0, 2])
 def test_unfolding_restores_the_plane(shape, radius):

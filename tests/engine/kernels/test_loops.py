@@ -70,7 +70,7 @@ FIELD = SimpleNamespace(paraxial_height_mm=lambda real_mm: real_mm,
 @pytest.mark.parametrize("centre_px", [(-0.5, -0.5), (7.25, 30.0), (500.0, -900.0)])
 def test_footprints_match_numpy(shape, planes, centre_px):
     capture = np.random.default_rng(1).random((50, 60), np.float32)
-    captures = [capture, capture[::-1], capture[:, ::-1], capture[::-1, ::-1]][:planes]
+    captures = np.stack([capture, capture[::-1], capture[:, ::-1], capture[::-1, ::-1]][:planes], axis=2)
     grid = PixelGrid((50, 60), PITCH_UM, (centre_px[0] + 3, centre_px[1] + 2))
     y_mm, x_mm = ((np.arange(n) - centre) * PITCH_UM * 1e-3 for n, centre in zip(shape, centre_px, strict=True))
     expected, height_mm = numpy_footprints(grid.framed(RIM_PX), x_mm, -y_mm, FIELD)
@@ -91,7 +91,7 @@ def test_footprints_match_numpy(shape, planes, centre_px):
 
     # Shares, products and sums are rounded to single precision: up to 18 rows and columns, with an error of at most an
     # ulp each on average.
-    framed = np.pad(np.stack(captures), ((0, 0), (RIM_PX, RIM_PX), (RIM_PX, RIM_PX))).astype(np.float64)
+    framed = np.pad(np.moveaxis(captures, 2, 0), ((0, 0), (RIM_PX, RIM_PX), (RIM_PX, RIM_PX))).astype(np.float64)
     np.testing.assert_allclose(in_every_variant(loop), expected.average(framed) * factor, rtol=40 * EPSILON,
                                atol=40 * EPSILON)
 
@@ -149,8 +149,10 @@ def test_footprints_never_read_out_of_bounds():
     random = np.random.default_rng(2)
     for _ in range(50):
         geometry = RadialGeometry.of((3.0, 4.0), 0.7, *random.choice(wild, (3, 30)), random.choice(wild))
-        out = np.empty((1, 9, 9), np.float32)
-        footprints(geometry, [np.ones((5, 7), np.float32)], (2.0, 3.0), slice(None), out)  # may crash otherwise
+        for planes in (1, 4):
+            out = np.empty((planes, 9, 9), np.float32)
+            capture = np.ones((5, 7, planes), np.float32)
+            footprints(geometry, capture, (2.0, 3.0), slice(None), out)  # may crash otherwise
 
 
 def random_psfs(heights, azimuths, side, random, quarter_turns=4):
@@ -277,15 +279,16 @@ def test_a_table_without_light_spreads_none():
 
 def test_arrays_of_the_wrong_type_or_shape_are_refused():
     geometry = RadialGeometry.of((0.0, 0.0), 1.0, *np.ones((3, 5)))
-    capture, out = np.ones((4, 4), np.float32), np.ones((1, 4, 4), np.float32)
-    for wrong in (capture.astype(float), out):
-        with pytest.raises(ValueError, match="expected up to four float32"):
-            footprints(geometry, [wrong], (0.0, 0.0), slice(None), out)
+    capture, out = np.ones((4, 4, 1), np.float32), np.ones((1, 4, 4), np.float32)
+    for wrong in (capture.astype(float), capture[:, :, 0], capture[:, ::-1], np.ones((4, 4, 2), np.float32)[:, :, :1]):
+        with pytest.raises(ValueError, match="expected float32"):
+            footprints(geometry, wrong, (0.0, 0.0), slice(None), out)
     for wrong in (out.astype(float), out[0], out[:, :, ::-1], out.swapaxes(1, 2), out[:, :, ::2]):
         with pytest.raises(ValueError, match="expected float32"):
-            footprints(geometry, [capture], (0.0, 0.0), slice(None), wrong)
-    with pytest.raises(ValueError, match="sizes"):
-        footprints(geometry, [capture, capture], (0.0, 0.0), slice(None), out)
+            footprints(geometry, capture, (0.0, 0.0), slice(None), wrong)
+    for planes in (2, 4):
+        with pytest.raises(ValueError, match="sizes"):
+            footprints(geometry, np.ones((4, 4, planes), np.float32), (0.0, 0.0), slice(None), out)
 
 
 def a_wavefront(rows, columns, limits):
