@@ -104,11 +104,10 @@ class Lens(Value):
             object.__setattr__(self, "point_flux", np.full_like(self.relative_illumination, self.point_flux, float))
         for one in fields(self):
             if one.type is np.ndarray:
-                table = np.array(getattr(self, one.name), dtype=np.float32 if one.name == "psf" else np.float64)
+                table = _own(getattr(self, one.name), np.float32 if one.name == "psf" else np.float64)
                 object.__setattr__(self, one.name, table)
         object.__setattr__(self, "sensor_mm", tuple(float(side) for side in self.sensor_mm))
-        _check(self)
-        object.__setattr__(self, "psf", _normalised(self.psf))
+        object.__setattr__(self, "psf", _normalised(self.psf, _checked_sums(self)))
         super().__post_init__()
 
     @property
@@ -227,12 +226,18 @@ class MonochromaticLens(Value):
     transmittance: float
 
 
-def _check(lens):
-    """Raise a LensError that names the first invalid field."""
+def _own(table, dtype):
+    """The table as an array that nothing else can change: a copy, unless it is another lens's."""
+    of_lens = type(table) is np.ndarray and table.dtype == dtype and not table.flags.writeable
+    return table if of_lens and table.flags.c_contiguous else np.array(table, dtype)
+
+
+def _checked_sums(lens):
+    """The sums of the PSFs, array (wavelength, height); or a LensError that names the first invalid field."""
     _check_numbers(lens)
     _check_shapes(lens)
     _check_tables(lens)
-    _check_psfs(lens)
+    return _checked_psf_sums(lens)
 
 
 def _check_kinds(lens):
@@ -324,19 +329,19 @@ def _check_real_heights(lens):
                         "expected 0 on the axis, and positive heights off it")
 
 
-def _check_psfs(lens):
-    if np.any(lens.psf < 0):
+def _checked_psf_sums(lens):
+    if lens.psf.min() < 0:
         raise LensError(lens.name, "psf", f"{lens.psf.min():g} at its minimum", "expected 0 or more")
     sums = lens.psf.sum(axis=(2, 3), dtype=np.float64)
     worst = np.unravel_index(np.argmax(np.abs(sums - 1)), sums.shape)
     if abs(sums[worst] - 1) > UNIT_SUM_TOLERANCE:
         raise LensError(lens.name, "psf", f"{sums[worst]:g} in total at wavelength {worst[0]}, height {worst[1]}",
                         "expected PSFs that sum to 1")
+    return sums
 
 
-def _normalised(psf):
+def _normalised(psf, sums):
     """PSFs of unit sum (Eq. 9). An array already normalised to rounding is returned as is, so saving preserves it."""
-    sums = psf.sum(axis=(2, 3), keepdims=True, dtype=np.float64)
     if np.abs(sums - 1).max() < 1e-6:
         return psf
-    return (psf / sums).astype(np.float32)
+    return (psf / sums[:, :, None, None]).astype(np.float32)

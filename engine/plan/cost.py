@@ -111,9 +111,12 @@ def seconds(work: Workload, plan: Plan) -> float:
 def _alone_and_shared(work, plan, loops, slowness=1.0):
     """Nanoseconds of a single thread, and shared by all threads. Compiled loops support only single precision."""
     nanoseconds = NANOSECONDS[loops if plan.precision == "float32" else NUMPY]
-    amounts = counts(work, plan)
-    return [sum(of_one[thread] * amounts.get(name, 0) * (slowness if name in LOOPS else 1.0)
-                for name, of_one in nanoseconds.items()) for thread in range(2)]
+    alone = shared = 0.0
+    for name, amount in counts(work, plan).items():
+        alone_of_one, shared_of_one = nanoseconds.get(name, (0, 0))
+        amount *= slowness if name in LOOPS else 1.0
+        alone, shared = alone + alone_of_one * amount, shared + shared_of_one * amount
+    return alone, shared
 
 
 def memory_mb(work: Workload, plan: Plan) -> float:

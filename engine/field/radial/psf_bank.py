@@ -148,6 +148,12 @@ class PsfBank:
                        lost=self.lost[:heights])
 
     @property
+    def last_height(self) -> "PsfBank":
+        """A bank with the last height alone."""
+        return replace(self, heights_mm=self.heights_mm[-1:], samples=self.samples[-1:], lost=self.lost[-1:],
+                       round_on_axis=False)
+
+    @property
     def nbytes(self) -> int:
         return self.samples.nbytes + self.u_px.nbytes + self.v_px.nbytes
 
