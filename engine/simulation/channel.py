@@ -86,10 +86,11 @@ class Channel:
             mask, values = (planes.join(part) for part in even)
             rows, columns = (slice(radius, radius + n) for n in mask.shape)
             np.copyto(blurred[rows, columns], values, where=mask)
-        if self._make_halos and (halos := highlights(ideal, size, plan.halo_density)):
+        halos = highlights(ideal, size, plan.halo_density) if self._make_halos else None
+        if halos:
             blurred = self._with_halos(blurred, *halos)
-        if dark >= 0:
-            np.maximum(blurred, 0, out=blurred)  # weights are not negative: values below zero are the FFT's rounding
+        if dark >= 0 and (plan.method.transforms or halos):  # other weights are not negative
+            np.maximum(blurred, 0, out=blurred)  # values below zero are the rounding of transforms, or of halos
         return blurred
 
     def _with_halos(self, blurred, bright, sections):
