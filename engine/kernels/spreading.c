@@ -47,7 +47,7 @@ INLINE double arctan(double t)
 
 /* Positions of a row's pixels. In double precision, because for a bright pixel even the smallest weight of a wrong PSF
    is visible. Compilers vectorise both loops: `restrict` arguments, local copies of the numbers, and 32-bit integers,
-   because AVX2 cannot convert others. */
+   because AVX2 converts no others to floating point. */
 static void find_azimuths(const lf_places *p, int32_t columns, double down, double *restrict sample_at,
                           int32_t *restrict azimuth_before, float *restrict on)
 {
