@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 import numpy as np
+import scipy
 
 from ..blur.even_light import even_light, flat_slope
 from ..blur.halos import highlights
@@ -10,8 +11,11 @@ from ..blur.overlap_add import overlap_add
 from ..blur.section_needs import SectionNeeds, section_needs
 from ..field.field_map import Cells, MonochromaticField
 from ..image.pixel_grid import PixelGrid
+from ..image.sharpening import OF_PARTS, resampling_variance, sharpen
 from ..plan.plan import Plan
 from ..runtime.memory import MemoryBudget
+
+SHIFT_STEP_PX = 16  # between places whose shift is computed; linear interpolation between them is accurate to 0.01 px
 
 
 class Channel:
@@ -45,6 +49,7 @@ class Channel:
                                         vignette=plan.out_of_field == "vignette", precision=plan.precision)
         self._spreader = plan.method.spreader(self._psfs, table, plan.psf_radius_px, memory)
         self._make_halos, self._halos, self._memory = make_halos, None, memory
+        self._capture = capture or grid
         self._flat_slope = flat_slope(table, self._psfs, plan.flat_tolerance) if table else 0.0
 
     def ideal_irradiance(self, radiance: np.ndarray) -> np.ndarray:
@@ -92,6 +97,20 @@ class Channel:
         if dark >= 0 and (plan.method.transforms or halos):  # other weights are not negative
             np.maximum(blurred, 0, out=blurred)  # values below zero are the rounding of transforms, or of halos
         return blurred
+
+    def sharpen(self, blurred: np.ndarray) -> None:
+        """Subtract the softening by the pixels of the radiance and of the filter from a blurred picture, in place."""
+        pitch_um, parts = self._capture.pitch_um, self._capture.pitch_um / self.planes.picture.pitch_um
+        if parts != 1:
+            sharpen(blurred, lambda axis, rows, columns: OF_PARTS * (1 + parts**2))
+            return
+        grid = self.planes.picture.framed((len(blurred) - self.planes.picture.shape_px[0]) // 2)
+        rows, columns = (np.arange(-SHIFT_STEP_PX, n + 2 * SHIFT_STEP_PX, SHIFT_STEP_PX) for n in grid.shape_px)
+        x_mm, y_mm = grid.position_mm(rows[:, None], columns)
+        from_x_mm, from_y_mm = self.field.source_mm(x_mm, y_mm, self._capture)
+        shifts = [scipy.interpolate.RectBivariateSpline(rows, columns, moved_mm / (pitch_um * 1e-3), kx=1, ky=1)
+                  for moved_mm in (y_mm - from_y_mm, from_x_mm - x_mm)]
+        sharpen(blurred, lambda axis, rows, columns: OF_PARTS + resampling_variance(shifts[axis](rows, columns)))
 
     def _with_halos(self, blurred, bright, sections):
         """Add the halos of the bright light in these sections to a blurred picture."""

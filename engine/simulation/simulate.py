@@ -89,6 +89,8 @@ def simulate(radiance: Radiance, lens: Lens, options: Options = BY_RESULT, *,
         light = channel.planes.light(ideal)
         with report.stage("filtering"):
             blurred = channel.blur(ideal)
+            if radiance.detail_times > 1:
+                channel.sharpen(blurred)
         irradiance[index] = merge_pixels(_frame(blurred, frame_px), fine)
         if out_of_focus is not None:
             irradiance[index] += out_of_focus
