@@ -14,16 +14,17 @@ def split_pixels(picture: np.ndarray, times: int) -> np.ndarray:
     return parts.reshape(rows * times, columns * times)
 
 
-def softening_px(times: int, supersampling: int) -> float:
+def softening_px(times: int, supersampling: int, gain: float = 1.0) -> float:
     """The softening of a lens image by its pixels, beyond the lens and the pixel's own aperture: the standard deviation
-    of the additional blur along an axis, in pixels.
+    of a Gaussian blur, in pixels, that leaves as much contrast at the pixels' Nyquist frequency along an axis.
 
     Light is known in `times` x `times` parts of a pixel, and blurred in `supersampling` x `supersampling` parts. A
     known part is a mean over its area, and counts as constant there; a blurred part is a mean, too, and shines evenly
-    from its area. Each of these four is a blur with a variance of w^2 / 12, for parts w px wide. Where the lens leaves
-    pixels in place, as on the axis, there is less.
+    from its area. Each of these four is a blur by a box. Where the lens leaves pixels in place, as on the axis, there
+    is less. Sharpening then multiplies the contrast by `gain`.
     """
-    return float(np.sqrt((times**-2 + supersampling**-2) / 6))
+    contrast = gain * (np.sinc(0.5 / times) * np.sinc(0.5 / supersampling))**2
+    return float(np.sqrt(max(0.0, -2 * np.log(contrast))) / np.pi)
 
 
 def merge_pixels(picture: np.ndarray, times: int) -> np.ndarray:

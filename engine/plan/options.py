@@ -1,6 +1,6 @@
 """Options: the user's settings of the engine, as a target accuracy or as knobs."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Integral, Real
 
 import numpy as np
@@ -16,6 +16,7 @@ TIER_ACCURACY = {"preview": 0.1, "standard": DEFAULT_ACCURACY, "reference": 0.00
 MOST_RAYS = ((0.05, 64, 256), (0.005, 64, 1024), (0.0, 256, 4096))  # least accuracy, rays of a pixel, with lamps
 KNOBS = ("section_size", "azimuths", "psf_energy", "flat_tolerance", "precision")
 MOST_SUPERSAMPLING = 16  # it reduces the error to a 256th
+DETAIL_PARTS = 2  # of a pixel, down and across, in which light with a detail is blurred
 BY_KNOBS = "sections"  # if a knob is set and no method
 
 
@@ -141,6 +142,10 @@ class Options:
         for field in self.knobs:
             if self.accuracy is not None or field not in method.knobs:
                 raise InputError("options", field, getattr(self, field), f"leave it out: {reason}")
+
+    def for_detail(self, times: int) -> "Options":
+        """The options for light that is known in `times` x `times` parts of each pixel: 1 without a detail."""
+        return replace(self, supersampling=max(self.supersampling, min(times, DETAIL_PARTS)))
 
     @property
     def depth_accuracy(self) -> float:

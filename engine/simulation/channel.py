@@ -11,7 +11,7 @@ from ..blur.overlap_add import overlap_add
 from ..blur.section_needs import SectionNeeds, section_needs
 from ..field.field_map import Cells, MonochromaticField
 from ..image.pixel_grid import PixelGrid
-from ..image.sharpening import OF_PARTS, resampling_variance, sharpen
+from ..image.sharpening import OF_PARTS, parts_variance, resampling_variance, sharpen
 from ..plan.plan import Plan
 from ..runtime.memory import MemoryBudget
 
@@ -99,18 +99,22 @@ class Channel:
         return blurred
 
     def sharpen(self, blurred: np.ndarray) -> None:
-        """Subtract the softening by the pixels of the radiance and of the filter from a blurred picture, in place."""
-        pitch_um, parts = self._capture.pitch_um, self._capture.pitch_um / self.planes.picture.pitch_um
-        if parts != 1:
-            sharpen(blurred, lambda axis, rows, columns: OF_PARTS * (1 + parts**2))
-            return
-        grid = self.planes.picture.framed((len(blurred) - self.planes.picture.shape_px[0]) // 2)
-        rows, columns = (np.arange(-SHIFT_STEP_PX, n + 2 * SHIFT_STEP_PX, SHIFT_STEP_PX) for n in grid.shape_px)
+        """Subtract the softening by the parts of pixels from a blurred picture, in place."""
+        known = self._capture.pitch_um / self.planes.picture.pitch_um
+        shifts = self._shifts(blurred.shape) if known == 1 else None
+        sharpen(blurred, lambda axis, rows, columns: OF_PARTS + resampling_variance(shifts[axis](rows, columns))
+                if shifts else parts_variance(known))
+
+    def _shifts(self, shape_px):
+        """The shift of light along each axis, from the capture to a picture of this shape around the planes' middle:
+        functions of rows and columns, in pixels."""
+        grid = self.planes.picture
+        grid = grid.framed((shape_px[0] - grid.shape_px[0]) // 2)
+        rows, columns = (np.arange(0, n + SHIFT_STEP_PX, SHIFT_STEP_PX) for n in shape_px)
         x_mm, y_mm = grid.position_mm(rows[:, None], columns)
         from_x_mm, from_y_mm = self.field.source_mm(x_mm, y_mm, self._capture)
-        shifts = [scipy.interpolate.RectBivariateSpline(rows, columns, moved_mm / (pitch_um * 1e-3), kx=1, ky=1)
-                  for moved_mm in (y_mm - from_y_mm, from_x_mm - x_mm)]
-        sharpen(blurred, lambda axis, rows, columns: OF_PARTS + resampling_variance(shifts[axis](rows, columns)))
+        return [scipy.interpolate.RectBivariateSpline(rows, columns, moved_mm / (grid.pitch_um * 1e-3), kx=1, ky=1)
+                for moved_mm in (y_mm - from_y_mm, from_x_mm - x_mm)]
 
     def _with_halos(self, blurred, bright, sections):
         """Add the halos of the bright light in these sections to a blurred picture."""

@@ -10,6 +10,7 @@ from ..depth.capture_planes import capture_planes
 from ..depth.iris import Iris
 from ..image.layers import Radiance
 from ..image.projection import PLANE
+from ..image.sharpening import sharpening_gain
 from ..image.spectral_image import IRRADIANCE, SpectralImage
 from ..image.supersampling import merge_pixels, softening_px, split_pixels
 from ..kernels.library import running
@@ -23,7 +24,6 @@ from .report import Report
 from .report_parts import DistortionFit, Energy, IlluminationFit, LensImageFacts, WavelengthFacts
 
 BY_RESULT = Options()
-DETAIL_PARTS = 2  # of a pixel, down and across, in which light with a detail is blurred
 
 
 def simulate(radiance: Radiance, lens: Lens, options: Options = BY_RESULT, *,
@@ -37,7 +37,7 @@ def simulate(radiance: Radiance, lens: Lens, options: Options = BY_RESULT, *,
         Scene radiance, W m^-2 sr^-1 nm^-1, as an ideal lens would image it, with overscan for the light that
         distortion and blur bring into the frame. All of a SpectralImage counts as in focus. The out-of-focus light of
         layers is gathered along the lens's rays, with occlusion by nearer layers. With a detail, the lens image is
-        computed in finer pixels, and merged.
+        computed in finer pixels, sharpened by as much as these soften it, and merged.
     lens : Lens
     options : Options
     iris : Iris, optional
@@ -62,7 +62,7 @@ def simulate(radiance: Radiance, lens: Lens, options: Options = BY_RESULT, *,
         If a wavelength is outside the lens data, the distortion folds the field, or pixels are not finite.
     """
     report, cache, sampling = report or Report(), cache or ChannelCache(limit_mb=0), radiance.sampling
-    options = replace(options, supersampling=max(options.supersampling, min(radiance.detail_times, DETAIL_PARTS)))
+    options = options.for_detail(radiance.detail_times)
     times = radiance.detail_times if radiance.detail_times > 1 else options.supersampling
     views = capture_planes(radiance, lens, partial(lens_rays, lens), fireflies=options.fireflies,
                            most_rays=options.most_rays, most_of_lamps=options.most_of_lamps, iris=iris,
@@ -143,4 +143,8 @@ class _Tally:
         return LensImageFacts(lens.name, plan, grid.pitch_um, grid.frame_px, grid.overscan_px, fits,
                               Energy(*flux.tolist()), self._out_of_field, self._clamped, running(),
                               self._negative / max(self._light + self._negative, np.finfo(float).tiny),
-                              self._brightest, softening_px(self._times, plan.supersampling))
+                              self._brightest, self._softening_px(plan.supersampling))
+
+    def _softening_px(self, supersampling):
+        gain = sharpening_gain(self._times, supersampling) if self._times > 1 else 1.0
+        return softening_px(self._times, supersampling, gain)
