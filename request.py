@@ -127,6 +127,11 @@ class RenderRequest:
     def __post_init__(self) -> None:
         check_choices(self)
 
+    @property
+    def traced(self) -> bool:
+        """Whether Cycles renders the film behind the lens instead of a pinhole's view."""
+        return self.depth == TRACED
+
 
 def to_arguments(**given: object) -> list[str]:
     """Arguments of `lensfield` that set fields of a RenderRequest.

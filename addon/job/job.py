@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 
 from ...engine import Lens
-from ...engine.depth.depth_range import OFF, TRACED
+from ...engine.depth.depth_range import OFF
 from ...engine.runtime.errors import InputError
 from ...engine.runtime.files import temporary_root
 from ...engine.runtime.inputs import note_who_names
@@ -52,11 +52,6 @@ class Job(RenderRequest):
     lens_warning: str = ""
     ring_words: tuple[str, ...] = ()
     others: tuple[Lens, ...] = ()
-
-    @property
-    def traced(self):
-        """Whether Cycles renders the film behind the lens instead of a pinhole's view."""
-        return self.depth == TRACED
 
     @property
     def denoises(self):

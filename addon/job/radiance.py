@@ -132,15 +132,19 @@ def room_for_capture(scene, job, grid, plan, slabs=()):
     light_bytes = 0 if scratch else SAMPLE_BYTES * planes
     control_bytes = 0 if scratch else SAMPLE_BYTES * control_planes
     flat_bytes = light_bytes * pixels if len(slabs) > 1 else 0  # the pinhole's view of all slabs, after the passes
-    parts = detail_times(scene, job, plan, pixels)**2
-    detail_bytes = DETAIL_BYTES * WAVELENGTHS_PER_PASS * parts if parts > 1 else 0
-    needed = (gathered_px * (light_bytes + control_bytes + detail_bytes + PLANES_BYTES)
-              + max(pass_bytes(parts * pixels, lamps, job.denoises), flat_bytes))
+    times = detail_times(scene, job, plan, pixels)
+    needed = (gathered_px * (light_bytes + control_bytes + PLANES_BYTES) + detail_bytes(gathered_px, times)
+              + max(pass_bytes(times**2 * pixels, lamps, job.denoises), flat_bytes))
     check_room(f"scene {scene.name!r}", needed, "render a smaller picture, or fewer wavelengths")
     if scratch:
         pictures = 2 + (len(slabs) > 1)  # the farthest slab's light, the irradiance, and a pinhole's view of the slabs
         check_disk(scratch, SAMPLE_BYTES * (pictures * planes * pixels + control_planes * gathered_px))
     return needed, scratch
+
+
+def detail_bytes(pixels, times):
+    """Bytes of the detail of this many pixels; 0 for whole pixels."""
+    return DETAIL_BYTES * WAVELENGTHS_PER_PASS * pixels * times**2 if times > 1 else 0
 
 
 def pass_bytes(pixels, lamps, denoise):

@@ -36,16 +36,25 @@ CONTROL_CUBES = LEVELS + 2  # pictures that a control variate stores for each sl
 
 def shares_noise(scene, job, plan):
     """Whether one pass is the control variate of the others."""
+    return may_share_noise(scene, job) and len(plan.bands) > 1 and plan.per_pass == WAVELENGTHS_PER_PASS
+
+
+def may_share_noise(scene, request):
+    """Whether one pass may be the control variate of the others, if there are any."""
     cycles = scene.cycles
-    return (job.spectral.tier == STANDARD and len(plan.bands) > 1 and plan.per_pass == WAVELENGTHS_PER_PASS
-            and not job.traced and not cycles.time_limit and not cycles.use_sample_subset
-            and effective_samples(scene) >= 2 * LEAST_FEW)
+    return (request.spectral.tier == STANDARD and not request.traced and not cycles.time_limit
+            and not cycles.use_sample_subset and effective_samples(scene) >= 2 * LEAST_FEW)
 
 
 def detail_times(scene, job, plan, pixels):
     """Parts of a capture's pixels, down and across, in which the rest of a pass's samples are rendered; 1 for whole
     pixels."""
-    if job.detail != ON or not shares_noise(scene, job, plan) or pixels * FINER**2 > MOST_FINE_PX:
+    return possible_detail_times(scene, job, pixels) if shares_noise(scene, job, plan) else 1
+
+
+def possible_detail_times(scene, request, pixels):
+    """As `detail_times`, if there are two passes or more."""
+    if request.detail != ON or not may_share_noise(scene, request) or pixels * FINER**2 > MOST_FINE_PX:
         return 1
     ends = _sample_ends(scene)
     return FINER if ends[-1] - ends[-2] >= LEAST_FINE * FINER**2 else 1

@@ -1,14 +1,17 @@
 """The cost of a render in one line, before it starts; a thread computes the engine's part."""
 
+import math
 from concurrent.futures import ThreadPoolExecutor
 
 import bpy
 
+from ...engine.image.detail import splitting_bytes
 from ...engine.image.sampling import Sampling
 from ...engine.plan.plan_cache import cached_plan
 from ..job.bands import pass_count
 from ..job.job import denoises
-from ..job.radiance import pass_bytes
+from ..job.radiance import detail_bytes, pass_bytes
+from ..job.sampled_passes import detail_times, possible_detail_times
 from ..scene.camera import frame_capture, frame_px, lens_for_view
 from .lint_panel import checked_settings
 from .session import session
@@ -35,7 +38,8 @@ def plan_text(scene, lens):
     request = scene.lensfield.to_request(lens=lens)
     wavelengths_nm = request.wavelengths_nm
     lens = lens_for_view(scene, lens, request.view)[0]
-    future = _planned(request.options, lens, frame_px(scene), wavelengths_nm)
+    times = _detail_times(scene, request)
+    future = _planned(request.options, lens, frame_px(scene), wavelengths_nm, times)
     known = future.done() and not future.exception()  # otherwise the plan is not ready, or not possible
     (rows, columns), plan = future.result() if known else (frame_px(scene), None)
     samples = scene.cycles.samples
@@ -44,29 +48,48 @@ def plan_text(scene, lens):
             f"{len(wavelengths_nm)} wavelength{'s' * (len(wavelengths_nm) > 1)}")
     if plan is None:
         return text
-    light_mb = 4e-6 * rows * columns * len(wavelengths_nm)
-    pass_mb = 1e-6 * pass_bytes(rows * columns, 1, denoises(scene, request))
-    memory_mb = light_mb + max(pass_mb, plan.memory_mb + light_mb)  # radiance, then also irradiance
+    pixels = rows * columns
+    light_mb = 4e-6 * pixels * len(wavelengths_nm)
+    pass_mb = 1e-6 * pass_bytes(pixels * times**2, 1, denoises(scene, request))
+    filter_mb = plan.memory_mb + 1e-6 * splitting_bytes(pixels, times)
+    memory_mb = light_mb + 1e-6 * detail_bytes(pixels, times) + max(pass_mb, filter_mb + light_mb)  # and irradiance
     memory = f"{memory_mb / 1e3:.1f} GB" if memory_mb >= 1e3 else f"{memory_mb:.0f} MB"
     return f"{text}; Lens: {max(plan.seconds, 0.1):.1f} s, {memory}"
+
+
+def _checked(scene):
+    """The result of the last scene check, if it has a plan and is valid for the settings."""
+    check = session.check
+    if check.scene_uid == scene.session_uid and check.result.plan and check.settings == checked_settings(scene):
+        return check.result
+    return None
+
+
+def _detail_times(scene, request):
+    """Parts of a pixel, down and across, in which light will be known: exact after a scene check, otherwise the most
+    possible."""
+    checked, pixels = _checked(scene), math.prod(frame_px(scene))
+    if checked:
+        return detail_times(scene, request, checked.plan, pixels)
+    return possible_detail_times(scene, request, pixels) if pass_count(len(request.wavelengths_nm)) > 1 else 1
 
 
 def _passes(scene, wavelengths):
     """The number of Cycles passes as text: exact after a scene check, otherwise a range."""
     most, tier = pass_count(wavelengths), scene.lensfield.tier
-    check = session.check
-    if check.scene_uid == scene.session_uid and check.result.plan and check.settings == checked_settings(scene):
-        known, slabs = len(check.result.plan.bands), check.result.slabs
+    checked = _checked(scene)
+    if checked:
+        known, slabs = len(checked.plan.bands), checked.slabs
         return f"{known} Cycles pass{'es' * (known > 1)}" + (f" in {slabs.slabs} slabs of depth" if slabs else "")
     if tier == "PREVIEW" or most == 1:
         return "1 Cycles pass"
     return f"{most} or more Cycles passes" if tier == "REFERENCE" else f"Up to {most} Cycles passes"
 
 
-def _planned(options, lens, frame_shape_px, wavelengths_nm):
+def _planned(options, lens, frame_shape_px, wavelengths_nm, times):
     """A Future of the capture's rows and columns and the engine's plan, cached because panels are drawn many times a
     second."""
-    key = options, lens, frame_shape_px, wavelengths_nm
+    key = options, lens, frame_shape_px, wavelengths_nm, times
     if key not in _plans:
         if len(_plans) == MOST_PLANS:
             _plans.pop(next(iter(_plans))).cancel()  # dragging a slider requests many
@@ -76,9 +99,9 @@ def _planned(options, lens, frame_shape_px, wavelengths_nm):
     return _plans[key]
 
 
-def _plan(options, lens, frame_shape_px, wavelengths_nm):
+def _plan(options, lens, frame_shape_px, wavelengths_nm, times):
     grid = frame_capture(lens, frame_shape_px, wavelengths_nm, options)
-    return grid.shape_px, cached_plan(options, lens, Sampling(grid, wavelengths_nm))
+    return grid.shape_px, cached_plan(options.for_detail(times), lens, Sampling(grid, wavelengths_nm))
 
 
 def _redraw_when_ready(future):

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..runtime.errors import ImageError
+from ..runtime.scratch import SAMPLE_BYTES
 from .supersampling import split_pixels
 
 MEAN_SLACK = 1e-2  # of a pixel's light, from rounding to half precision
@@ -115,6 +116,11 @@ class Detail:
 def split_by_detail(picture: np.ndarray, detail: Detail | None, wavelength_nm: float, times: int) -> np.ndarray:
     """A picture (row, column) with each pixel split: by its detail or, without one, evenly into `times` x `times`."""
     return split_pixels(picture, times) if detail is None else detail.split(picture, wavelength_nm)
+
+
+def splitting_bytes(pixels: int, times: int) -> int:
+    """Memory for a plane of pixels that are split by a detail: the parts, and their shares. 0 for whole pixels."""
+    return 2 * SAMPLE_BYTES * pixels * times**2 if times > 1 else 0
 
 
 def merged(cube: np.ndarray, times: int) -> np.ndarray:

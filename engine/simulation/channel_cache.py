@@ -5,6 +5,7 @@ from collections.abc import Iterator
 
 from ..depth.cast import casting_bytes
 from ..field.field_map import field_map
+from ..image.detail import splitting_bytes
 from ..image.layers import Radiance
 from ..image.sampling import Sampling
 from ..kernels.library import running
@@ -53,8 +54,7 @@ class ChannelCache:
             As `make_plan`, and if there is not enough memory.
         """
         sampling, casting = radiance.sampling, casting_bytes(radiance, options.most_of_lamps)
-        if radiance.detail_times > 1:  # a plane, and its shares
-            casting += 2 * SAMPLE_BYTES * math.prod(sampling.grid.shape_px) * radiance.detail_times**2
+        casting += splitting_bytes(math.prod(sampling.grid.shape_px), radiance.detail_times)
         spared = in_place or in_file(radiance.light)
         irradiance = 0 if spared else SAMPLE_BYTES * len(sampling.wavelengths_nm) * math.prod(sampling.grid.frame_px)
         key = options, lens, sampling, irradiance + casting

@@ -193,6 +193,24 @@ def test_the_plan_line_states_engine_time_and_peak_memory(lit_scene, denoise):
     assert f"; Lens: {max(plan.seconds, 0.1):.1f} s, {memory_mb:.0f} MB" in text
 
 
+def test_the_plan_line_counts_detail(lit_scene):
+    settings = lit_scene.lensfield
+    lit_scene.cycles.samples, settings.detail = 64, "OFF"
+
+    def planned():
+        """The plan, and the text after its time and memory."""
+        text = settled(lit_scene)
+        return list(plan_line._plans.values())[-1].result()[1].supersampling, float(text.rsplit(", ")[-1].split()[0])
+
+    (without, even_mb), settings.detail = planned(), "ON"
+    with_detail, detail_mb = planned()
+    assert (without, with_detail) == (1, 2) and detail_mb > 2 * even_mb
+    settings.wavelength_mode, settings.wavelength_list = "LIST", "450, 550, 650"  # one pass
+    assert planned()[0] == 1
+    settings.wavelength_mode, settings.tier = "RANGE", "PREVIEW"
+    assert planned()[0] == 1
+
+
 def test_a_planning_error_replaces_the_plan(lit_scene):
     lit_scene.lensfield.wavelength_mode, lit_scene.lensfield.wavelength_list = "LIST", "red"
     assert "red" in panel_text(lit_scene)
