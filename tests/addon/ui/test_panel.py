@@ -194,21 +194,28 @@ def test_the_plan_line_states_engine_time_and_peak_memory(lit_scene, denoise):
 
 
 def test_the_plan_line_counts_detail(lit_scene):
+    settings, lens = lit_scene.lensfield, load_lens(lit_scene.lensfield.lens)
+    lit_scene.cycles.samples, settings.detail, settings.denoise = 64, "ON", "OFF"
+    text, plan = settled(lit_scene), list(plan_line._plans.values())[-1].result()[1]
+    assert plan.supersampling == 2
+    pixels = np.prod(capture_grid(lit_scene, lens, settings.wavelengths_nm()).shape_px)
+    radiance = len(settings.wavelengths_nm()) * 4 * pixels
+    shares, split = 3 * 4 * 2 * pixels, 2 * 4 * 4 * pixels
+    needed = radiance + shares + max(pass_bytes(4 * pixels, 1, False), 1e6 * plan.memory_mb + split + radiance)
+    assert text.endswith(f"{1e-6 * needed:.0f} MB")
+    for name, value in (("tier", "PREVIEW"), ("detail", "OFF")):
+        setattr(settings, name, value)
+        settled(lit_scene)
+        assert list(plan_line._plans.values())[-1].result()[1].supersampling == 1
+        settings.tier = "STANDARD"
+
+
+def test_the_plan_line_knows_that_one_pass_has_no_detail(lit_scene):
     settings = lit_scene.lensfield
-    lit_scene.cycles.samples, settings.detail = 64, "OFF"
-
-    def planned():
-        """The plan, and the text after its time and memory."""
-        text = settled(lit_scene)
-        return list(plan_line._plans.values())[-1].result()[1].supersampling, float(text.rsplit(", ")[-1].split()[0])
-
-    (without, even_mb), settings.detail = planned(), "ON"
-    with_detail, detail_mb = planned()
-    assert (without, with_detail) == (1, 2) and detail_mb > 2 * even_mb
-    settings.wavelength_mode, settings.wavelength_list = "LIST", "450, 550, 650"  # one pass
-    assert planned()[0] == 1
-    settings.wavelength_mode, settings.tier = "RANGE", "PREVIEW"
-    assert planned()[0] == 1
+    lit_scene.cycles.samples, settings.detail = 64, "ON"
+    settings.wavelength_mode, settings.wavelength_list = "LIST", "450, 550, 650"
+    settled(lit_scene)
+    assert list(plan_line._plans.values())[-1].result()[1].supersampling == 1
 
 
 def test_a_planning_error_replaces_the_plan(lit_scene):
