@@ -97,8 +97,9 @@ class RenderRequest:
         OFF, name="Detail", panel="quality",
         text="Sharpness of in-focus light in Standard, with two or more passes of at least 32 samples",
         choices={OFF: ("Off", "Light is even inside each pixel of the capture"),
-                 ON: ("On", "One pass is rendered in pixels of half the side, and light is blurred in these. Edges are "
-                            "half as soft; the picture takes a tenth more time and is slightly noisier")})
+                 ON: ("On", "One pass is rendered in pixels of half the side, and light is blurred and sharpened in "
+                            "these. Edges are as sharp as the lens and the pixels; the lens takes longer, and noise "
+                            "increases slightly")})
     view_layer: str = setting(
         "", name="View Layer", text="View layer to render. Empty: the one enabled for rendering",
         metavar="NAME", panel="")
