@@ -103,7 +103,7 @@ def figures(lens, frame, parts):
         misplaced = np.abs(lamp - true[0]).sum() / true[0].sum()
         error = np.abs(response(edges[6:-6, 6:-6]) - response(true[1][6:-6, 6:-6])).max()
         rim = max(edges.max() - true[1].max(), -edges.min(), -lamp.min()) / true[1].max()
-        cells += f"{misplaced:8.3f}{error:8.3f}{max(rim, 0):8.1%}"
+        cells += f"{misplaced:8.3f}{error:8.3f}{max(0.0, rim):8.1%}"
     return cells
 
 

@@ -180,7 +180,7 @@ def test_detail_is_the_light_of_a_render_in_finer_pixels(corner, tmp_path):
     noise = 0.01 * without.cube.mean()
     assert np.abs(radiance.cube.mean(axis=(1, 2)) - without.cube.mean(axis=(1, 2))).max() < noise
     softening_px = [each.report.lens_image.softening_px for each in (result, even)]
-    assert softening_px[0] == pytest.approx(softening_px[1] / 2)
+    assert 0 < softening_px[0] < softening_px[1] / 4
     applied = apply_lens(result.radiance, lens="edmund-54852", output_folder=tmp_path / "again",
                          lens_quality="preview")
     pictures = [read_exr(each.irradiance).cube for each in (applied, result)]
