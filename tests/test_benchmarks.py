@@ -47,3 +47,13 @@ def test_the_worst_points_approach_the_bound_without_exceeding_it():
                                      "points.SHAPE_PX, points.WAVELENGTHS_NM = (96, 128), (550.0,)\n"
                                      "print(list(points.bound_and_worst('edmund-54852', 0.1)))")
     assert bound / 4 < worst <= bound <= 0.1
+
+
+def test_detail_makes_in_focus_light_as_sharp_as_the_lens():
+    """The error of lamps and of an edge's MTF, without and with detail, and rims."""
+    printed = subprocess.run([sys.executable, "sharpness.py", "edmund-54852"], cwd=BENCHMARKS, check=True,
+                             capture_output=True, text=True).stdout
+    lamps, mtf, _, sharper_lamps, sharper_mtf, rim = (float(cell.rstrip("%")) for cell in
+                                                      printed.splitlines()[-1].split()[2:])
+    assert lamps > 0.2 and mtf > 0.1
+    assert sharper_lamps < 0.1 and sharper_mtf < 0.03 and rim < 1.0
