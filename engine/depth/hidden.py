@@ -59,7 +59,7 @@ def with_hidden(radiance: SpectralImage, alphas: Sequence[np.ndarray], depths_mm
         if number == len(alphas) - 1:
             depth_mm = np.where(alpha > 0, depth_mm, np.inf)
             alpha = np.ones_like(alpha)
-        layers.append(_continued(light(number), alpha, depth_mm, hidden, usual))
+        layers.append(_continued(light(number), alpha, depth_mm, hidden, usual, radiance.detail))
         clear *= 1 - alphas[number]
     return LayeredRadiance(tuple(layers), radiance.wavelengths_nm, radiance.grid, radiance.focal_mm, radiance.exposure)
 
@@ -76,7 +76,7 @@ def _finite(plane):
     return np.nan_to_num(plane, posinf=0.0, neginf=0.0)
 
 
-def _continued(light, alpha, depth_mm, hidden, usual):
+def _continued(light, alpha, depth_mm, hidden, usual, detail):
     """A layer that continues where it is hidden, cropped to the covered area."""
     dilated = scipy.ndimage.binary_dilation(hidden, NEIGHBOURS)  # colours at its edge are mixed with the nearer layer's
     weight = np.where(hidden if dilated.all() else dilated, 0, usual)
@@ -94,7 +94,7 @@ def _continued(light, alpha, depth_mm, hidden, usual):
         light = (np.where(into, filled(_finite(plane) * usual, weight) / divisor, plane) for plane in light)
     planes = [plane[rows, columns] for plane in light]
     return Layer(np.array(planes), alpha[rows, columns].copy(), depth_mm[rows, columns].copy(),
-                 (rows.start, columns.start))
+                 (rows.start, columns.start), detail and detail.even_in(into).within(rows, columns))
 
 
 def filled(plane: np.ndarray, weight: np.ndarray) -> np.ndarray:

@@ -83,6 +83,10 @@ class Detail:
         shares[:, *self._parts(rows, columns)] = self.shares
         return replace(self, shares=shares)
 
+    def even_in(self, pixels: np.ndarray) -> "Detail":
+        """The detail without that of some pixels: bool array (row, column)."""
+        return replace(self, shares=np.where(split_pixels(pixels, self.times), np.float16(1), self.shares))
+
     def split(self, picture: np.ndarray, wavelength_nm: float) -> np.ndarray:
         """A picture (row, column) at a wavelength with each pixel split into its parts: float32 array (times * row,
         times * column)."""

@@ -6,6 +6,7 @@ import pytest
 from flat_depth import flat_depth_mm
 from lensfield.engine.depth.hidden import filled, layers_of_picture
 from lensfield.engine.image.spectral_image import SpectralImage
+from lensfield.engine.image.supersampling import split_pixels
 
 NM = (450.0, 550.0, 650.0)
 
@@ -149,3 +150,18 @@ def test_filling_averages_by_weight():
     """One pixel with weight 1 and three with weight 1/3 around an unknown pixel."""
     plane = np.array([[1, 2], [2, 0]], np.float32)
     assert filled(plane, np.array([[1, 1 / 3], [1 / 3, 0]]))[1, 1] == pytest.approx((1 + 4 / 3) / (5 / 3))
+
+
+def test_layers_have_the_detail_of_their_picture_where_it_is_visible():
+    """A card in front of a wall, off-centre; the wall continues behind the card without the card's detail."""
+    shape, times = (14, 19), 2
+    slab = np.ones(shape, int)
+    slab[3:8, 5:12] = 0
+    fine = np.random.default_rng(3).gamma(2, 1, (1, *(times * n for n in shape))).astype(np.float32)
+    picture = SpectralImage(fine, [550.0], pitch_um=2.0).coarser(times)
+    card, wall = layers_of_picture(picture, np.where(slab == 0, 500.0, 4000.0), slab, 2).layers
+    assert card.origin_px == (3, 5) and wall.origin_px == (0, 0)
+    np.testing.assert_array_equal(card.detail.shares, picture.detail.shares[:, 6:16, 10:24])
+    hidden = split_pixels(slab == 0, times)
+    np.testing.assert_array_equal(wall.detail.shares[0][~hidden], picture.detail.shares[0][~hidden])
+    assert np.all(wall.detail.shares[0][hidden] == 1)
