@@ -5,7 +5,8 @@ import bpy
 
 def single_shader(data_block, shader_type, output_type, colour):
     """Give a data-block without nodes the node tree that its colour is equivalent to."""
-    data_block.use_nodes = True
+    if hasattr(data_block, "use_nodes"):  # Blender 6.0 removes it, because every tree is in use
+        data_block.use_nodes = True
     tree = data_block.node_tree
     tree.nodes.clear()
     shader = tree.nodes.new(shader_type)

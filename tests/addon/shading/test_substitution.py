@@ -1,11 +1,14 @@
 """Colours become spectra: radiance against closed forms, with spectra evaluated by hand from their files."""
 
+from types import SimpleNamespace
+
 import bpy
 import numpy as np
 import pytest
 
 from lensfield.addon.job.bands import passes
 from lensfield.addon.scene.errors import SceneError
+from lensfield.addon.shading.wiring import single_shader
 from lensfield.engine.pictures.spectral_exr import read_exr
 from lensfield.engine.spectral.spectra import LIBRARY, emission_basis, reflectance_basis, white_density
 from noise import ROUNDING
@@ -236,6 +239,15 @@ def test_material_and_world_without_nodes_are_upsampled(scene, tmp_path):
     wall(scene, painted)
     expected = (reflectance_basis(NM) @ (0.7, 0.3, 0.05)) * (emission_basis(NM) @ (0.2, 0.6, 0.4))
     np.testing.assert_allclose(radiance_on_axis(scene, tmp_path), expected, rtol=ROUNDING)
+
+
+def test_blocks_without_use_nodes_get_their_shader(scene):
+    """As of Blender 6.0, which removes the property."""
+    block = SimpleNamespace(node_tree=material("Paint", "ShaderNodeBsdfDiffuse", (0, 0, 0))[0].node_tree)
+    single_shader(block, "ShaderNodeEmission", "ShaderNodeOutputMaterial", (0.7, 0.3, 0.05, 1))
+    shader, output = block.node_tree.nodes
+    assert shader.inputs["Color"].default_value[:3] == pytest.approx((0.7, 0.3, 0.05))
+    assert output.inputs["Surface"].links[0].from_node == shader
 
 
 def test_lamp_temperature_keeps_the_lamps_nodes(scene, tmp_path):
