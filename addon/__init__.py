@@ -26,6 +26,7 @@ from .ui import (
     operators,
     panels,
     plan_line,
+    preferences,
     preview,
     properties,
     sheets,
@@ -40,7 +41,7 @@ __all__ = ["Animation", "RenderRequest", "apply_lens", "check_next_to_frames", "
            "set_blend_folder", "preflight", "register", "render_animation", "render_through_lens", "source_digest",
            "take_session", "unregister"]
 
-_MODULES = (properties, operators, animation, another_lens, preview, compositor_panel, panels, lint_panel,
+_MODULES = (properties, preferences, operators, animation, another_lens, preview, compositor_panel, panels, lint_panel,
             spectra_panels, trust_panel, flamenco)
 _CLASSES = [cls for module in _MODULES for cls in module.classes]
 for _operator in (cls for cls in _CLASSES if issubclass(cls, bpy.types.Operator)):

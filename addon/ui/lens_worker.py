@@ -17,7 +17,7 @@ from ...engine.runtime.files import stamp_of
 from ..scene.lens_cache import load_lens, loaded_lens
 from ..scene.lens_facts import LensFacts, lens_facts
 from ..scene.rings import rings_for
-from . import window_render
+from .areas import redraw_panels
 from .session import session
 
 TICK_S = 0.2
@@ -148,7 +148,7 @@ def _ask(scene, question):
 def _tick():
     """Redraw the panels while lenses are being baked; returns seconds until the next call, or None."""
     finished = all(request.future.done() for request in _requests.values())
-    window_render.redraw_panels()
+    redraw_panels()
     return None if finished else TICK_S
 
 

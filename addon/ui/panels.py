@@ -23,13 +23,14 @@ from .another_lens import draw_another_lens
 from .compositor_panel import draw_compositor, draw_shown
 from .lens_worker import lens_request, requested_lens
 from .lint_panel import draw_check
+from .panel_pictures import draw_picture
 from .plan_line import plan_text
 from .preview import draw_preview
 from .previews import growing_preview, sheet_preview
 from .properties import SETTINGS
 from .session import session
 from .sheets import drawn_sheet, stored_sheet
-from .text_wrap import PANEL_MARGINS, draw_wrapped, region_widgets
+from .text_wrap import draw_wrapped
 from .trust_panel import draw_named_files
 
 LENS_PICTURE, OFFERED_PICTURE = 6, 8  # widgets
@@ -189,7 +190,7 @@ def _draw_last(layout):
     """Draw the picture of the last render and its report, with file names instead of complete paths."""
     image = session.last_render.lens_image
     if image and (picture := Result.from_file(image, "lens_image").after).is_file():
-        _draw_picture(layout, picture)
+        draw_picture(layout, growing_preview, picture)
         layout.operator("lensfield.show_picture", icon="IMAGE_DATA")
     column = layout.column(align=True)
     for line in session.last_render.lines:
@@ -202,28 +203,20 @@ def _draw_under_way(layout, row, render):
     row.operator("lensfield.cancel", text="", icon="CANCEL")
     draw_wrapped(layout.column(align=True), render.label)
     if render.picture.is_file():
-        _draw_picture(layout, render.picture)
-
-
-def _draw_picture(layout, path):
-    try:
-        layout.template_icon(icon_value=growing_preview(path).icon_id, scale=_picture_scale())
-    except InputError as error:
-        draw_wrapped(layout, str(error), "ERROR")
+        draw_picture(layout, growing_preview, render.picture)
 
 
 def _draw_sheet(layout, scene):
     """Draw the lens sheet at the current focus and f-stop."""
     try:
         path = _sheet(scene)
-        preview = sheet_preview(path) if path else None
     except InputError as error:
         draw_wrapped(layout, str(error), "ERROR")
         return
-    if preview is None:
+    if not path:
         draw_wrapped(layout, "The sheet appears once the lens is baked", "INFO")
         return
-    layout.template_icon(icon_value=preview.icon_id, scale=_picture_scale())
+    draw_picture(layout, sheet_preview, path)
     layout.operator("lensfield.show_sheet", icon="IMAGE_DATA")
 
 
@@ -234,11 +227,6 @@ def _sheet(scene):
         return name and stored
     lens = requested_lens(scene)
     return lens and drawn_sheet(lens)
-
-
-def _picture_scale():
-    """The scale at which a square icon is as wide as the panel, in Blender's widgets."""
-    return max(1, region_widgets() - PANEL_MARGINS)
 
 
 def _draw_wavelengths(layout, scene):

@@ -13,9 +13,9 @@ from ..job.job import denoises
 from ..job.radiance import detail_bytes, pass_bytes
 from ..job.sampled_passes import detail_times, possible_detail_times
 from ..scene.camera import frame_capture, frame_px, lens_for_view
+from .areas import areas
 from .lint_panel import checked_settings
 from .session import session
-from .window_render import areas
 
 TICK_S = 0.1
 

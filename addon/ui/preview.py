@@ -23,7 +23,11 @@ from ..scene.camera import frame_px, view_tangents
 from ..scene.compositor import show_file
 from ..scene.requirements import check_scene
 from ..scene.rings import rings_for, scene_iris
-from . import focus_overlay, preview_overlay, window_render
+from . import focus_overlay, preview_overlay
+from .areas import areas, image_editors, tool_in_use
+from .panel_pictures import draw_picture
+from .preferences import IN_CAMERA, IN_PANEL, preview_place
+from .previews import small_picture
 from .properties import lens_title
 from .session import session
 from .text_wrap import draw_wrapped
@@ -56,6 +60,7 @@ class Preview:
     radiance: Path | None = None
     facts: list = field(default_factory=list)
     error: str = ""
+    announced: str = ""  # the last `waiting_for` that the windows show
 
     @property
     def picture(self):
@@ -75,6 +80,14 @@ class Preview:
     def same_scene(self):
         """Whether only the lens, or its focus and f-stop, has changed since the last render."""
         return self.other_s is None
+
+    @property
+    def waiting_for(self):
+        """What the first picture waits for, as text; "" once it exists."""
+        if self.picture.is_file() or self.error:
+            return ""
+        label, fraction = (self.child.status.get(name) for name in ("label", "fraction"))
+        return f"Lensfield Preview: {label} {fraction:.0%}" if label else "Lensfield Preview: starting"
 
     @property
     def depth(self):
@@ -123,7 +136,7 @@ def switch_off(why=""):
     end()
     session.preview_failure = why
     if image := bpy.data.images.get(NAME):
-        for editor in _image_editors():
+        for editor in image_editors():
             if editor.image == image:
                 editor.image = bpy.data.images.get("Render Result")
         bpy.data.images.remove(image)
@@ -146,6 +159,9 @@ def tick():
         _redraw()
     if not preview.job and _may_work(scene):
         _ask_next(preview, scene)
+    if preview.announced != preview.waiting_for:
+        preview.announced = preview.waiting_for
+        _redraw()
     return TICK_S
 
 
@@ -167,7 +183,7 @@ def _may_work(scene):
     the file names only trusted files (appended data may name others)."""
     windows = bpy.context.window_manager.windows
     return (session.render is None and not bpy.app.is_job_running("RENDER")
-            and not any(len(window.modal_operators) for window in windows)
+            and not tool_in_use()
             and (not windows or windows[0].scene == scene) and not named_files())
 
 
@@ -251,17 +267,36 @@ def _show(preview, scene, path):
     image = show_file(bpy.data.images.get(NAME), str(path), NAME)
     image.save_render(str(preview.picture), scene=scene)
     preview_overlay.forget_picture()
-    for editor in () if preview.radiance else _image_editors():
+    for editor in () if preview.radiance else image_editors():
         if editor.image is None or editor.image.type == "RENDER_RESULT":
             editor.image = image
 
 
-def _image_editors():
-    return [area.spaces.active for area in window_render.areas("IMAGE_EDITOR")]
+def _is_visible():
+    """Whether a window has a place for the preview."""
+    return any(map(shows_camera, areas("VIEW_3D"))) or any(
+        editor.image and editor.image.name == NAME for editor in image_editors())
+
+
+def shows_camera(viewport):
+    """Whether a 3D viewport, an area, shows what overlays the camera's view."""
+    space = viewport.spaces.active
+    return space.region_3d.view_perspective == "CAMERA" and space.overlay.show_overlays
+
+
+def look_through_camera(context):
+    """Turn a 3D viewport of the window to the camera's view, unless one shows it already: the operator's own viewport,
+    or the largest."""
+    viewports = [area for area in context.window.screen.areas if area.type == "VIEW_3D"]
+    if viewports and not any(map(shows_camera, viewports)):
+        chosen = context.area if context.area in viewports else max(
+            viewports, key=lambda area: area.width * area.height)
+        chosen.spaces.active.region_3d.view_perspective = "CAMERA"
+        chosen.spaces.active.overlay.show_overlays = True
 
 
 def _redraw():
-    for area in window_render.areas("PROPERTIES", "VIEW_3D", "IMAGE_EDITOR"):
+    for area in areas("PROPERTIES", "VIEW_3D", "IMAGE_EDITOR"):
         area.tag_redraw()
 
 
@@ -325,12 +360,16 @@ def draw_preview(layout):
     row.operator("lensfield.focus_overlay", text="", icon="OVERLAY", depress=session.focus_overlay)
     if session.focus_overlay:
         draw_wrapped(layout, focus_overlay.LEGEND, "OVERLAY")
+    if preview_place() == IN_PANEL and preview.picture.is_file():
+        draw_picture(layout, small_picture, preview.picture)
     for line in _status(preview):
         draw_wrapped(layout, line)
 
 
 def _status(preview):
     """Lines about the current picture and the running job."""
+    if preview_place() == IN_CAMERA and not _is_visible():
+        yield "Not visible: view the scene through its camera (Numpad 0), with Viewport Overlays on"
     yield from preview.facts
     if preview.error:
         yield preview.error
@@ -341,8 +380,8 @@ def _status(preview):
 
 
 class LENSFIELD_OT_preview(bpy.types.Operator):
-    """Show a small version of the lens image in the camera's view of the 3D viewport and in Image Editors, rendered in
-    the background from a copy of the file and updated when the scene or the lens changes"""
+    """Look through the camera, and show a small version of the lens image there and in Image Editors, rendered in the
+    background from a copy of the file and updated when the scene or the lens changes"""
 
     bl_idname = "lensfield.preview"
     bl_label = "Preview"
@@ -356,6 +395,8 @@ class LENSFIELD_OT_preview(bpy.types.Operator):
         except (InputError, OSError) as error:
             self.report({"ERROR"}, one_line(error))
             return {"CANCELLED"}
+        if context.window and preview_place() == IN_CAMERA:
+            look_through_camera(context)
         return {"FINISHED"}
 
 

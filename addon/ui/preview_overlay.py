@@ -10,8 +10,11 @@ from bpy_extras.view3d_utils import location_3d_to_region_2d
 from mathutils import Vector
 
 from . import focus_overlay
+from .preferences import IN_CAMERA, preview_place
 from .previews import open_png
 from .session import CameraOverlay, session
+
+FONT, TEXT_PX = 0, 13
 
 
 def start():
@@ -35,7 +38,8 @@ def forget_picture():
 def _draw():
     preview, space, view = session.preview, bpy.context.space_data, bpy.context.region_data
     if (view.view_perspective != "CAMERA" or bpy.context.scene.session_uid != preview.scene_uid
-            or space.camera != bpy.context.scene.camera or not space.overlay.show_overlays or not preview.tangents):
+            or space.camera != bpy.context.scene.camera or not space.overlay.show_overlays or not preview.tangents
+            or preview_place() != IN_CAMERA):
         return
     corners = [location_3d_to_region_2d(bpy.context.region, view, corner)
                for corner in frame_corners(space.camera, preview.tangents)]
@@ -45,8 +49,25 @@ def _draw():
         if session.overlay.texture is None:
             session.overlay.texture = _texture(_pixels(preview.picture))
         _draw_between(corners, session.overlay.texture)
+    if text := preview.waiting_for:
+        _draw_text(corners, text)
     if session.focus_overlay and preview.same_scene:
         _draw_tints(corners, focus_overlay.focus_tints(bpy.context.scene, preview.depth))
+
+
+def _draw_text(corners, text):
+    """Draw a line at the upper left of the frame, with a shadow that makes it legible on any background."""
+    import blf
+
+    scale = bpy.context.preferences.system.ui_scale
+    (left, _), (_, top) = corners
+    blf.size(FONT, TEXT_PX * scale)
+    blf.color(FONT, 1, 1, 1, 1)
+    blf.enable(FONT, blf.SHADOW)
+    blf.shadow(FONT, 5, 0, 0, 0, 1)
+    blf.position(FONT, left + TEXT_PX * scale, top - 2 * TEXT_PX * scale, 0)
+    blf.draw(FONT, text)
+    blf.disable(FONT, blf.SHADOW)
 
 
 def _draw_tints(corners, tints):

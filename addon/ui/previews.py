@@ -44,6 +44,11 @@ def growing_preview(path):
     return _preview("growing", path)
 
 
+def small_picture(path):
+    """The ImagePreview of the preview's picture, which replaces the last one; otherwise like `sheet_preview`."""
+    return _preview("small", path)
+
+
 def _preview(name, path):
     previews, file = _previews(), (str(path), stamp_of(path))
     if _loaded.get(name, ())[:1] != (file,):

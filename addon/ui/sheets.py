@@ -15,7 +15,7 @@ from ...engine.library import has_rings
 from ...engine.runtime import cache
 from ...engine.runtime.files import atomic_path
 from ..job.child import work_folder
-from . import window_render
+from .areas import redraw_panels
 
 TICK_S = 0.2
 KIND, MOST_BYTES = "sheets", 2**26
@@ -85,7 +85,7 @@ def _draw_soon(lens):
 def _tick():
     finished = all(drawing.done() for drawing in _sheets.values())
     if finished:
-        window_render.redraw_panels()
+        redraw_panels()
     return None if finished else TICK_S
 
 

@@ -3,8 +3,8 @@
 import bpy
 
 from ..job.named_files import named_files, trust_named_files
+from .areas import redraw_panels
 from .text_wrap import draw_wrapped
-from .window_render import redraw_panels
 
 MOST_SHOWN = 20
 WORDS = {"lens": "Lens", "spectrum": "Spectrum", "output": "Output folder"}

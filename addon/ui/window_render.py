@@ -31,8 +31,11 @@ from ..scene.compositor import (
     laid_fingerprint,
     lay_into_compositor,
     lens_image,
+    show_file,
 )
 from ..scene.requirements import check_scene
+from .areas import image_editors, redraw_panels, tool_in_use
+from .render_display import open_as_render
 from .session import LastRender, session
 
 TICK_S = 0.1
@@ -182,6 +185,8 @@ def _finish(render):
     outcome = render.child.status
     _lay(render)
     newest = next(map(Path, reversed(render.child.lens_images)), None)
+    if newest and not render.to_compositor:
+        open_as_render(lambda: show_file(bpy.data.images.get(newest.name), str(newest), newest.name), _show)
     if render.to_compositor and render.child.lens_images and _scene(render) is None:
         render.remarks.append(f"scene {render.scene_name!r} is no longer open: its compositor is unchanged")
     with render.folder:
@@ -229,34 +234,23 @@ def _lay(render):
         return
     if first:  # one undo step for the first of many frames: a step for each would use up the undo history
         _remember_for_undo()
-    _show(scene)
+    _show(lens_image(scene))
+    if first:
+        open_as_render(lambda: lens_image(scene) if (scene := _scene(render)) else None, _show)
 
 
 def _remember_for_undo():
     """Push an undo step for this change; not during a transform or a stroke, where Blender pushes the steps."""
-    windows = bpy.context.window_manager.windows
-    if not bpy.app.background and not any(len(window.modal_operators) for window in windows):
-        with bpy.context.temp_override(window=windows[0]):
+    if not bpy.app.background and not tool_in_use():
+        with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
             bpy.ops.ed.undo_push(message="Lens Image to Compositor")
 
 
-def _show(scene):
-    """Show the lens image, frame by frame, in image editors that showed Blender's render."""
-    for editor in (area.spaces.active for area in areas("IMAGE_EDITOR")):
+def _show(image):
+    """Show a lens image in image editors that showed Blender's render; one in a compositor follows the frames."""
+    scene = next((scene for scene in bpy.data.scenes if lens_image(scene) == image), None)
+    for editor in image_editors():
         if editor.image and editor.image.type == "RENDER_RESULT":
-            editor.image = lens_image(scene)
-        if editor.image == lens_image(scene):
+            editor.image = image
+        if scene and editor.image == image:
             follow_frames(scene, editor.image_user)
-
-
-def redraw_panels():
-    """Redraw the panels, which do not follow the progress by themselves."""
-    for area in areas("PROPERTIES", "VIEW_3D"):
-        for region in area.regions:
-            if area.type == "PROPERTIES" or region.type == "UI":
-                region.tag_redraw()
-
-
-def areas(*types):
-    """The areas of these types, in all windows."""
-    return [area for window in bpy.context.window_manager.windows for area in window.screen.areas if area.type in types]

@@ -127,6 +127,49 @@ def preview():
     return [number, folder]
 
 
+def preview_from_any_view():
+    """One click on Preview turns the viewport to the camera, unless the user prefers the picture in the panel."""
+    yield from open_sample(samples=64, percentage=100)
+    view = area("VIEW_3D").spaces.active
+    view.region_3d.view_perspective, view.overlay.show_overlays = "PERSP", False
+    yield from start("preview")
+    assert view.region_3d.view_perspective == "CAMERA" and view.overlay.show_overlays
+    yield from until(lambda: preview_under_way().child.status.get("label"))
+    yield DRAW_S
+    shoot("waiting")
+    yield from until(preview_is_fresh)
+    yield DRAW_S
+    shoot("arrived")
+    yield from start("preview")
+    preferences = bpy.context.preferences.addons[MODULE].preferences
+    view.region_3d.view_perspective, preferences.preview_place = "PERSP", "PANEL"
+    yield from start("preview")
+    yield from until(preview_is_fresh)
+    yield DRAW_S
+    shoot("in-the-panel")
+    assert view.region_3d.view_perspective == "PERSP"
+
+
+def opens_as_f12():
+    """A finished render opens where the preferences let Blender show its own, or nowhere."""
+    yield from open_sample(samples=1)
+    window_manager, lens_image = bpy.context.window_manager, sys.modules[f"{MODULE}.addon.scene.compositor"].lens_image
+    for place, windows in (("NONE", 1), ("AREA", 1), ("SCREEN", 1), ("WINDOW", 2)):
+        bpy.context.preferences.view.render_display_type = place
+        yield from render()
+        yield 1
+        shoot(place.lower())
+        images = [each.spaces.active.image for window in window_manager.windows for each in window.screen.areas
+                  if each.type == "IMAGE_EDITOR"]
+        assert len(window_manager.windows) == windows
+        assert (lens_image(bpy.context.scene) in images) == (place != "NONE"), (place, images)
+        if place in ("AREA", "SCREEN"):
+            with over("IMAGE_EDITOR"):
+                bpy.ops.render.view_cancel()  # as Esc does
+        yield DRAW_S
+    close_other_windows()
+
+
 def depth():
     """Sharp and blurred: the focus overlay follows the rings immediately, and a render continues during an undo."""
     yield from open_sample(samples=16, percentage=100)

@@ -14,6 +14,7 @@ from lensfield import addon
 from lensfield.addon.scene import rings
 from lensfield.addon.scene.compositor import compositing_tree
 from lensfield.addon.ui import preview
+from lensfield.addon.ui.preferences import IN_PANEL
 from lensfield.addon.ui.preview_overlay import frame_corners
 from lensfield.addon.ui.properties import lens_title
 from lensfield.addon.ui.session import session
@@ -69,6 +70,36 @@ def test_the_preview_shows_the_scene_without_changing_it(ready_scene):
     assert child.ended and not folder.exists() and not bpy.app.timers.is_registered(preview.tick)
     assert not any(handler in getattr(bpy.app.handlers, name) for name, handler in preview._HANDLERS.items())
     assert not differences(before, snapshot())
+
+
+@pytest.fixture
+def viewport():
+    """A 3D viewport that looks elsewhere, without overlays."""
+    area = next(area for area in bpy.context.window.screen.areas if area.type == "VIEW_3D")
+    area.spaces.active.region_3d.view_perspective, area.spaces.active.overlay.show_overlays = "PERSP", False
+    return area
+
+
+@pytest.mark.one_blender
+def test_one_click_turns_a_viewport_to_the_camera(ready_scene, viewport):
+    assert not preview.shows_camera(viewport)
+    assert bpy.ops.lensfield.preview() == {"FINISHED"}
+    assert preview.shows_camera(viewport)
+    assert on().waiting_for == "Lensfield Preview: starting" and "Not visible" not in shown()
+    follow()
+    assert on().waiting_for == ""
+    viewport.spaces.active.region_3d.view_perspective = "PERSP"
+    assert "Not visible: view the scene through its camera" in shown()
+
+
+@pytest.mark.one_blender
+def test_the_preview_can_appear_in_the_panel_instead(ready_scene, viewport, monkeypatch):
+    monkeypatch.setattr(preview, "preview_place", lambda: IN_PANEL)
+    assert bpy.ops.lensfield.preview() == {"FINISHED"}
+    follow()
+    assert not preview.shows_camera(viewport)
+    preview.draw_preview(layout := Layout())
+    assert "picture" in layout.shown and not any("Not visible" in label for label in layout.labels)
 
 
 def test_an_edit_refreshes_the_preview_and_a_selection_does_not(ready_scene):
