@@ -41,11 +41,11 @@ class RenderRequest:
         "", name="Lens", metavar="NAME|FILE", recorded=False,
         text="A bundled lens, a lens package, or a prescription")
     view: str = setting(
-        VIEWS[0], name="View", text="Field of view of the lens image", panel="", recorded=False,
-        choices={VIEWS[0]: ("The Lens's", "The lens's field of view on its own sensor; Match Camera to Lens "
-                                          "shows it beforehand"),
-                 VIEWS[1]: ("The Camera's", "The field of view of the scene's camera. The lens and its blur are scaled "
-                                            "to it, as is the focus distance if the camera does not set it")})
+        VIEWS[0], name="Field of View", text="Field of view of the lens image", panel="", recorded=False,
+        choices={VIEWS[0]: ("Lens", "The lens's field of view on its own sensor; Match Camera to Lens shows it "
+                                    "beforehand"),
+                 VIEWS[1]: ("Camera", "The field of view of the scene's camera. The lens and its blur are scaled to "
+                                      "it, as is the focus distance if the camera does not set it")})
     depth: str = setting(
         AUTO, name="Depth", text="How out-of-focus light is blurred", panel="",
         choices={AUTO: ("As Needed", "In layers of depth that are rendered separately, if the scene is deeper than "

@@ -20,6 +20,8 @@ from .ui import (
     animation,
     another_lens,
     compositor_panel,
+    favourites,
+    fixes,
     flamenco,
     lens_worker,
     lint_panel,
@@ -41,8 +43,8 @@ __all__ = ["Animation", "RenderRequest", "apply_lens", "check_next_to_frames", "
            "set_blend_folder", "preflight", "register", "render_animation", "render_through_lens", "source_digest",
            "take_session", "unregister"]
 
-_MODULES = (properties, preferences, operators, animation, another_lens, preview, compositor_panel, panels, lint_panel,
-            spectra_panels, trust_panel, flamenco)
+_MODULES = (properties, preferences, favourites, fixes, operators, animation, another_lens, preview, compositor_panel,
+            panels, lint_panel, spectra_panels, trust_panel, flamenco)
 _CLASSES = [cls for module in _MODULES for cls in module.classes]
 for _operator in (cls for cls in _CLASSES if issubclass(cls, bpy.types.Operator)):
     _operator.bl_description = " ".join(_operator.__doc__.split())  # tooltips show line breaks

@@ -176,7 +176,7 @@ def _of_camera(scene, job):
     matching_mm = matching_focal_length_mm(scene, job.lens)
     if abs(matching_mm / camera.lens - 1) > SAME_VIEW:
         yield Remark("Focal Length", f"{camera.lens:.3g} mm", f"the lens's view matches {matching_mm:.3g} mm",
-                     "press Match Camera to Lens, or set View to The Camera's")
+                     "press Match Camera to Lens, or set Field of View to Camera")
 
 
 def _of_pixels(scene):

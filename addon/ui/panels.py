@@ -1,7 +1,7 @@
 """The Lensfield panel: in the render properties, the camera properties and the sidebar of the 3D view.
 
-From the top: the lens, its view, the cost of a render, the buttons, and the result of the last render. The other
-settings are in subpanels, closed by default.
+From the top, always in the same places: the lens, its focus and f-stop, the buttons, and the status. Everything else
+is in subpanels, closed by default.
 """
 
 import os
@@ -21,13 +21,15 @@ from ..scene.rings import FEWEST_BLADES
 from .animation import draw_animation
 from .another_lens import draw_another_lens
 from .compositor_panel import draw_compositor, draw_shown
+from .favourites import draw_favourite
+from .fixes import draw_refusal
 from .lens_worker import lens_request, requested_lens
 from .lint_panel import draw_check
 from .panel_pictures import draw_picture
 from .plan_line import plan_text
-from .preview import draw_preview
+from .preview import draw_preview, draw_preview_status
 from .previews import growing_preview, sheet_preview
-from .properties import SETTINGS
+from .properties import SETTINGS, lens_title
 from .session import session
 from .sheets import drawn_sheet, stored_sheet
 from .text_wrap import draw_wrapped
@@ -43,16 +45,20 @@ def draw_settings(layout, scene):
     if named := named_files():
         draw_named_files(layout, named)
         if scene.lensfield.lens == FROM_FILE:
-            layout.prop(scene.lensfield, "matching_lens", text="Other Lens")
+            layout.prop(scene.lensfield, "lens", text="Other Lens")
         if session.render:
-            _draw_under_way(layout, layout.row(align=True), session.render)
+            _draw_progress(layout, session.render)
+            _draw_stage(layout, session.render)
         return
     _draw_lens(layout, scene)
     _draw_rings(layout, scene)
-    layout.prop(scene.lensfield, "depth")
-    _draw_camera(layout, scene)
-    _draw_plan(layout, scene)
-    _draw_render(layout, scene)
+    _draw_buttons(layout, scene)
+    _draw_status(layout, scene)
+    _draw_notes(layout, scene)
+    header, body = layout.panel("lensfield_notice")
+    header.label(text="Last Render", icon=session.last_render.icon if session.last_render.lines else "NONE")
+    if body:
+        _draw_last(body)
     for name, title, draw in _PARTS:
         header, body = layout.panel(f"lensfield_{name}", default_closed=True)
         header.label(text=title)
@@ -61,81 +67,134 @@ def draw_settings(layout, scene):
 
 
 def _draw_lens(layout, scene):
-    """Draw the lens: its picture, its name, the search words, and its file."""
+    """Draw the lens: its picture or file, its name, which opens a search, and its main figures."""
     settings = scene.lensfield
-    if settings.lens != FROM_FILE:
-        layout.template_icon_view(settings, "matching_lens", show_labels=True, scale=LENS_PICTURE,
-                                  scale_popup=OFFERED_PICTURE)
-    row = layout.row(align=True)
-    row.prop(settings, "matching_lens", text="")
-    row.operator("lensfield.search_lens", text="", icon="VIEWZOOM")
-    layout.prop(settings, "lens_words")
     if settings.lens == FROM_FILE:
         layout.prop(settings, "lens_file")
+    else:
+        layout.template_icon_view(settings, "lens", show_labels=True, scale=LENS_PICTURE,
+                                  scale_popup=OFFERED_PICTURE)
+    row = layout.row(align=True)
+    row.operator("lensfield.search_lens", text=lens_title(settings.lens_text()) or "Choose Lens", icon="VIEWZOOM")
+    draw_favourite(row, settings.lens)
+    facts = _facts(scene)
+    layout.label(text=_figures(*facts) if facts else "")
+
+
+def _facts(scene):
+    """LensFacts, their scale in this scene, and the sensor's sides in mm; None without them."""
+    facts = lens_request(scene).facts if scene.camera and scene.lensfield.lens_text() else None
+    try:
+        return facts and (facts, *size_for_view(scene, facts, scene.lensfield.view.lower()))
+    except InputError:  # `_draw_status` shows it
+        return None
+
+
+def _figures(facts, factor, sensor_mm):
+    """Focal length, f-number and sensor of a lens, as photographers write them."""
+    return "{:.3g} mm \u00b7 f/{:.3g} \u00b7 {:.3g} \u00d7 {:.3g} mm".format(
+        facts.efl_mm * factor, facts.f_number, *sensor_mm)
 
 
 def _draw_rings(layout, scene):
-    """Draw the camera settings that control the lens: focus, f-stop and iris blades."""
+    """Draw focus and f-stop: the camera's Depth of Field, which controls lenses with rings."""
     camera, name = scene.camera, scene.lensfield.lens_name_or_path()
-    if camera is None or camera.type != "CAMERA" or not has_rings(name):
+    if camera is None or camera.type != "CAMERA":
         return
+    column = layout.column(align=True)
+    column.active = has_rings(name)
     dof = camera.data.dof
-    row = layout.row()
+    row = column.row()
     row.use_property_split = False  # to leave room for the long label
-    row.prop(dof, "use_dof", text="Focus and F-Stop from Camera")
-    if dof.use_dof:
-        column = layout.column(align=True)
-        column.prop(dof, "focus_object", text="Focus on")
-        if dof.focus_object is None:
-            column.prop(dof, "focus_distance")
-        column.prop(dof, "aperture_fstop", text="F-Stop")
-        column.prop(scene.lensfield, "focused_wide_open")
-        blades = layout.column(align=True)
-        blades.prop(dof, "aperture_blades", text="Iris Blades")
-        if dof.aperture_blades >= FEWEST_BLADES:
-            blades.prop(dof, "aperture_rotation", text="Rotation")
-            blades.prop(scene.lensfield, "iris_roundness")
+    row.prop(dof, "use_dof", text="Use Camera's Depth of Field")
+    rings = column.column(align=True)
+    rings.active = dof.use_dof
+    rings.prop(dof, "focus_object", text="Focus on")
+    distance = rings.column()
+    distance.active = dof.focus_object is None
+    distance.prop(dof, "focus_distance", text="Distance")
+    rings.prop(dof, "aperture_fstop", text="F-Stop")
 
 
-def _draw_camera(layout, scene):
-    """Draw the view of the lens, compared with the scene's camera."""
-    if scene.camera is None:
-        draw_wrapped(layout.column(align=True), "The scene has no camera", "ERROR")
-        layout.operator("lensfield.add_camera", icon="CAMERA_DATA")
-        return
-    layout.prop(scene.lensfield, "view")
-    if not scene.lensfield.lens_text():
-        return
-    facts = lens_request(scene).facts
-    if facts is None:  # still loading; `_draw_plan` shows an error if that fails
+def _draw_buttons(layout, scene):
+    """Draw the buttons, with the progress of a running render in place of the main one."""
+    draw_preview(layout)
+    if session.render:
+        _draw_progress(layout, session.render)
+    else:
+        row = layout.row(align=True)
+        row.scale_y = 1.5
+        row.operator("lensfield.render", icon="RENDER_STILL")
+    draw_animation(layout, scene)
+
+
+def _draw_status(layout, scene):
+    """Draw the status: the stage of a running render, the progress of the bake, what a render takes, or why it is
+    refused."""
+    if session.render:
+        _draw_stage(layout, session.render)
         return
     column = layout.column(align=True)
     try:
-        factor, sensor_mm = size_for_view(scene, facts, scene.lensfield.view.lower())
-    except InputError:  # `_draw_plan` shows it, next to the button
+        check_scene(scene)
+        if not scene.lensfield.lens_text():
+            column.label(text="Choose a lens, or a lens file", icon="INFO")
+            return
+        lens, request = requested_lens(scene), lens_request(scene)
+        if lens is None:
+            column.progress(factor=request.fraction, text=request.label)
+        else:
+            draw_wrapped(column, plan_text(scene, lens), "TIME")
+    except InputError as error:
+        draw_refusal(column, error)
+
+
+def _draw_notes(layout, scene):
+    """Draw what the user should know before a render."""
+    draw_preview_status(layout)
+    column = layout.column(align=True)
+    if facts := _facts(scene):
+        for word in facts[0].words:
+            draw_wrapped(column, word, "INFO")
+        if scene.lensfield.view == "LENS" and not _sees_alike(scene, facts[0]):
+            draw_wrapped(column, "Your camera has a different field of view", "INFO")
+            column.operator("lensfield.match_camera", icon="CAMERA_DATA")
+    if scene.cycles.samples >= MANY_SAMPLES:
+        draw_wrapped(column, f"{scene.cycles.samples} samples in each pass may take hours", "ERROR")
+        column.operator("lensfield.sensible_samples", icon="LIGHT_DATA")
+    draw_shown(layout, scene)
+
+
+def _draw_view(layout, scene):
+    """Draw the lens's view, its limits, the treatment of depth, and the iris."""
+    settings, camera = scene.lensfield, scene.camera
+    layout.prop(settings, "view")
+    if facts := _facts(scene):
+        for line in _limits(*facts):
+            draw_wrapped(layout, line)
+    layout.prop(settings, "depth")
+    if camera is None or camera.type != "CAMERA" or not has_rings(settings.lens_name_or_path()):
         return
-    draw_wrapped(column, _lens_text(scene, facts, factor, sensor_mm))
-    for word in facts.words:
-        draw_wrapped(column, word, "INFO")
+    dof = camera.data.dof
+    layout.prop(settings, "focused_wide_open")
+    blades = layout.column(align=True)
+    blades.prop(dof, "aperture_blades", text="Iris Blades")
+    if dof.aperture_blades >= FEWEST_BLADES:
+        blades.prop(dof, "aperture_rotation", text="Rotation")
+        blades.prop(settings, "iris_roundness")
+
+
+def _limits(facts, factor, _):
+    """Lines on the focus of a lens, the range of its rings, and its scale."""
+    yield f"Focused {'at infinity' if isinf(facts.focus_mm) else f'at {facts.focus_mm * factor * 1e-3:.3g} m'}"
+    if facts.reach:
+        widest, highest, closest_mm = facts.reach
+        stops = f"f/{widest:.3g} to f/{highest:.3g}" if highest > widest else f"f/{widest:.3g} only"
+        yield f"{stops}, closest focus {closest_mm * factor * 1e-3:.3g} m"
+    else:
+        yield "Fixed focus and f-stop"
     if factor != 1:
-        draw_wrapped(column, f"Lens and blur scaled {factor:.3g}\u00d7 to fit the camera's field of view", "INFO")
-    elif not _sees_alike(scene, facts):
-        draw_wrapped(column, "Your camera has a different field of view", "INFO")
-        column.operator("lensfield.match_camera", icon="CAMERA_DATA")
-
-
-def _lens_text(scene, facts, factor, sensor_mm):
-    """Focal length, sensor size, focus and f-stop of a lens scaled by `factor`, with their limits, as text."""
-    focus = "at infinity" if isinf(facts.focus_mm) else f"at {facts.focus_mm * factor * 1e-3:.3g} m"
-    text = "{:.3g} mm on {:.3g} \u00d7 {:.3g} mm".format(facts.efl_mm * factor, *sensor_mm)
-    if facts.reach is None:
-        return f"{text}, fixed at f/{facts.f_number:.3g}, focused {focus}"
-    widest, highest, closest_mm = facts.reach
-    if not scene.camera.data.dof.use_dof:
-        return f"{text}, wide open at f/{facts.f_number:.3g}, focused {focus}"
-    stops = f"f/{widest:.3g} to f/{highest:.3g}" if highest > widest else f"f/{widest:.3g} only"
-    return (f"{text} at f/{facts.f_number:.3g}, focused {focus}; range {stops}, closest focus "
-            f"{closest_mm * factor * 1e-3:.3g} m")
+        yield f"Lens and blur scaled {factor:.3g}\u00d7 to match the camera"
 
 
 def _sees_alike(scene, lens):
@@ -147,47 +206,12 @@ def _sees_alike(scene, lens):
     return abs(matching_focal_length_mm(scene, lens) / camera.lens - 1) <= SAME_VIEW
 
 
-def _draw_plan(layout, scene):
-    """Draw the cost of a render, and a warning about many samples."""
-    column = layout.column(align=True)
-    try:
-        if scene.camera:
-            check_scene(scene)
-        if scene.camera and scene.lensfield.lens_text():
-            lens, request = requested_lens(scene), lens_request(scene)
-            if lens is None:
-                column.progress(factor=request.fraction, text=request.label)
-            else:
-                draw_wrapped(column, plan_text(scene, lens), "TIME")
-    except InputError as error:
-        draw_wrapped(column, str(error), "ERROR")
-        return
-    if scene.cycles.samples >= MANY_SAMPLES:
-        draw_wrapped(column, f"{scene.cycles.samples} samples in each pass may take hours", "ERROR")
-        column.operator("lensfield.sensible_samples", icon="LIGHT_DATA")
-
-
-def _draw_render(layout, scene):
-    """Draw the buttons, with the progress of a running render in place of the first, and the last result."""
-    row = layout.row(align=True)
-    row.scale_y = 1.5
-    if session.render:
-        _draw_under_way(layout, row, session.render)
-    else:
-        row.operator("lensfield.render", icon="RENDER_STILL")
-    draw_preview(layout)
-    draw_animation(layout, scene)
-    draw_another_lens(layout)
-    draw_shown(layout, scene)
-    if session.last_render.lines and not session.render:
-        header, body = layout.panel("lensfield_notice")
-        header.label(text="Last Render", icon=session.last_render.icon)
-        if body:
-            _draw_last(body)
-
-
 def _draw_last(layout):
-    """Draw the picture of the last render and its report, with file names instead of complete paths."""
+    """Draw the picture of the last render and its report, with file names instead of complete paths; and the button
+    that applies another lens to it."""
+    draw_another_lens(layout)
+    if session.render:
+        return
     image = session.last_render.lens_image
     if image and (picture := Result.from_file(image, "lens_image").after).is_file():
         draw_picture(layout, growing_preview, picture)
@@ -197,10 +221,17 @@ def _draw_last(layout):
         draw_wrapped(column, line.replace(f"{image.parent}{os.sep}", "") if image else line, "DOT")
 
 
-def _draw_under_way(layout, row, render):
+def _draw_progress(layout, render):
+    """Draw the progress of a running render, and the button that cancels it."""
+    row = layout.row(align=True)
+    row.scale_y = 1.5
     row.progress(factor=render.fraction, text=f"{render.fraction:.0%}")
     row.operator_context = "INVOKE_DEFAULT"  # invoke in this region, not in the 3D view
     row.operator("lensfield.cancel", text="", icon="CANCEL")
+
+
+def _draw_stage(layout, render):
+    """Draw the stage of a running render, and the light so far."""
     draw_wrapped(layout.column(align=True), render.label)
     if render.picture.is_file():
         draw_picture(layout, growing_preview, render.picture)
@@ -277,7 +308,8 @@ def _draw_output(layout, scene):
     draw_compositor(layout, scene)
 
 
-_PARTS = (("sheet", "Lens Sheet", _draw_sheet), ("wavelengths", "Wavelengths and Spectra", _draw_wavelengths),
+_PARTS = (("view", "View and Depth", _draw_view),
+          ("sheet", "Lens Sheet", _draw_sheet), ("wavelengths", "Wavelengths and Spectra", _draw_wavelengths),
           ("quality", "Quality", _draw_quality), ("check", "Scene Check", draw_check),
           ("output", "Output", _draw_output))
 

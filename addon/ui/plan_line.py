@@ -26,7 +26,8 @@ _plans = {}  # Futures of the latest requests, newest last
 
 
 def plan_text(scene, lens):
-    """The cost of rendering a scene by its settings through an unscaled lens, in one line.
+    """The cost of rendering a scene by its settings through an unscaled lens: Cycles passes, then the seconds and the
+    memory that the lens takes.
 
     Does not change the scene and does not block: the engine's part is added once it is computed.
 
@@ -40,21 +41,17 @@ def plan_text(scene, lens):
     lens = lens_for_view(scene, lens, request.view)[0]
     times = _detail_times(scene, request)
     future = _planned(request.options, lens, frame_px(scene), wavelengths_nm, times)
-    known = future.done() and not future.exception()  # otherwise the plan is not ready, or not possible
-    (rows, columns), plan = future.result() if known else (frame_px(scene), None)
-    samples = scene.cycles.samples
-    text = (f"{_passes(scene, len(wavelengths_nm))} \u00b7 {columns} \u00d7 {rows} \u00b7 "
-            f"{samples} sample{'s' * (samples > 1)} \u00b7 "
-            f"{len(wavelengths_nm)} wavelength{'s' * (len(wavelengths_nm) > 1)}")
-    if plan is None:
+    text = _passes(scene, len(wavelengths_nm))
+    if not future.done() or future.exception():  # the plan is not ready, or not possible
         return text
+    (rows, columns), plan = future.result()
     pixels = rows * columns
     light_mb = 4e-6 * pixels * len(wavelengths_nm)
     pass_mb = 1e-6 * pass_bytes(pixels * times**2, 1, denoises(scene, request))
     filter_mb = plan.memory_mb + 1e-6 * splitting_bytes(pixels, times)
     memory_mb = light_mb + 1e-6 * detail_bytes(pixels, times) + max(pass_mb, filter_mb + light_mb)  # and irradiance
     memory = f"{memory_mb / 1e3:.1f} GB" if memory_mb >= 1e3 else f"{memory_mb:.0f} MB"
-    return f"{text}; Lens: {max(plan.seconds, 0.1):.1f} s, {memory}"
+    return f"{text} \u00b7 lens {max(plan.seconds, 0.1):.1f} s \u00b7 {memory}"
 
 
 def _checked(scene):
@@ -80,10 +77,10 @@ def _passes(scene, wavelengths):
     checked = _checked(scene)
     if checked:
         known, slabs = len(checked.plan.bands), checked.slabs
-        return f"{known} Cycles pass{'es' * (known > 1)}" + (f" in {slabs.slabs} slabs of depth" if slabs else "")
+        return f"{known} pass{'es' * (known > 1)}" + (f" in {slabs.slabs} slabs of depth" if slabs else "")
     if tier == "PREVIEW" or most == 1:
-        return "1 Cycles pass"
-    return f"{most} or more Cycles passes" if tier == "REFERENCE" else f"Up to {most} Cycles passes"
+        return "1 pass"
+    return f"{most} or more passes" if tier == "REFERENCE" else f"Up to {most} passes"
 
 
 def _planned(options, lens, frame_shape_px, wavelengths_nm, times):

@@ -17,15 +17,29 @@ class LensfieldPreferences(bpy.types.AddonPreferences):
                                           "in Image Editors"),
                (IN_PANEL, "Panel", "In the Lensfield panel and in Image Editors; no 3D viewport changes")])
 
+    favourite_lenses: bpy.props.StringProperty(options={"HIDDEN"})  # names, separated by spaces
+
     def draw(self, context):
         self.layout.use_property_split = True
         self.layout.prop(self, "preview_place")
 
 
-def preview_place():
-    """Where the preview appears; the default if Lensfield is not enabled as an add-on, as in scripts."""
+def addon_preferences():
+    """The LensfieldPreferences; None if Lensfield is not enabled as an add-on, as in scripts."""
     addon = bpy.context.preferences.addons.get(PACKAGE)
-    return addon.preferences.preview_place if addon else IN_CAMERA
+    return addon.preferences if addon else None
+
+
+def preview_place():
+    """Where the preview appears."""
+    preferences = addon_preferences()
+    return preferences.preview_place if preferences else IN_CAMERA
+
+
+def favourite_lenses():
+    """The names of the user's favourite lenses."""
+    preferences = addon_preferences()
+    return frozenset(preferences.favourite_lenses.split()) if preferences else frozenset()
 
 
 classes = (LensfieldPreferences,)

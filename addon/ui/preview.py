@@ -347,17 +347,23 @@ _HANDLERS = {"depsgraph_update_post": on_update, "frame_change_post": on_frame, 
 
 
 def draw_preview(layout):
-    """Draw the preview's button and, while it is on, its status."""
+    """Draw the preview's button and, while it is on, those of its options."""
     preview = session.preview
     row = layout.row(align=True)
     row.operator("lensfield.preview", icon="HIDE_OFF" if preview else "HIDE_ON", depress=preview is not None)
+    if preview:
+        if preview.slow:
+            row.operator("lensfield.refresh_preview", text="", icon="FILE_REFRESH")
+        row.operator("lensfield.focus_overlay", text="", icon="OVERLAY", depress=session.focus_overlay)
+
+
+def draw_preview_status(layout):
+    """Draw the status of the preview: in the panel its picture, its facts, and why it is off, if it failed."""
+    preview = session.preview
     if preview is None:
         if session.preview_failure:
             draw_wrapped(layout, f"Preview switched off: {session.preview_failure}", "ERROR")
         return
-    if preview.slow:
-        row.operator("lensfield.refresh_preview", text="", icon="FILE_REFRESH")
-    row.operator("lensfield.focus_overlay", text="", icon="OVERLAY", depress=session.focus_overlay)
     if session.focus_overlay:
         draw_wrapped(layout, focus_overlay.LEGEND, "OVERLAY")
     if preview_place() == IN_PANEL and preview.picture.is_file():

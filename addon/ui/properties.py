@@ -2,7 +2,7 @@
 
 import os
 from dataclasses import replace
-from functools import cache, lru_cache, partial
+from functools import cache, partial
 from math import isfinite
 from pathlib import Path
 from zlib import crc32
@@ -13,7 +13,7 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, Po
 from ...engine import Options
 from ...engine.blur import METHODS
 from ...engine.depth.iris import Iris
-from ...engine.library import bundled_lenses, find_bundled
+from ...engine.library import bundled_lenses
 from ...engine.plan.options import AUTO, KNOBS, TIER_ACCURACY
 from ...engine.prescription.readers import READERS
 from ...engine.runtime.setting import settings_of
@@ -26,6 +26,7 @@ from ..job.named_files import FROM_FILE
 from ..scene.compositor import refresh
 from ..scene.trust import check_trusted, trust
 from ..shading.assigned import spectrum_path
+from .preferences import favourite_lenses
 from .previews import lens_picture
 
 DEFAULT_LENS = "tessar-50mm"  # a normal lens for a camera's usual frame, focused far away
@@ -99,9 +100,12 @@ def lens_items(self, context):
 
 @cache
 def offered_lenses():
-    """The lenses to choose from: list of (identifier, name, description, icon, number)."""
-    bundled = [(name, lens.title, f"{lens.maker}: {', '.join(lens.character)}. {lens.story}",
-                lens_picture(name) or "CAMERA_DATA", _lasting_number(name)) for name, lens in bundled_lenses().items()]
+    """The lenses to choose from, favourites first: list of (identifier, name, description, icon, number)."""
+    favourites, lenses = favourite_lenses(), bundled_lenses()
+    bundled = [(name, f"\u2605 {lenses[name].title}" if name in favourites else lenses[name].title,
+                f"{lenses[name].maker}: {', '.join(lenses[name].character)}. {lenses[name].story}",
+                lens_picture(name) or "CAMERA_DATA", _lasting_number(name))
+               for name in sorted(lenses, key=lambda name: name not in favourites)]
     from_file = FROM_FILE, "From File", OWN_LENS, "FILE_FOLDER", _lasting_number(FROM_FILE)
     return [*bundled, from_file]
 
@@ -113,30 +117,15 @@ def searched_lens_items(self, context):
 
 @cache
 def _searched_lenses():
-    search_texts = {name: ", ".join((lens.title, f"{lens.focal_length_mm:g}mm", lens.maker, *lens.character))
-                    for name, lens in bundled_lenses().items()}
-    return [(name, search_texts.get(name, title), *rest) for name, title, *rest in offered_lenses()]
-
-
-def matching_lens_items(self, context):
-    """Like `lens_items`, filtered to lenses that match every word; the chosen lens is always included."""
-    return _matching_lenses(self.lens_words, self.lens)
-
-
-@lru_cache(maxsize=8)
-def _matching_lenses(words, chosen):
-    matches = {chosen, *find_bundled(words.split())} | ({FROM_FILE} if not words.strip() else set())
-    return [item for item in offered_lenses() if item[0] in matches]
+    facts = {name: (f"{lens.focal_length_mm:g}mm", lens.maker, *lens.character)
+             for name, lens in bundled_lenses().items()}
+    return [(name, ", ".join((title, *facts.get(name, ()))), *rest) for name, title, *rest in offered_lenses()]
 
 
 def forget_items():
     """Clear the cached items, which refer to icons."""
-    for items in (offered_lenses, _searched_lenses, _matching_lenses):
+    for items in (offered_lenses, _searched_lenses):
         items.cache_clear()
-
-
-def _choose_lens(settings, number):
-    settings.lens = next(name for name, *_, lens_number in offered_lenses() if lens_number == number)
 
 
 def _choose_path(field):
@@ -192,11 +181,6 @@ class LensfieldSettings(bpy.types.PropertyGroup):
     lens: EnumProperty(
         name="Lens", description="Lens to render through", default=_lasting_number(DEFAULT_LENS),
         items=lens_items)
-    lens_words: StringProperty(
-        name="Find", description="Filter the list to lenses that match every word, such as zeiss, 1936, 50mm, swirl or "
-                                 "soft")
-    matching_lens: EnumProperty(name="Lens", description="Lens to render through", items=matching_lens_items,
-                             get=lambda self: _lasting_number(self.lens), set=_choose_lens)
     lens_file: StringProperty(name="Lens File", description=OWN_LENS, subtype="FILE_PATH", options=BLEND_RELATIVE,
                               update=_choose_path("lens_file"))
     iris_roundness: _property("iris_roundness", settings_of(Iris)["roundness"])

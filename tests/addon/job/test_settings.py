@@ -90,7 +90,7 @@ def test_panels_show_only_relevant_settings(scene, settings, shown):
     either = {"accuracy", "method", "section_size", "azimuths"}
     assert either & set(layout.shown) == shown
     assert ("supersampling" in layout.shown) == (settings.get("tier") == "RESULT")
-    assert {"matching_lens", "tier", "out_of_field", "fireflies", "lensfield.render"} <= set(layout.shown)
+    assert {"lens", "tier", "out_of_field", "fireflies", "lensfield.render"} <= set(layout.shown)
 
 
 def test_a_file_without_an_accuracy_gets_the_default():

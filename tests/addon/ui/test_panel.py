@@ -1,5 +1,7 @@
 """From a new scene to the picture: the panel's options, predictions and fixes."""
 
+from types import SimpleNamespace
+
 import bpy
 import numpy as np
 import pytest
@@ -10,9 +12,11 @@ from lensfield.addon.job.job import folder_for, unsaved_folder
 from lensfield.addon.job.radiance import pass_bytes
 from lensfield.addon.job.remarks import ENOUGH_SAMPLES
 from lensfield.addon.scene.camera import capture_grid
+from lensfield.addon.scene.errors import SceneError
+from lensfield.addon.scene.requirements import check_scene
 from lensfield.addon.ui import lens_worker, lint_panel, plan_line
 from lensfield.addon.ui.panels import draw_settings
-from lensfield.addon.ui.properties import DEFAULT_LENS, matching_lens_items, offered_lenses, searched_lens_items
+from lensfield.addon.ui.properties import DEFAULT_LENS, forget_items, offered_lenses, searched_lens_items
 from lensfield.addon.ui.session import LastRender, session
 from lensfield.engine import Options, load_lens
 from lensfield.engine.image.sampling import Sampling
@@ -57,20 +61,32 @@ def test_lenses_are_listed_by_title():
     assert "Zeiss Tessar 50 mm f/5.5 (1902)" in {title for _, title, *_ in offered_lenses()}
 
 
-@pytest.mark.parametrize("words, names", [("zeiss 1902", {"tessar-50mm"}), ("SWIRL petzval", {"kodak-petzval-100mm"}),
-                                          ("no such lens", set())])
-def test_search_words_filter_the_lens_menu(scene, words, names):
-    scene.lensfield.lens, scene.lensfield.lens_words = "nikkor-28mm", words
-    assert {name for name, *_ in matching_lens_items(scene.lensfield, None)} == names | {"nikkor-28mm"}
-    for name in names:
-        scene.lensfield.matching_lens = name
-        assert scene.lensfield.lens == scene.lensfield.matching_lens == name
+@pytest.fixture
+def preferences(monkeypatch):
+    """The add-on's preferences: Lensfield is not enabled as an add-on here."""
+    stored = SimpleNamespace(favourite_lenses="", preview_place="CAMERA")
+    monkeypatch.setattr("lensfield.addon.ui.preferences.addon_preferences", lambda: stored)
+    monkeypatch.setattr("lensfield.addon.ui.favourites.addon_preferences", lambda: stored)
+    yield stored
+    forget_items()
 
 
-def test_all_lenses_are_listed_without_search_words(scene):
-    assert matching_lens_items(scene.lensfield, None) == offered_lenses()
-    scene.lensfield.matching_lens = "FILE"
-    assert scene.lensfield.lens == "FILE"
+def test_favourites_are_listed_first(scene, preferences):
+    usual = [name for name, *_ in offered_lenses()]
+    for lens in ("tessar-50mm", "nikkor-28mm"):
+        scene.lensfield.lens = lens
+        assert bpy.ops.lensfield.favourite() == {"FINISHED"}
+    favourites = sorted(["tessar-50mm", "nikkor-28mm"], key=usual.index)
+    listed = offered_lenses()
+    assert [name for name, *_ in listed] == favourites + [name for name in usual if name not in favourites]
+    assert [title for _, title, *_ in listed if title.startswith("\u2605")] == [title for _, title, *_ in listed[:2]]
+    assert scene.lensfield.lens == "nikkor-28mm"
+    assert bpy.ops.lensfield.favourite() == {"FINISHED"}
+    assert preferences.favourite_lenses == "tessar-50mm"
+
+
+def test_without_preferences_there_are_no_favourites(scene):
+    assert not bpy.ops.lensfield.favourite.poll()
 
 
 def test_a_search_matches_all_listed_facts_of_a_lens():
@@ -119,6 +135,43 @@ def test_a_camera_with_another_view_is_reported(scene):
     assert "different field of view" not in panel_text(scene)
 
 
+@pytest.mark.parametrize("spoil, label", [
+    (lambda scene: setattr(scene.camera.data, "type", "ORTHO"), "type is ORTHO"),
+    (lambda scene: setattr(scene.camera.data, "shift_y", 0.2), "shift is 0, 0.2"),
+    (lambda scene: setattr(scene.render, "pixel_aspect_x", 2), "pixel aspect is 2:1"),
+    (lambda scene: draw_region(scene.render, 0.5, 0.5), "render region is empty")])
+def test_a_refusal_has_a_button_that_removes_the_obstacle(lit_scene, spoil, label):
+    assert "lensfield.fix" not in drawn(lit_scene).shown
+    spoil(lit_scene)
+    with pytest.raises(SceneError) as refusal:
+        check_scene(lit_scene)
+    assert label in panel_text(lit_scene) and "lensfield.fix" in drawn(lit_scene).shown
+    assert bpy.ops.lensfield.fix(obstacle=refusal.value.field) == {"FINISHED"}
+    check_scene(lit_scene)
+
+
+def draw_region(render, left, right):
+    render.use_border, render.border_min_x, render.border_max_x = True, left, right
+
+
+def test_the_panel_keeps_its_order_in_every_state(lit_scene):
+    """The lens, focus and f-stop, and the buttons come first, before anything that appears or disappears."""
+    fixed = ["lens", "lensfield.search_lens", "lensfield.favourite", "use_dof", "focus_object", "focus_distance",
+             "aperture_fstop", "lensfield.preview", "lensfield.render", "lensfield.render_animation"]
+    assert drawn(lit_scene).shown[:len(fixed)] == fixed
+    lit_scene.camera.data.dof.use_dof = True
+    lit_scene.camera.data.shift_x, lit_scene.cycles.samples = 0.1, 4096
+    assert drawn(lit_scene).shown[:len(fixed)] == fixed
+
+
+def test_figures_are_written_as_photographers_write_them(lit_scene):
+    lit_scene.lensfield.lens = "cooke-triplet-50mm"
+    text = panel_text(lit_scene)
+    facts = lens_worker.lens_request(lit_scene).facts
+    assert f"50 mm \u00b7 f/5 \u00b7 {facts.sensor_mm[0]:.3g} \u00d7 {facts.sensor_mm[1]:.3g} mm" in text
+    assert "Focused at infinity" in text and "f/5 to f/" in text and ", closest focus " in text
+
+
 def test_too_many_samples_are_reported_and_can_be_fixed(lit_scene):
     lit_scene.cycles.samples, lit_scene.cycles.use_denoising = 4096, False
     assert "4096 samples" in panel_text(lit_scene) and "lensfield.sensible_samples" in drawn(lit_scene).shown
@@ -140,18 +193,18 @@ def plan_text(scene):
 
 def test_the_plan_line_follows_the_settings(lit_scene):
     lit_scene.lensfield.wavelength_mode, lit_scene.lensfield.wavelength_list = "LIST", "450, 500, 550, 600, 650"
-    assert "Up to 2 Cycles passes \u00b7 " in settled(lit_scene) and "5 wavelengths" in settled(lit_scene)
+    assert settled(lit_scene).startswith("Up to 2 passes \u00b7 lens ")
     lit_scene.lensfield.tier = "PREVIEW"
-    assert settled(lit_scene).startswith("1 Cycles pass \u00b7 ")
+    assert settled(lit_scene).startswith("1 pass \u00b7 ")
     lit_scene.lensfield.tier = "REFERENCE"
-    assert settled(lit_scene).startswith("2 or more Cycles passes")
+    assert settled(lit_scene).startswith("2 or more passes")
 
 
 def test_the_plan_line_uses_a_check_until_the_settings_change(lit_scene):
     lit_scene.lensfield.tier = "REFERENCE"
     assert bpy.ops.lensfield.lint() == {"FINISHED"}
     count = len(session.check.result.plan.bands)
-    assert plan_text(lit_scene).startswith(f"{count} Cycles pass")
+    assert plan_text(lit_scene).startswith(f"{count} pass")
     assert "changed since this check" not in panel_text(lit_scene)
     lit_scene.lensfield.wavelength_count = 7
     assert plan_text(lit_scene).startswith("3 or more") and "changed since this check" in panel_text(lit_scene)
@@ -190,7 +243,7 @@ def test_the_plan_line_states_engine_time_and_peak_memory(lit_scene, denoise):
     assert plan == make_plan(Options(accuracy=0.01), lens, Sampling(grid, tuple(settings.wavelengths_nm())))
     pass_mb = 1e-6 * pass_bytes(cube[0].size, 1, denoise == "ON")
     memory_mb = 1e-6 * cube.nbytes + max(pass_mb, plan.memory_mb + 1e-6 * cube.nbytes)
-    assert f"; Lens: {max(plan.seconds, 0.1):.1f} s, {memory_mb:.0f} MB" in text
+    assert text.endswith(f" \u00b7 lens {max(plan.seconds, 0.1):.1f} s \u00b7 {memory_mb:.0f} MB")
 
 
 def test_the_plan_line_counts_detail(lit_scene):

@@ -47,6 +47,7 @@ def follow():
 def shown():
     layout = Layout()
     preview.draw_preview(layout)
+    preview.draw_preview_status(layout)
     return " ".join(layout.labels)
 
 
@@ -98,7 +99,7 @@ def test_the_preview_can_appear_in_the_panel_instead(ready_scene, viewport, monk
     assert bpy.ops.lensfield.preview() == {"FINISHED"}
     follow()
     assert not preview.shows_camera(viewport)
-    preview.draw_preview(layout := Layout())
+    preview.draw_preview_status(layout := Layout())
     assert "picture" in layout.shown and not any("Not visible" in label for label in layout.labels)
 
 

@@ -101,7 +101,7 @@ def all_that_runs_by_itself(scene):
     bpy.context.view_layer.update()
     scene.frame_set(2)
     scene.lensfield.compositor_shows = "ALWAYS"
-    scene.lensfield.lens_words = "soft"
+    scene.lensfield.iris_roundness = 0.5
     scene.lensfield.view = "CAMERA"
     draw(scene)
     compositor_state(scene)
@@ -122,7 +122,7 @@ def test_named_paths_are_shown_with_one_button(stranger):
     layout = draw(bpy.context.scene)
     text = " ".join(layout.labels)
     assert all(str(stranger / name) in text.replace(" ", "") or name in text for name in ("lens.npz", "paint.spd"))
-    assert layout.shown == ["lensfield.trust", "matching_lens"]
+    assert layout.shown == ["lensfield.trust", "lens"]
     assert set(named_files().values()) == {"lens", "spectrum", "output"}
 
 

@@ -115,7 +115,7 @@ def test_the_panel_shows_the_render_and_its_outcome(endless_scene):
     start()
     follow(in_a_pass)
     panel = shown(endless_scene)
-    assert {"lensfield.cancel", "matching_lens"} <= set(panel.shown)
+    assert {"lensfield.cancel", "lens"} <= set(panel.shown)
     assert "Scene: Pass 1 of 1" in " ".join(panel.labels)
     assert bpy.ops.lensfield.cancel() == {"FINISHED"}
     assert "Cancelled" in shown(endless_scene).labels
