@@ -55,6 +55,13 @@ def over(area_type="VIEW_3D", window=None):
         yield
 
 
+@contextmanager
+def over_region(area, region):
+    """Call operators in this region's context."""
+    with bpy.context.temp_override(window=main_window(), area=area, region=region):
+        yield
+
+
 def point(place, across=0.5, up=0.5, window=None):
     """Move the mouse over an area or region."""
     x, y = int(place.x + across * place.width), int(place.y + up * place.height)
@@ -71,9 +78,11 @@ def press(key, place, window=None, across=0.5, up=0.5, **modifiers):
     yield DRAW_S
 
 
-def shoot(name):
-    """Take a screenshot."""
-    subprocess.run(["import", "-window", "root", FOLDER.parent / f"{STEP}-{name}.png"], check=True)
+def shoot(name, place=None):
+    """Take a screenshot, of an area or a region of the main window if one is given."""
+    crop = [] if place is None else ["-crop", f"{place.width}x{place.height}+{place.x}+"
+                                              f"{main_window().height - place.y - place.height}", "+repage"]
+    subprocess.run(["import", "-window", "root", *crop, FOLDER.parent / f"{STEP}-{name}.png"], check=True)
 
 
 def until(condition):

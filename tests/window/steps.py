@@ -24,12 +24,15 @@ from hands import (
     in_a_pass,
     lens_image_path,
     lens_request,
+    main_window,
     newest_window,
     node_label,
     notice,
     open_sample,
     over,
+    over_region,
     pixels,
+    point,
     press,
     preview_is_fresh,
     preview_under_way,
@@ -86,6 +89,43 @@ def sample_scene():
     yield 0.5
     shoot("rendered")
     assert alike((yield from render_in_blender()), lens_image)
+
+
+def guide_pictures():
+    """Screenshots of the panel for the guide: at first, with rings, searching, during a render, and after it."""
+    yield from open_sample(samples=64, percentage=100)
+    view = area("VIEW_3D")
+    panel = region(view, "UI")
+    yield from until(lambda: lens_request().lens)
+    yield 3  # for the plan
+    shoot("panel", panel)
+    turn(f_stop=4, distance=0.3)
+    yield from until(lambda: lens_request().lens)
+    yield 1
+    shoot("rings", panel)
+    yield from point(panel, 0.5, 0.72)
+    with over_region(view, panel):
+        bpy.ops.lensfield.search_lens("INVOKE_DEFAULT")
+    yield DRAW_S
+    for letter in "portrait":
+        main_window().event_simulate(type=letter.upper(), value="PRESS", unicode=letter)
+        main_window().event_simulate(type=letter.upper(), value="RELEASE")
+        yield 0.1
+    yield 1
+    shoot("find")
+    yield from press("ESC", panel)
+    yield from start("preview")
+    yield from until(preview_is_fresh)
+    yield 1
+    shoot("preview", region(view))
+    yield from start("preview")
+    yield from start()
+    yield from until(lambda: rendering().picture.is_file())
+    yield 1
+    shoot("under_way", panel)
+    yield from until(lambda: not rendering())
+    yield 1
+    shoot("last", panel)
 
 
 def another_lens():
