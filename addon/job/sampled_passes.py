@@ -24,10 +24,10 @@ from .bands import WAVELENGTHS_PER_PASS
 from .light import PassLight, place_in
 from .steps import Work
 
-FEW, LEAST_FEW = 16, 4  # the first number of samples to try: one in 16, but at least 4
+FEW, LEAST_FEW = 32, 2  # the first number of samples to try: one in 32, but at least 2
 ADAPTIVE_FEW = 64  # one in 64 of the limit of adaptive sampling, which takes fewer
-LEVELS = 4  # numbers of samples to try, each twice the one before
-MOST_GROWTH = 1.5  # noise in three quarters of the picture, relative to a pass with all samples
+LEVELS = 5  # numbers of samples to try, each twice the one before
+MOST_GROWTH = 1.3  # noise in three quarters of the picture, relative to a pass with all samples
 FINER = 2  # parts of a pixel, down and across, in the rest of a pass's samples
 LEAST_FINE = 4  # samples of such a part
 MOST_FINE_PX = 2**25  # parts in a capture: larger pictures would take too much memory
@@ -315,16 +315,14 @@ class _Control:
             From `noise_growth`.
         """
         few, rest = self.parts[:len(parts)], self.parts[len(parts):]
-        rest_count = sum(part.count for part in rest)
-        half = parts[-1].count
-        weight = np.float32(rest_count / (rest_count + half))
+        few_count, rest_count = 2 * parts[-1].count, sum(part.count for part in rest)
+        weight = np.float32(rest_count / (rest_count + few_count))
         cube, helped, unhelped = np.empty_like(parts[0].light.cube), 0, 0
         for lamp in range(len(cube)):
             halves, control_halves = ([_lamp(ranges[:-1], lamp), _lamp(ranges[-1:], lamp)] for ranges in (parts, few))
-            one, other = estimate(halves, control_halves, _lamp(rest, lamp), weight)
-            cube[lamp] = (one + other) / 2
-            helped, unhelped = helped + (one - other), unhelped + (halves[0] - halves[1])
-        growth = noise_growth(remaining_shares(helped, unhelped), 2 * half, float(np.mean(rest_count)) + 2 * half)
+            cube[lamp], difference = estimate(halves, control_halves, _lamp(rest, lamp), weight)
+            helped, unhelped = helped + difference, unhelped + (halves[0] - halves[1])
+        growth = noise_growth(remaining_shares(helped, unhelped), few_count, float(np.mean(rest_count)) + few_count)
         return _planes_with(cube, self.parts), growth
 
 

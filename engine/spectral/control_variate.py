@@ -1,12 +1,12 @@
 """Light at further wavelengths from few samples, with the help of a picture that has many.
 
-Pictures of one scene with the same seed share their paths, so their noise is correlated. Of a picture B, only the
-first few samples are rendered; of A, at other wavelengths, also the rest. A is then a control variate of B: the
-estimate B_few + α (A - A_few) has nearly the noise of many samples of B. The gains α come from a regression around each
-pixel (Rousselle et al. 2016, "Image-space control variates for rendering").
+Pictures of one scene with the same seed share their paths, so their noise is correlated. Of a picture B, only a few
+samples are rendered; of A, at other wavelengths, also the rest. A is then a control variate of B: the estimate
+B_few + α (A - A_few) has nearly the noise of many samples of B. The gains α come from a regression around each pixel
+(Rousselle et al. 2016, "Image-space control variates for rendering").
 
-Gains from the same samples that they correct would bias the estimate. Therefore each half of the few samples takes its
-gains from the other half, and A without that half: gains and corrections are independent.
+Gains from the same samples that they correct would bias the estimate. Therefore each pixel takes its gains from its
+neighbours alone: pixels have independent samples, and so gains and corrections are independent.
 """
 
 from collections.abc import Sequence
@@ -17,14 +17,13 @@ import scipy
 WINDOW_PX = 11  # side of the regression's window
 RIDGE = 0.001  # of the mean square of A in the window: weight of the pictures' mean ratio
 LEAST_RIDGE = 1e-4  # the least, in units of normalised light: a few dark pixels determine no gains
-DARK = 1e-2  # of the mean brightness: below it, errors weigh no more
 BLOCK_PX = 8  # side of the blocks over which noise is averaged
 JUDGED_PERCENT = 75  # of the blocks; bright, rare paths leave the noise of some uncertain
 
 
 def estimate(halves: Sequence[np.ndarray], control_halves: Sequence[np.ndarray], control_rest: np.ndarray,
-             weight: float | np.ndarray) -> list[np.ndarray]:
-    """The light of a picture, from two halves of its few samples and a control variate.
+             weight: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The light of a picture, from the two halves of its few samples and a control variate.
 
     Parameters
     ----------
@@ -35,31 +34,39 @@ def estimate(halves: Sequence[np.ndarray], control_halves: Sequence[np.ndarray],
     control_rest : float32 array (channel, row, column)
         A after the rest of its samples.
     weight : float or array (row, column)
-        Share of the rest in the samples of A without one half.
+        Share of the rest in the samples of A.
 
     Returns
     -------
-    estimates : two float32 arrays (channel, row, column)
-        Their mean is the estimate, and their difference shows its noise.
+    estimate : float32 array (channel, row, column)
+    difference : float32 array (channel, row, column)
+        Between the two halves, each corrected by the control variate; it shows the noise that remains.
     """
-    return [half + np.einsum("icyx,iyx->cyx", _gains(other, control_other), weight * (control_rest - control_half))
-            for half, control_half, other, control_other in zip(halves, control_halves, halves[::-1],
-                                                                control_halves[::-1], strict=True)]
+    picture, control = ((one + other) / 2 for one, other in (halves, control_halves))
+    gains = _gains(picture, control)
+    return (picture + _combined(gains, weight * (control_rest - control)),
+            halves[0] - halves[1] - _combined(gains, control_halves[0] - control_halves[1]))
+
+
+def _combined(gains, control):
+    """Linear combinations of the control's channels: array (channel, row, column)."""
+    return np.einsum("icyx,iyx->cyx", gains, control)
 
 
 def _gains(picture, control):
     """Linear combinations of the control's channels that predict the picture's: array (control channel, channel, row,
     column).
 
-    They have the least squared relative errors in a window; without light in it, they are the ratios of the pictures'
-    means.
+    They have the least squared relative errors in a window around each pixel, without the pixel itself; without light
+    in it, they are the ratios of the pictures' means. Errors of single pixels weigh little in the dark. Their weights
+    depend on no other pixel's light: a bright sample would otherwise affect its own gains.
     """
     brightness = np.abs(control).mean(axis=0)
-    level = brightness + _window_mean(brightness) + DARK * brightness.mean()
+    level = brightness + np.sqrt(brightness).mean()**2  # in the middle between dark and bright pixels
     scale = np.divide(1, level, out=np.zeros_like(level), where=level > 0)
     picture, control = picture * scale, control * scale
-    normal = _window_mean(control[:, None] * control)
-    right = _window_mean(control[:, None] * picture)
+    normal = _neighbours_mean(control[:, None] * control)
+    right = _neighbours_mean(control[:, None] * picture)
     means, control_means = picture.mean(axis=(1, 2)), control.mean(axis=(1, 2))
     ratios = np.divide(means, control_means, out=np.ones_like(means), where=control_means > 0)
     channels = range(len(control))
@@ -70,11 +77,12 @@ def _gains(picture, control):
     return _solve(normal, right)
 
 
-def _window_mean(planes):
-    """Means over square windows of planes (..., row, column)."""
+def _neighbours_mean(planes):
+    """Means of planes (..., row, column) over square windows without their middle; 0 outside the planes."""
+    means = planes
     for axis in (-2, -1):
-        planes = scipy.ndimage.uniform_filter1d(planes, WINDOW_PX, axis=axis, mode="nearest")
-    return planes
+        means = scipy.ndimage.uniform_filter1d(means, WINDOW_PX, axis=axis, mode="constant")
+    return means - planes / WINDOW_PX**2
 
 
 def _solve(normal, right):
@@ -109,7 +117,7 @@ def noise_growth(shares: np.ndarray, few: float, samples: float) -> float:
     """Noise of the estimate relative to that of all samples without a control variate: the most in JUDGED_PERCENT of
     the blocks.
 
-    It consists of the noise that the control variate leaves and, by its `weight`, the control variate's own.
+    The remaining share of the variance is that of few samples, and the other share that of all samples.
 
     Parameters
     ----------
@@ -118,9 +126,9 @@ def noise_growth(shares: np.ndarray, few: float, samples: float) -> float:
     few, samples : float
         Numbers of samples.
     """
-    rest = samples - few
-    own = (rest / (rest + few / 2))**2 * samples / rest
-    return float(np.sqrt(own + np.percentile(shares, JUDGED_PERCENT) * samples / few)) if shares.size else 1.0
+    if not shares.size:
+        return 1.0
+    return float(np.sqrt(1 + np.percentile(shares, JUDGED_PERCENT) * (samples / few - 1)))
 
 
 def block_means(plane: np.ndarray) -> np.ndarray:

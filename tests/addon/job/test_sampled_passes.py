@@ -17,7 +17,7 @@ from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 from seed import FIRST_CYCLES_SEED, SEED
 from small_scenes import light, material, set_world, wall
 
-SAMPLES, FEW = 64, 4  # of which the first trial takes 4
+SAMPLES, FEW = 64, 2  # of which the first trial takes 2
 REST = 8  # in each quarter of a pixel, instead of half of the samples
 INVISIBLE = 0.007  # noise relative to light; quasi-random samples may leave less than predicted
 OPTIONS = {"lens": "tessar-50mm", "lens_quality": "preview", "wavelengths_nm": np.linspace(430, 670, 9)}
@@ -67,11 +67,11 @@ def test_few_samples_have_nearly_the_noise_of_all(corner, tmp_path, whole, sampl
     shared = [rendered(corner, tmp_path, seed, depth=depth, detail=detail) for seed in (1, 2)]
     facts = shared[0][1]
     assert facts.passes == 2 and f"of {SAMPLES} samples in 1 of 2 passes" in facts.samples
-    rest = (0, REST if detail == "on" else SAMPLES - 8 * FEW)
+    rest = (0, REST if detail == "on" else SAMPLES // 2)
     slabs = sample_counts.count(rest) // 2
     assert slabs == 1 if depth == "off" else slabs > 1
     assert sum(first == 0 for first, _ in sample_counts) == 2 * slabs  # the biased one, at the centres of pixels
-    assert sum(count for _, count in sample_counts) <= 2 * slabs * (rest[1] + 16 * FEW)
+    assert sum(count for _, count in sample_counts) <= 2 * slabs * (rest[1] + SAMPLES)
     whole()
     every = [rendered(corner, tmp_path, seed, depth=depth) for seed in (1, 2)]
     assert not every[0][1].samples
@@ -158,7 +158,7 @@ def test_denoising_treats_the_control_variate_and_the_estimates(corner, tmp_path
     """Not the few samples: their estimates are nearly as clean as passes that Cycles denoises itself."""
     lamp = bpy.data.objects["Light"]  # large and close to the wall: a noisy one
     lamp.location, lamp.data.shadow_soft_size = (2.0, 0.5, -3.0), 1.2
-    corner.cycles.samples = 4 * FEW
+    corner.cycles.samples = 16
     options = {"depth": "off", "denoise": "on"}
     shared, facts = rendered(corner, tmp_path, 1, **options)
     assert "control variate" in facts.samples and not bpy.context.view_layer.cycles.denoising_store_passes
