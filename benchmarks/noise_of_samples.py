@@ -6,7 +6,7 @@
 prints a line for each scene, by default the sample scene and the Cornell box. Each seed is rendered plainly by Cycles,
 captured in *Standard*, and captured again with all samples in each pass, always with the camera's view. See LEGEND for
 the columns. Scenes without a camera or without light get one. Costs need a larger picture than noise (320x240), because
-small renders mostly synchronise the scene; a bias of 0.3 % needs more seeds.
+small renders mostly synchronise the scene; the bias needs 48 seeds.
 """
 
 import argparse
@@ -19,6 +19,7 @@ from unittest.mock import patch
 
 import bpy
 import numpy as np
+import scipy
 from mathutils import Vector
 from scene_figures import SCENE, colour_errors
 
@@ -36,16 +37,20 @@ CORNELL = "cornell"
 BLOCK_PX = 16
 DARK = 0.01  # of a band's mean light: darker blocks are compared with this much
 MOST_NOISE, MOST_COST, MOST_BIAS = 1.3, 1.6, 0.003
-COLUMNS, WIDTH = ("cost", "whole", "noise", "of all", "ratio", "sensor", "bias", "±", "RMS"), 8
+ROUNDING = 1e-5  # of a block's light: least standard error of a difference
+CHANCE = 0.05  # that noise alone exceeds the limit of the largest deviation
+COLUMNS, WIDTH = ("cost", "whole", "noise", "of all", "ratio", "sensor", "bias", "±", "sigmas", "limit"), 8
 LEGEND = f"""\
 cost, whole    processor seconds of Cycles and of the estimates, relative to a plain render of the same size and
                samples: of the capture, at most {MOST_COST}; and with all samples in each pass
 noise, of all  median CIEDE2000 of the pixels, relative to a capture of many samples in each pass; with all samples
 ratio          of the two: at most {MOST_NOISE}
 sensor         ratio of the relative RMS errors in the worst of three sensor bands
-bias           of the worst wavelength in the worst block of {BLOCK_PX} x {BLOCK_PX} px: the mean difference between the
-               two captures of a seed, relative to the light; its standard error; and RMS over all blocks and
-               wavelengths, in excess of the standard error: at most {MOST_BIAS:.1%}
+bias, ±        the mean difference between the two captures of a seed, in blocks of {BLOCK_PX} x {BLOCK_PX} px at each
+               wavelength, relative to the light: RMS in excess of the standard errors, at most {MOST_BIAS:.1%}; and
+               the median of these errors
+sigmas, limit  the largest of these differences, in standard errors; at most the limit that noise alone exceeds with a
+               probability of {CHANCE:.0%}
 !              missed"""
 
 
@@ -144,21 +149,22 @@ def figures(scene, options):
                         for cubes in (truth, *([cube for cube, *_ in captures] for captures in (few, every))))
     noise, of_all = (np.mean([np.median(colour_errors(pixels[0], each, nm)) for each in cubes]) for cubes in spectra)
     sensor, sensor_of_all = (np.mean([sensor_error(pixels[0], each, nm) for each in cubes]) for cubes in spectra)
-    bias = bias_of(np.array([one[0] - other[0] for one, other in zip(few, every, strict=True)]), truth)
+    bias, error, sigmas, limit = bias_of(
+        np.array([one[0] - other[0] for one, other in zip(few, every, strict=True)]), truth)
     return [judged(costs[0], MOST_COST, ".2f"), f"{costs[1]:.2f} ", f"{noise:.3f} ", f"{of_all:.3f} ",
             judged(noise / of_all, MOST_NOISE, ".2f"), f"{sensor / sensor_of_all:.2f} ",
-            *(f"{value:.2%} " for value in bias[:2]), judged(bias[2], MOST_BIAS, ".2%")], few[-1][2]
+            judged(bias, MOST_BIAS, ".2%"), f"{error:.2%} ", judged(sigmas, limit, ".1f"), f"{limit:.1f} "], few[-1][2]
 
 
 def bias_of(differences, truth):
-    """The largest mean of differences (seed, wavelength, row, column) over a block, relative to its light; its standard
-    error; and the RMS of all, without what their standard errors explain."""
+    """The four figures of bias, from differences (seed, wavelength, row, column)."""
     light = blocks(truth)
     light = np.maximum(light, DARK * light.mean(axis=(1, 2), keepdims=True))
     shares = np.array([blocks(each) for each in differences]) / np.where(light > 0, light, 1)
-    mean, error = shares.mean(axis=0), shares.std(axis=0, ddof=1) / np.sqrt(len(shares))
-    worst = np.unravel_index(np.argmax(np.abs(mean)), mean.shape)
-    return np.abs(mean[worst]), error[worst], np.sqrt(max(np.mean(mean**2 - error**2), 0))
+    mean = shares.mean(axis=0)
+    error = np.maximum(shares.std(axis=0, ddof=1) / np.sqrt(len(shares)), ROUNDING)
+    limit = scipy.special.stdtrit(len(shares) - 1, 1 - CHANCE / 2 / mean.size)
+    return np.sqrt(max(np.mean(mean**2 - error**2), 0)), np.median(error), np.max(np.abs(mean) / error), limit
 
 
 def blocks(cube):

@@ -34,7 +34,13 @@ def bundled_names() -> tuple[str, ...]:
 @lru_cache
 def bundled_lenses() -> dict[str, Prescription]:
     """The bundled lenses, by name."""
-    return {name: read_lensfield(PRESCRIPTIONS / f"{name}.toml") for name in bundled_names()}
+    return {name: _bundled(name) for name in bundled_names()}
+
+
+@lru_cache
+def _bundled(name, field=None):
+    """A bundled lens, with another end of the field if given."""
+    return read_lensfield(PRESCRIPTIONS / f"{name}.toml", field)
 
 
 def find_bundled(words: list[str]) -> dict[str, Prescription]:
@@ -135,7 +141,7 @@ def prescription_of(name_or_path: str | PathLike[str], field: tuple[str, float] 
     """
     name = str(name_or_path)
     if name in bundled_names():
-        return read_lensfield(PRESCRIPTIONS / f"{name}.toml", field) if field else bundled_lenses()[name]
+        return _bundled(name, field)
     return read_prescription(name, field)
 
 
