@@ -9,7 +9,7 @@ from ...engine.pictures.spectral_exr import read_parts
 from ...engine.runtime.errors import ImageError
 from ...engine.runtime.files import file_status, why_no_room
 from ...engine.runtime.scratch import new_array, release_memory
-from ...engine.spectral.control_variate import block_means
+from ...engine.spectral.control_variate import balance, block_means
 from ..scene.errors import SceneError
 from ..scene.units import depth_pass_m
 from .bands import CHANNELS
@@ -159,8 +159,10 @@ class GatheredLight:
         release_memory(self.cube)
 
     def radiance(self):
-        """The sum of all passes: array (wavelength, row, column). Negative estimates become 0."""
-        return np.maximum(self.cube, 0, out=self.cube)
+        """The sum of all passes: array (wavelength, row, column), without negative estimates."""
+        for plane in self.cube:
+            balance(plane)
+        return self.cube
 
     def blocks(self):
         """Means over blocks of pixels, at the rendered wavelengths: array (node, block)."""

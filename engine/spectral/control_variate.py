@@ -79,10 +79,14 @@ def _gains(picture, control):
 
 def _neighbours_mean(planes):
     """Means of planes (..., row, column) over square windows without their middle; 0 outside the planes."""
-    means = planes
+    return _window_mean(planes) - planes / WINDOW_PX**2
+
+
+def _window_mean(planes):
+    """Means of planes (..., row, column) over square windows; 0 outside the planes."""
     for axis in (-2, -1):
-        means = scipy.ndimage.uniform_filter1d(means, WINDOW_PX, axis=axis, mode="constant")
-    return means - planes / WINDOW_PX**2
+        planes = scipy.ndimage.uniform_filter1d(planes, WINDOW_PX, axis=axis, mode="constant")
+    return planes
 
 
 def _solve(normal, right):
@@ -98,6 +102,24 @@ def _solve(normal, right):
             right[one] -= normal[one, other] * right[other]
         right[one] /= normal[one, one]
     return right
+
+
+def balance(plane: np.ndarray) -> None:
+    """Set negative light to 0, in place, and darken the light around it by as much.
+
+    Noise makes some estimates negative. Without the balance, setting them to 0 would brighten dim light.
+
+    Parameters
+    ----------
+    plane : float32 array (row, column)
+    """
+    deficit = np.maximum(-plane, 0)
+    if not deficit.any():
+        return
+    np.maximum(plane, 0, out=plane)
+    around = _window_mean(plane)
+    shares = np.divide(deficit, around, out=np.zeros_like(plane), where=around > 0)
+    plane *= np.maximum(1 - _window_mean(shares), 0)
 
 
 def remaining_shares(difference: np.ndarray, unhelped: np.ndarray) -> np.ndarray:

@@ -5,6 +5,7 @@ import pytest
 
 from lensfield.engine.spectral.control_variate import (
     JUDGED_PERCENT,
+    balance,
     block_means,
     estimate,
     noise_growth,
@@ -120,3 +121,21 @@ def test_gains_of_a_pixel_do_not_depend_on_its_samples():
 
     few = [at_pixel(extra) - at_pixel(0) for extra in (1.0, 10.0)]
     np.testing.assert_allclose(few[1], 10 * few[0], rtol=1e-3, atol=1e-3)  # linear with the same gains
+
+
+def test_negative_light_is_taken_from_the_light_around_it():
+    rng = np.random.default_rng(SEED)
+    plane = rng.gamma(1, 1, SHAPE_PX).astype(np.float32)
+    plane[:, :7] *= -0.01  # alone: nothing positive balances the corners
+    dim = plane.copy()
+    for row, column in ((3, 30), (20, 31), (39, 55)):
+        plane[row, column] = -20.0
+    before = plane.copy()
+    balance(plane)
+    assert plane.min() == 0 and np.all(plane <= np.maximum(before, 0))
+    assert plane.sum(dtype=float) == pytest.approx(before.sum(dtype=float), rel=1e-3)
+    assert np.array_equal(plane[8:12, 40:], dim[8:12, 40:])  # far from all of them
+    positive = np.abs(before)
+    same = positive.copy()
+    balance(same)
+    assert np.array_equal(same, positive)
