@@ -106,7 +106,8 @@ def relative_illumination(lens: Lens, wavelengths_nm: ArrayLike) -> np.ndarray:
     array (wavelength, height)
     """
     optics = [lens.at_wavelength(nm) for nm in np.atleast_1d(wavelengths_nm)]
-    return np.array([picture_illumination(each, FieldGeometry(each, lens.name)) for each in optics])
+    return np.array([picture_illumination(each, FieldGeometry(each, lens.name), each.real_height_mm)
+                     for each in optics])
 
 
 def lateral_colour_um(lens: Lens, wavelengths_nm: ArrayLike) -> np.ndarray:

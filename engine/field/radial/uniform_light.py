@@ -63,15 +63,16 @@ class UniformLight:
         return self.at(x_px, y_px) / self._field.relative_flux(height_mm)
 
 
-def picture_illumination(optics: MonochromaticLens, field: FieldGeometry) -> np.ndarray:
-    """Irradiance under uniform radiance at the table's heights, relative to the axis: array (height,).
+def picture_illumination(optics: MonochromaticLens, field: FieldGeometry, real_height_mm: np.ndarray) -> np.ndarray:
+    """Irradiance under uniform radiance at ascending heights from 0 on the sensor, relative to the axis: array
+    (height,).
 
     It includes the light that PSFs move away from the places where chief rays arrive. The table in the lens data
     describes the bundle around each chief ray instead.
     """
     pitch_mm = field.last_real_mm / CURVE_PX
     light = UniformLight(PsfBank.of(optics, 1e3 * pitch_mm), field, pitch_mm)
-    x_px = np.maximum(optics.real_height_mm / pitch_mm, 0.5)
+    x_px = np.maximum(real_height_mm / pitch_mm, 0.5)
     curve = light.at(x_px, np.full_like(x_px, 0.5))
     return curve / curve[0]
 
