@@ -6,16 +6,24 @@ import bpy
 
 
 class Layout:
-    """Records the properties, operators and pictures that are shown, and the texts of labels."""
+    """Records the properties, operators and pictures that are shown, the properties that are greyed out, and the texts
+    of labels."""
 
     def __init__(self, parent=None, folded=False):
+        self.active, self._parent = True, parent
         self.shown = parent.shown if parent else []
+        self.greyed = parent.greyed if parent else []
         self.labels = parent.labels if parent else []
         self.folded = parent.folded if parent else folded
 
     def prop(self, owner, name, **_):
         assert name in owner.bl_rna.properties
         self.shown.append(name)
+        if not self._is_active():
+            self.greyed.append(name)
+
+    def _is_active(self):
+        return self.active and (self._parent is None or self._parent._is_active())
 
     def operator(self, name, **_):
         module, function = name.split(".")

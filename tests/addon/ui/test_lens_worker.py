@@ -17,6 +17,8 @@ from lensfield.engine.library import BUNDLED
 from lensfield.engine.rays.rings import Rings
 from waiting import LAST_RESORT_S
 
+RINGS = {"use_dof", "focus_object", "focus_distance", "aperture_fstop"}
+
 
 class Oven:
     """Bakes on command, and records the requests."""
@@ -69,7 +71,8 @@ def answered(scene):
 
 def test_a_panel_is_drawn_while_its_lens_is_baked(scene, oven):
     assert lens_worker.requested_lens(scene) is None and oven.entered.wait(LAST_RESORT_S)
-    assert lens_worker.BAKING in panel_text(scene) and "wide open at f/5.5, focused at infinity" in panel_text(scene)
+    assert lens_worker.BAKING in panel_text(scene) and "f/5.5 \u00b7" in panel_text(scene)
+    assert "Focused at infinity" in panel_text(scene)
     assert lens_worker.lens_request(scene).fraction == 0.4
     oven.opened.set()
     assert answered(scene) is not None and lens_worker.BAKING not in panel_text(scene)
@@ -91,7 +94,8 @@ def test_a_turning_ring_bakes_nothing(scene, oven, monkeypatch):
     monkeypatch.setattr(lens_worker, "STILL_S", LAST_RESORT_S)
     for f_number in (8, 9, 10):
         turn(scene, f_number)
-        assert f"at f/{f_number}, focused at 10 m; range f/5.5 to f/22" in panel_text(scene)
+        text = panel_text(scene)
+        assert f"f/{f_number} \u00b7" in text and "Focused at 10 m" in text and "f/5.5 to f/22, closest focus" in text
     assert not oven.requests
 
 
@@ -109,7 +113,7 @@ def test_an_old_lens_is_not_shown_for_a_new_request(scene, oven):
     assert answered(scene)
     oven.opened.clear()
     turn(scene, 16)
-    assert lens_worker.requested_lens(scene) is None and "at f/16, focused" in panel_text(scene)
+    assert lens_worker.requested_lens(scene) is None and "f/16 \u00b7" in panel_text(scene)
 
 
 @pytest.mark.parametrize("error, line", [
@@ -170,15 +174,16 @@ def test_a_lens_package_is_fixed(scene, tmp_path):
     scene.lensfield.lens, scene.lensfield.lens_file = "FILE", str(package)
     turn(scene, 16)
     layout = drawn(scene)
-    assert "use_dof" not in layout.shown and "fixed at f/" in " ".join(layout.labels)
+    assert RINGS <= set(layout.greyed) and "Fixed focus and f-stop" in layout.labels
+    assert "focused_wide_open" not in layout.shown
 
 
 def test_the_panel_shows_the_cameras_rings(scene):
-    assert "use_dof" in drawn(scene).shown and "aperture_fstop" not in drawn(scene).shown
+    assert set(drawn(scene).greyed) == RINGS - {"use_dof"} and RINGS <= set(drawn(scene).shown)
     scene.camera.data.dof.use_dof = True
-    assert {"focus_distance", "focus_object", "aperture_fstop", "focused_wide_open"} <= set(drawn(scene).shown)
+    assert not drawn(scene).greyed and "focused_wide_open" in drawn(scene).shown
     scene.camera.data.dof.focus_object = scene.camera
-    assert "focus_distance" not in drawn(scene).shown
+    assert drawn(scene).greyed == ["focus_distance"]
 
 
 def test_settings_beyond_the_lens_range_are_reported(scene):
