@@ -38,21 +38,26 @@ def forget_picture():
 def _draw():
     preview, space, view = session.preview, bpy.context.space_data, bpy.context.region_data
     if (view.view_perspective != "CAMERA" or bpy.context.scene.session_uid != preview.scene_uid
-            or space.camera != bpy.context.scene.camera or not space.overlay.show_overlays or not preview.tangents
-            or preview_place() != IN_CAMERA):
+            or space.camera != bpy.context.scene.camera or not space.overlay.show_overlays or not preview.tangents):
         return
     corners = [location_3d_to_region_2d(bpy.context.region, view, corner)
                for corner in frame_corners(space.camera, preview.tangents)]
     if None in corners:
         return
+    if preview_place() == IN_CAMERA:
+        _draw_preview(corners, preview)
+    if session.focus_overlay and preview.same_scene:
+        _draw_tints(corners, focus_overlay.focus_tints(bpy.context.scene, preview.depth))
+
+
+def _draw_preview(corners, preview):
+    """Draw the preview's picture, if it is up to date, and what the first one waits for."""
     if preview.fresh and preview.picture.is_file():
         if session.overlay.texture is None:
             session.overlay.texture = _texture(_pixels(preview.picture))
         _draw_between(corners, session.overlay.texture)
     if text := preview.waiting_for:
         _draw_text(corners, text)
-    if session.focus_overlay and preview.same_scene:
-        _draw_tints(corners, focus_overlay.focus_tints(bpy.context.scene, preview.depth))
 
 
 def _draw_text(corners, text):

@@ -188,6 +188,7 @@ def preview_from_any_view():
     yield DRAW_S
     shoot("in-the-panel")
     assert view.region_3d.view_perspective == "PERSP"
+    preferences.preview_place = "CAMERA"  # Blender saves the preferences on exit, for the next steps
 
 
 def opens_as_f12():
