@@ -11,7 +11,7 @@ KEEP_USER_INTERFACE = "NONE"
 def open_as_render(image_now, show):
     """Show an image where Blender would show a render, unless an Image Editor shows it already.
 
-    Blender's window changes as soon as no tool is in use; never in background mode.
+    Blender's window changes as soon as no tool is in use and Blender does not render; never in background mode.
 
     Parameters
     ----------
@@ -25,10 +25,10 @@ def open_as_render(image_now, show):
 
 
 def _open(image_now, show):
-    """Open the image if no tool is in use; returns seconds until the next attempt, or None."""
+    """Open the image if Blender is idle; returns seconds until the next attempt, or None."""
     if bpy.context.preferences.view.render_display_type == KEEP_USER_INTERFACE:
         return None
-    if tool_in_use():
+    if tool_in_use() or bpy.app.is_job_running("RENDER"):
         return TICK_S
     image = image_now()
     if image and not any(editor.image == image for editor in image_editors()):

@@ -185,7 +185,7 @@ def _finish(render):
     outcome = render.child.status
     _lay(render)
     newest = next(map(Path, reversed(render.child.lens_images)), None)
-    if newest and not render.to_compositor:
+    if newest and not render.to_compositor and _scene(render):  # otherwise another file is open
         open_as_render(lambda: show_file(bpy.data.images.get(newest.name), str(newest), newest.name), _show)
     if render.to_compositor and render.child.lens_images and _scene(render) is None:
         render.remarks.append(f"scene {render.scene_name!r} is no longer open: its compositor is unchanged")
