@@ -1,4 +1,4 @@
-"""Obstacles to a lens render that one click removes: a button beside the refusal."""
+"""Obstacles to a lens render that one click removes: a button next to the refusal."""
 
 import bpy
 

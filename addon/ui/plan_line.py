@@ -63,7 +63,7 @@ def _checked(scene):
 
 
 def _detail_times(scene, request):
-    """Parts of a pixel, down and across, in which light will be known: exact after a scene check, otherwise the most
+    """Parts of a pixel, down and across, that a render will resolve: exact after a scene check, otherwise the most
     possible."""
     checked, pixels = _checked(scene), math.prod(frame_px(scene))
     if checked:

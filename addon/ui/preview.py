@@ -159,8 +159,8 @@ def tick():
         _redraw()
     if not preview.job and _may_work(scene):
         _ask_next(preview, scene)
-    if preview.announced != preview.waiting_for:
-        preview.announced = preview.waiting_for
+    if preview.announced != (waiting_for := preview.waiting_for):
+        preview.announced = waiting_for
         _redraw()
     return TICK_S
 
@@ -347,7 +347,7 @@ _HANDLERS = {"depsgraph_update_post": on_update, "frame_change_post": on_frame, 
 
 
 def draw_preview(layout):
-    """Draw the preview's button and, while it is on, those of its options."""
+    """Draw the preview's button and, while it is on, the buttons of its options."""
     preview = session.preview
     row = layout.row(align=True)
     row.operator("lensfield.preview", icon="HIDE_OFF" if preview else "HIDE_ON", depress=preview is not None)

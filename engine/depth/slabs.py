@@ -114,7 +114,7 @@ def plan_slabs(depth_mm: ArrayLike, capture: PixelGrid, lens: Lens, *, accuracy:
     light : array (row, column), optional
         Light of the same pixels, in any unit: edges of bright surfaces count more.
     empty : bool array (row, column), optional
-        Pixels of the background without light, which need no slabs.
+        Pixels of the background without light: the plan ignores them.
     others : sequence of Lens
         Other lenses for the same capture: the lens at other focus distances and f-stops.
     reach : float

@@ -104,7 +104,7 @@ class Lens(Value):
             object.__setattr__(self, "point_flux", np.full_like(self.relative_illumination, self.point_flux, float))
         for one in fields(self):
             if one.type is np.ndarray:
-                table = _own(getattr(self, one.name), np.float32 if one.name == "psf" else np.float64)
+                table = _protected(getattr(self, one.name), np.float32 if one.name == "psf" else np.float64)
                 object.__setattr__(self, one.name, table)
         object.__setattr__(self, "sensor_mm", tuple(float(side) for side in self.sensor_mm))
         object.__setattr__(self, "psf", _normalised(self.psf, _checked_sums(self)))
@@ -226,7 +226,7 @@ class MonochromaticLens(Value):
     transmittance: float
 
 
-def _own(table, dtype):
+def _protected(table, dtype):
     """The table as an array that nothing else can change: a copy, unless it is another lens's."""
     of_lens = type(table) is np.ndarray and table.dtype == dtype and not table.flags.writeable
     return table if of_lens and table.flags.c_contiguous else np.array(table, dtype)

@@ -51,11 +51,11 @@ def needed_wavelengths_nm(wavelengths_nm: Sequence[float] | np.ndarray | None) -
     """
     if wavelengths_nm is None or not len(wavelengths_nm):
         return WAVELENGTHS_NM
-    own_nm = np.unique(wavelengths_nm)
-    if not WAVELENGTHS_NM[0] <= own_nm[0] <= own_nm[-1] <= WAVELENGTHS_NM[-1]:
+    picture_nm = np.unique(wavelengths_nm)
+    if not WAVELENGTHS_NM[0] <= picture_nm[0] <= picture_nm[-1] <= WAVELENGTHS_NM[-1]:
         return WAVELENGTHS_NM
-    places = np.interp(own_nm, WAVELENGTHS_NM, np.arange(len(WAVELENGTHS_NM)))
+    places = np.interp(picture_nm, WAVELENGTHS_NM, np.arange(len(WAVELENGTHS_NM)))
     around = np.unique(np.concatenate([np.floor(places), np.ceil(places)]).astype(int))
-    if around.size < own_nm.size:
+    if around.size < picture_nm.size:
         return tuple(WAVELENGTHS_NM[index] for index in around)
-    return tuple(own_nm.tolist())
+    return tuple(picture_nm.tolist())

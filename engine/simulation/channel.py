@@ -101,9 +101,11 @@ class Channel:
     def sharpen(self, blurred: np.ndarray) -> None:
         """Subtract the softening by the parts of pixels from a blurred picture, in place."""
         known = self._capture.pitch_um / self.planes.picture.pitch_um
-        shifts = self._shifts(blurred.shape) if known == 1 else None
-        sharpen(blurred, lambda axis, rows, columns: OF_PARTS + resampling_variance(shifts[axis](rows, columns))
-                if shifts else parts_variance(known))
+        if known == 1:
+            shifts = self._shifts(blurred.shape)
+            sharpen(blurred, lambda axis, rows, columns: OF_PARTS + resampling_variance(shifts[axis](rows, columns)))
+        else:
+            sharpen(blurred, lambda axis, rows, columns: parts_variance(known))
 
     def _shifts(self, shape_px):
         """The shift of light along each axis, from the capture to a picture of this shape around the planes' middle:

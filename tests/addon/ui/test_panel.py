@@ -85,7 +85,7 @@ def test_favourites_are_listed_first(scene, preferences):
     assert preferences.favourite_lenses == "tessar-50mm"
 
 
-def test_without_preferences_there_are_no_favourites(scene):
+def test_favourites_require_the_preferences_of_an_add_on(scene):
     assert not bpy.ops.lensfield.favourite.poll()
 
 

@@ -63,7 +63,7 @@ def test_every_setting_of_a_lens_distinguishes_it_in_the_cache(folder, bakes, si
     (np.linspace(400, 700, 9), tuple(np.linspace(400, 700, 9))), ([632.8], (632.8,)), ([467, 539], (467, 539)),
     (np.linspace(505, 590, 30), (499, 518, 539, 562, 588, 618)), ([390.0, 550.0], baked.WAVELENGTHS_NM),
     ([550.0, 720.0], baked.WAVELENGTHS_NM), ([np.nan, 550.0], baked.WAVELENGTHS_NM)])
-def test_a_picture_needs_its_own_wavelengths_or_the_fewer_ones_around_them(picture_nm, baked_nm):
+def test_a_bake_has_the_wavelengths_of_the_picture_or_the_fewer_around_them(picture_nm, baked_nm):
     assert baked.needed_wavelengths_nm(picture_nm) == baked_nm
 
 
@@ -74,17 +74,17 @@ def test_pictures_of_the_same_wavelengths_share_a_bake(folder, bakes, singlet):
     assert first.wavelengths_nm.tolist() == [480.0, 610.0]
 
 
-@pytest.mark.parametrize("own_nm", [[435.0], [435.0, 480.0, 610.0], np.linspace(430, 690, 7)])
-def test_a_lens_does_not_depend_on_the_other_wavelengths_of_its_bake(own_nm):
+@pytest.mark.parametrize("picture_nm", [[435.0], [435.0, 480.0, 610.0], np.linspace(430, 690, 7)])
+def test_a_lens_does_not_depend_on_the_other_wavelengths_of_its_bake(picture_nm):
     """Off the axis, near, and without a sensor in its file. Heights are chosen anew, so PSFs are compared on the axis
     and at the field's end."""
     prescription = replace(prescription_of("nikkor-28mm"), sensor_mm=None)
     alone, among = (baked.bake(replace(prescription, object_distance_mm=900.0), quality="preview", pitch_um=2.4,
                                samples=65, wavelengths_nm=nm)
-                    for nm in (own_nm, np.union1d(own_nm, np.linspace(420, 700, 9))))
+                    for nm in (picture_nm, np.union1d(picture_nm, np.linspace(420, 700, 9))))
     for name in ("f_number_effective", "sensor_mm", "efl_mm", "magnification"):
         assert getattr(alone, name) == pytest.approx(getattr(among, name), rel=1e-12)
-    for nm in own_nm:
+    for nm in picture_nm:
         one, other = alone.at_wavelength(nm), among.at_wavelength(nm)
         for name in ("real_height_mm", "relative_illumination", "point_flux"):
             assert getattr(one, name)[[0, -1]] == pytest.approx(getattr(other, name)[[0, -1]], rel=1e-4)

@@ -17,6 +17,6 @@ def test_products_equal_those_at_once(stack, rows, inner, columns):
     np.testing.assert_allclose(product(left, right), left @ right, atol=1e-12 * inner)
 
 
-def test_each_matrix_of_a_stack_has_its_own_factor():
+def test_the_matrices_of_a_stack_have_separate_factors():
     left, right = RANDOM.normal(size=(4, 97, 65)), RANDOM.normal(size=(4, 65, 256))
     np.testing.assert_allclose(product(left, right), left @ right, atol=1e-10)
