@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from ...engine.depth.depth_range import TRACED
 from ...engine.runtime.build_identity import is_accepted, other_builds_line
 from ...engine.runtime.errors import InputError, one_line
-from ...engine.runtime.files import stamp_of
+from ...engine.runtime.files import remove_half_written, stamp_of
 from ...engine.runtime.locks import Busy, only_writer
 from ...engine.simulation.report import together
 from ..scene.compositor import fingerprint_anew, lay_into_compositor
@@ -115,6 +115,7 @@ class Animation:
         self._one = None  # frees much memory
         if all(self._result(frame).record.is_file() for frame in self._frames):
             self._forget_passes()
+            remove_half_written(self._folder)  # of a process that was killed after this one's first file
 
     def render(self, frame, progress=None):
         """Render a frame in its turn; its Result, or None if another process has rendered it or is rendering it."""

@@ -2,7 +2,7 @@
 
 They are written under temporary names that contain their process, flushed to the disk, and renamed. If that fails, the
 error has the file's final name and the system's reason. Temporary files of killed processes are removed by the next
-process that writes to the folder.
+process that writes to the folder, and at the end of an animation.
 """
 
 import errno
@@ -332,12 +332,17 @@ def is_at_work(process: int) -> bool:
     return True
 
 
-def _remove_half_written(folder, now_s):
+def remove_half_written(folder: AnyPath) -> None:
     """Remove temporary files of killed processes from a folder.
 
     Files of this machine's processes are removed at once. Other machines' processes may still run, so their files are
     removed by age alone, on the clock that stamps the folder's files.
     """
+    with suppress(OSError), _pending_path(lambda: _half_written(Path(folder, "clock"))) as probe:
+        _remove_half_written(Path(folder), probe.stat().st_mtime)
+
+
+def _remove_half_written(folder, now_s):
     with suppress(OSError):
         for path in folder.glob(f"{HALF}*"):
             with suppress(OSError):  # another process has removed it, or it belongs to another user

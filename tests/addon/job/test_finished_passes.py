@@ -15,6 +15,7 @@ from lensfield.addon.job import finished_passes, source
 from lensfield.addon.job.render import job_of_frame, render_steps, run
 from lensfield.addon.job.result import Result
 from lensfield.addon.job.steps import RenderPass
+from lensfield.engine.runtime import files
 from lensfield.engine.runtime.errors import InputError
 from lensfield.engine.runtime.locks import Busy
 from small_scenes import light, material, set_world, wall
@@ -317,6 +318,19 @@ def test_processes_share_the_frames_of_a_folder_and_a_killed_one_loses_none(tmp_
     assert not kill.killed(kill.start(tmp_path / "scene.blend", tmp_path / "shared"), False, 600)
     assert not kill.differing(tmp_path / "whole", tmp_path / "shared")
     assert not (tmp_path / "shared" / ".lensfield").exists()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="Windows does not report whether a process runs")
+@pytest.mark.parametrize("frames", [[1], [1, 2]], ids=["nothing to render", "a frame to render"])
+def test_a_file_left_half_written_by_another_process_is_removed_at_the_end(deep, tmp_path, frames):
+    """The process may have been killed after this one's first write to the folder."""
+    addon.render_animation(deep, [1], output_folder=tmp_path, **OPTIONS)
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    left = tmp_path / f"{files.HALF}{files._machine()}-{ended.pid}-Scene_0001_radiance-abc.exr"
+    left.write_text("half")
+    assert list(addon.render_animation(deep, frames, output_folder=tmp_path, **OPTIONS).results) == frames[1:]
+    assert not left.exists() and not list(tmp_path.glob(f"{files.HALF}*"))
 
 
 def test_a_link_in_place_of_the_cache_folder_contains_no_passes(deep, tmp_path):
