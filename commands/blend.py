@@ -19,12 +19,14 @@ def import_addon():
     return addon
 
 
-def open_scene(path):
-    """The scene of a .blend, opened with the add-on registered.
+def open_scene(path, name=None):
+    """A scene of a .blend, opened with the add-on registered.
 
     Parameters
     ----------
     path : pathlib.Path
+    name : str, optional
+        Its name; by default the scene that was open when the file was saved. Becomes the open scene.
 
     Returns
     -------
@@ -33,7 +35,8 @@ def open_scene(path):
     Raises
     ------
     InputError
-        bpy or the .blend is missing, or the .blend names a file that Blender should not open, such as a pipe.
+        bpy or the .blend is missing; the .blend names a file that Blender should not open, such as a pipe; or it has no
+        scene of this name.
     """
     check_blend(path)
     addon = import_addon()
@@ -46,4 +49,16 @@ def open_scene(path):
             bpy.ops.wm.open_mainfile(filepath=str(path.resolve()), **{"use_scripts": False} if is_confined() else {})
     except RuntimeError as error:
         raise InputError(path, "scene", "not readable", str(error).strip()) from None
+    if name is not None:
+        bpy.context.window.scene = _scene(path, name)
     return bpy.context.scene
+
+
+def _scene(path, name):
+    """The scene of this name in the open file, not one linked from another file if both have it."""
+    import bpy
+
+    scenes = {scene.name: scene for scene in sorted(bpy.data.scenes, key=lambda scene: scene.library is None)}
+    if name not in scenes:
+        raise InputError(path, "scene", name, f"not in the file; its scenes: {', '.join(sorted(scenes))}")
+    return scenes[name]

@@ -183,7 +183,7 @@ def _open_scene(options):
     if options.samples is not None:
         check_limits("--samples", options.samples, SAMPLE_LIMITS)
     size = resolution(options.resolution) if options.resolution else None
-    scene = open_scene(options.scene)
+    scene = open_scene(options.scene, options.scene_name)
     if options.samples is not None:
         scene.cycles.samples = options.samples
     if size:

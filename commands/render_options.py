@@ -47,6 +47,8 @@ def add_farm_options(group):
 def add_scene_options(render):
     """Add arguments for the .blend and its render settings."""
     render.add_argument("scene", type=Path, metavar="SCENE.blend", help="file to render")
+    render.add_argument("--scene-name", metavar="NAME",
+                        help="scene of the file to render (default: the one that was open when the file was saved)")
     add_settings(render, SpectralOptions, settings_of(SpectralOptions), scene_defaults(SpectralOptions))
     listed = [name for name, each in settings_of(RenderRequest).items()
               if each.option is not None and name not in (*ELSEWHERE, *FOLLOWER_FIELDS)]

@@ -93,24 +93,25 @@ def _link(path, folder):
                          f"bake the simulations into the file instead ({error.strerror})") from None
 
 
-def render_command(copy, *more, **given):
-    """The command line that renders a copy by its scene's settings, except for the given fields of a RenderRequest.
+def render_command(scene, copy, *more, **given):
+    """The command line that renders a scene in a copy by its settings, except for the given fields of a RenderRequest.
 
     Parameters
     ----------
+    scene : bpy.types.Scene
     copy : path
     more : str
         Further arguments of `lensfield render`.
     given : by name
     """
-    return lensfield_command([*_render_copy(copy), "--end-with-stdin", *more,
-                              *to_arguments(output_folder=folder_for(bpy.context.scene), **given)])
+    return lensfield_command([*_render_copy(scene, copy), "--end-with-stdin", *more,
+                              *to_arguments(output_folder=folder_for(scene), **given)])
 
 
-def _render_copy(copy):
-    """The arguments of `lensfield` that render a copy as if it were the file, and report progress."""
-    return ["render", str(copy), "--session", str(Path(copy).with_name(SESSION)), "--blend-folder",
-            os.path.dirname(bpy.data.filepath) or str(unsaved_folder()), "--progress", "lines"]
+def _render_copy(scene, copy):
+    """The arguments of `lensfield` that render a scene in a copy as if it were the file, and report progress."""
+    return ["render", str(copy), f"--scene-name={scene.name}", "--session", str(Path(copy).with_name(SESSION)),
+            "--blend-folder", os.path.dirname(bpy.data.filepath) or str(unsaved_folder()), "--progress", "lines"]
 
 
 def apply_command(radiance, scene):
@@ -142,7 +143,7 @@ def preview_arguments(scene, key, *, radiance=None, copy=None, size=None, sample
         given["depth"] = AUTO
     nm = settings.wavelengths_nm()
     few = np.linspace(nm[0], nm[-1], min(len(nm), PREVIEW_WAVELENGTHS)).tolist()
-    return [*_render_copy(copy), "--resolution", "{}x{}".format(*size), "--samples", str(samples), *to_arguments(
+    return [*_render_copy(scene, copy), "--resolution", "{}x{}".format(*size), "--samples", str(samples), *to_arguments(
         **given, wavelengths_nm=tuple(few), spectral=SpectralOptions("preview"), denoise=ON, unfit="render",
         room=PREVIEW_ROOM, output_folder=Path(copy).parent)]
 

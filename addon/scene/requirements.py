@@ -5,14 +5,17 @@ The checks read settings only. They take microseconds, so a panel can run them e
 
 from math import inf
 
+import bpy
+
 from .camera import check_camera, frame_px, render_region
 from .errors import SceneError
+from .linked import check_editable
 from .motion import camera_at
 
 LEAST_PX = 4  # Blender renders no smaller side, whatever the resolution says
 
 
-def check_scene(scene, *, frames=(), view_layer=None, view=None, **_):
+def check_scene(scene, *, frames=(), view_layer=None, view=None, output_folder=None, **_):
     """Raise a SceneError for the first reason why the scene cannot be rendered through a lens.
 
     Parameters
@@ -20,10 +23,13 @@ def check_scene(scene, *, frames=(), view_layer=None, view=None, **_):
     scene : bpy.types.Scene
     frames : iterable of int
         Frames to render: checks all cameras that markers bind to them. Without frames, the active camera.
-    view_layer, view, ... : by name
+    view_layer, view, output_folder, ... : by name
         Fields of a RenderRequest; by default the scene's settings.
     """
     settings = scene.lensfield
+    check_editable(scene, "open that file, or append the scene instead")
+    if output_folder is None:
+        _check_file_names(scene)
     cameras = dict.fromkeys(camera_at(scene, frame) for frame in frames) or [scene.camera]
     for camera in cameras:
         check_camera(scene, settings.view.lower() if view is None else view, camera)
@@ -39,6 +45,17 @@ def check_scene(scene, *, frames=(), view_layer=None, view=None, **_):
                          "link its collections into this scene instead")
     _check_view_layers(scene, settings.view_layer if view_layer is None else view_layer)
     render_region(scene)
+
+
+def _check_file_names(scene):
+    """Raise a SceneError if the files of another scene have the same names, in file systems that may ignore case."""
+    def files(scene):
+        return scene.lensfield.output_folder, bpy.path.clean_name(scene.name).casefold()
+
+    for other in bpy.data.scenes:
+        if other != scene and other.is_editable and files(other) == files(scene):
+            raise SceneError(f"scene {scene.name!r}", "name", f"like that of scene {other.name!r} in file names",
+                             "rename one of the scenes, or give them different output folders")
 
 
 def _check_view_layers(scene, chosen):

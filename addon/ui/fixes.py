@@ -2,15 +2,17 @@
 
 import bpy
 
+from ...engine.runtime.errors import InputError
+from ..scene.linked import check_editable
 from .text_wrap import draw_wrapped
 
 
-def _make_perspective(scene):
-    scene.camera.data.type = "PERSP"
+def _make_perspective(camera):
+    camera.type = "PERSP"
 
 
-def _clear_shift(scene):
-    scene.camera.data.shift_x = scene.camera.data.shift_y = 0.0
+def _clear_shift(camera):
+    camera.shift_x = camera.shift_y = 0.0
 
 
 def _make_square(scene):
@@ -21,10 +23,20 @@ def _clear_region(scene):
     scene.render.use_border = False
 
 
-FIXES = {"type": ("Make Perspective", _make_perspective), "panorama type": ("Make Perspective", _make_perspective),
-         "shift": ("Clear Shift", _clear_shift), "pixel aspect": ("Make Pixels Square", _make_square),
-         "render region": ("Clear Render Region", _clear_region)}
-"""Labels and functions by the field of the refusal."""
+def _camera_of(scene):
+    return scene.camera.data
+
+
+def _itself(scene):
+    return scene
+
+
+FIXES = {"type": ("Make Perspective", _camera_of, _make_perspective),
+         "panorama type": ("Make Perspective", _camera_of, _make_perspective),
+         "shift": ("Clear Shift", _camera_of, _clear_shift),
+         "pixel aspect": ("Make Pixels Square", _itself, _make_square),
+         "render region": ("Clear Render Region", _itself, _clear_region)}
+"""Labels, data-blocks of a scene and functions that change them, by the field of the refusal."""
 
 
 class LENSFIELD_OT_fix(bpy.types.Operator):
@@ -34,11 +46,18 @@ class LENSFIELD_OT_fix(bpy.types.Operator):
     bl_label = "Fix"
     bl_options = {"REGISTER", "UNDO", "INTERNAL"}
 
-    obstacle: bpy.props.EnumProperty(items=[(field, label, "") for field, (label, _) in FIXES.items()],
+    obstacle: bpy.props.EnumProperty(items=[(field, label, "") for field, (label, *_) in FIXES.items()],
                                      options={"HIDDEN"})
 
     def execute(self, context):
-        FIXES[self.obstacle][1](context.scene)
+        _, data_block_of, fix = FIXES[self.obstacle]
+        data_block = data_block_of(context.scene)
+        try:
+            check_editable(data_block)
+        except InputError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        fix(data_block)
         return {"FINISHED"}
 
 

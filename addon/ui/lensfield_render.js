@@ -20,6 +20,8 @@ const JOB_TYPE = {
           description: "Render existing frames again" },
         { key: "any_build", type: "bool", default: false,
           description: "Accept finished frames from other builds of Lensfield" },
+        { key: "scene_name", type: "string", required: true, visible: "hidden",
+          eval: "C.scene.name" },
         { key: "lens", type: "string", required: true, visible: "hidden",
           eval: "C.scene.lensfield.lens_name_or_path()" },
         { key: "blendfile", type: "string", required: true, visible: "web",
@@ -39,7 +41,7 @@ function compileJob(job) {
 function renderCommand(settings, chunk) {
     const args = [
         `--frames=${chunk}`, "--wait", "--progress=flamenco", `--output=${settings.output_folder}`,
-        `--lens=${settings.lens}`,
+        `--scene-name=${settings.scene_name}`, `--lens=${settings.lens}`,
     ];
     if (settings.overwrite) {
         args.push("--overwrite");

@@ -8,6 +8,7 @@ from ..job.remarks import ENOUGH_SAMPLES
 from ..job.render import render_through_lens
 from ..scene.camera import aim_camera, check_camera, frame_px, match_camera_to_lens, pitch_um
 from ..scene.compositor import show_file
+from ..scene.linked import check_editable
 from . import window_render
 from .lens_worker import lens_now, quality_at_hand
 from .previews import SHEET_MARK, load_sheet
@@ -109,6 +110,7 @@ class LENSFIELD_OT_match_camera(bpy.types.Operator):
 
 def _match(scene):
     check_camera(scene)
+    check_editable(scene.camera.data)
     lens = lens_now(scene, quality_at_hand(scene))
     match_camera_to_lens(scene.camera.data, lens, PixelGrid(frame_px(scene), pitch_um(lens, frame_px(scene))))
 
@@ -123,6 +125,11 @@ class LENSFIELD_OT_add_camera(bpy.types.Operator):
 
     def execute(self, context):
         scene = context.scene
+        try:
+            check_editable(scene)
+        except InputError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
         data = bpy.data.cameras.new("Camera")
         camera = scene.camera = bpy.data.objects.new("Camera", data)
         scene.collection.objects.link(camera)

@@ -157,7 +157,9 @@ def tick():
     if preview.job and "status" in preview.child.status:
         _take_in(preview, scene)
         _redraw()
-    if not preview.job and _may_work(scene):
+    if not preview.job and (shown := _shown_scene(scene)) != scene:
+        _turn_to(preview, shown)
+    elif not preview.job and _may_work():
         _ask_next(preview, scene)
     if preview.announced != (waiting_for := preview.waiting_for):
         preview.announced = waiting_for
@@ -178,13 +180,25 @@ def shown_tangents(scene, key):
     return view_tangents(scene, lens, view, rings)
 
 
-def _may_work(scene):
-    """Whether the window shows the scene, no render or tool is running (Blender does not save while a tool runs), and
-    the file names only trusted files (appended data may name others)."""
+def _shown_scene(scene):
+    """The scene that the main window shows; without a window, the given one."""
     windows = bpy.context.window_manager.windows
+    return windows[0].scene if windows else scene
+
+
+def _turn_to(preview, scene):
+    """Preview another scene of the file from now on."""
+    preview.scene_uid, preview.radiance, preview.lens, preview.facts = scene.session_uid, None, (), []
+    preview.changed_s = preview.other_s = 0.0
+    preview.picture.unlink(missing_ok=True)
+    preview_overlay.forget_picture()
+
+
+def _may_work():
+    """Whether no render or tool is running (Blender does not save while a tool runs), and the file names only trusted
+    files (appended data may name others)."""
     return (session.render is None and not bpy.app.is_job_running("RENDER")
-            and not tool_in_use()
-            and (not windows or windows[0].scene == scene) and not named_files())
+            and not tool_in_use() and not named_files())
 
 
 def _ask_next(preview, scene):

@@ -109,8 +109,8 @@ def start(scene, *frames, lens_quality=None):
     remarks = [f"image {name!r} has unsaved pixels that the render does not include: save or pack it"
                for name in lost_images()]
     state_now, source = fingerprint_now(scene), window_digest(scene)
-    _follow(scene, lambda folder: render_command(save_copy(folder), *frames, picture=Path(folder) / PICTURE,
-                                                 state=state_now, source=source),
+    _follow(scene, lambda folder: render_command(scene, save_copy(folder), *frames,
+                                                 picture=Path(folder) / PICTURE, state=state_now, source=source),
             remarks, state_now, job.output_folder, bool(frames))
     return remarks
 

@@ -15,6 +15,7 @@ import pytest
 import lensfield as extension
 from lensfield import addon, cli
 from lensfield.addon.job.result import FRAME_FILES, LENS_FILES
+from lensfield.cli import main
 from lensfield.commands.messages import read_message
 from lensfield.engine.library import BUNDLED
 from lensfield.engine.pictures.spectral_exr import read_exr
@@ -37,6 +38,17 @@ def blend(scene, tmp_path):
 def lensfield(*arguments):
     command = [sys.executable, "-c", "from lensfield.cli import console; console()", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, timeout=LAST_RESORT_S)
+
+
+def test_a_scene_is_chosen_by_its_name(blend, capfd):
+    bpy.ops.scene.new(type="LINK_COPY")
+    bpy.context.scene.name, bpy.context.scene.camera = "Night", None
+    bpy.ops.wm.save_as_mainfile(filepath=str(blend))
+    assert main(["lint", str(blend), "--scene-name", "Scene"]) == 0
+    assert main(["lint", str(blend), "--scene-name", "Night"]) == 1
+    assert "scene 'Night': camera is missing" in capfd.readouterr().out
+    assert main(["lint", str(blend), "--scene-name", "Day"]) == 1
+    assert f"{blend}: scene is Day: not in the file; its scenes: Night, Scene" in capfd.readouterr().err
 
 
 def test_rendering_runs_no_scripts_of_the_scene(blend, tmp_path):

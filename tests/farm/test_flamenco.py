@@ -67,7 +67,7 @@ def in_node(code):
 def compiled(**settings):
     """The tasks of a job."""
     job = {"settings": {"frames": "1", "chunk_size": 1, "output_folder": "/out", "overwrite": False,
-                        "lens": "tessar-50mm", "blendfile": "/scene.blend"} | settings}
+                        "scene_name": "Scene", "lens": "tessar-50mm", "blendfile": "/scene.blend"} | settings}
     return in_node(f"""
         const job = {json.dumps(job)};
         job.addTask = task => taken.push(task);
@@ -121,7 +121,7 @@ def test_a_task_with_a_killed_worker_loses_no_frames_and_leaves_no_files(blend, 
     command = [sys.executable, "-c", WORKER, blender, *parameters["argsBefore"], parameters["blendfile"],
                *parameters["args"], "--lens-quality=preview", "--resolution=64x48", "--samples=128"]
     worker = subprocess.Popen(command, stdout=subprocess.DEVNULL)
-    wait_until(lambda: passes(folder) and renders(folder))
+    wait_until(lambda: worker.poll() is not None or passes(folder) and renders(folder))
     worker.send_signal(signal.SIGKILL)
     worker.wait()
     wait_until(lambda: not renders(folder))

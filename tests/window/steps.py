@@ -489,6 +489,135 @@ def moved_folder():
     assert alike((yield from render_in_blender()), blender_image) and "is missing" in node_label()
 
 
+def two_scenes():
+    """Each scene of a file has its own lens, picture and compositor, whichever scene the window shows meanwhile."""
+    yield from open_sample(samples=1)
+    window, first = main_window(), bpy.context.scene
+    with over():
+        assert bpy.ops.scene.new(type="LINK_COPY") == {"FINISHED"}
+    second = window.scene
+    second.name = "Second"
+    choose_petzval()
+    assert first.lensfield.lens != second.lensfield.lens
+    bpy.ops.ed.undo_push(message="Second Scene")
+    yield from start()
+    window.scene = first
+    yield from until(lambda: not rendering())
+    yield 1
+    shoot("first")
+    assert node_label() is None, notice()
+    images = {"Scene": (yield from render())}
+    window.scene = second
+    yield 1
+    shoot("second")
+    images["Second"] = pixels(lens_image_path())
+    assert not alike(*images.values())
+    for name, image in images.items():
+        window.scene = bpy.data.scenes[name]
+        yield 1
+        assert node_label() == "Lensfield: lens image"
+        assert alike((yield from render_in_blender()), image)
+    yield from start("preview")
+    yield from until(preview_is_fresh)
+    shown = pixels(preview_under_way().picture)
+    window.scene = first
+    yield 1
+    yield from until(preview_is_fresh)
+    yield DRAW_S
+    shoot("preview")
+    assert not alike(pixels(preview_under_way().picture), shown)
+
+
+def linked_camera():
+    """A camera from a library renders. What it lacks is refused until it has an override."""
+    yield from open_sample(samples=1)
+    scene, library = bpy.context.scene, FOLDER / "cameras.blend"
+    scene.camera.data.type, name = "ORTHO", scene.camera.name
+    bpy.data.libraries.write(str(library), {scene.camera})
+    bpy.data.objects.remove(scene.camera)
+    with bpy.data.libraries.load(str(library), link=True, relative=True) as (_, to):
+        to.objects = [name]
+    scene.camera = to.objects[0]
+    scene.collection.objects.link(scene.camera)
+    bpy.ops.wm.save_mainfile()
+    yield 1
+    with over():
+        try:
+            bpy.ops.lensfield.fix("INVOKE_DEFAULT", obstacle="type")
+        except RuntimeError as error:
+            assert "is linked from //cameras.blend" in str(error), error
+    yield DRAW_S
+    shoot("refused")
+    assert scene.camera.data.type == "ORTHO"
+    scene.camera.override_create(remap_local_usages=True).data.override_create(remap_local_usages=True)
+    with over():
+        assert bpy.ops.lensfield.fix("INVOKE_DEFAULT", obstacle="type") == {"FINISHED"}
+    yield 1
+    shoot("overridden")
+    near = yield from render()
+    scene.camera.data.dof.use_dof, scene.camera.data.dof.aperture_fstop = True, 22
+    bpy.ops.ed.undo_push(message="Stop Down")
+    yield 1
+    assert not alike((yield from render()), near)
+    bpy.ops.wm.save_mainfile()
+    bpy.ops.wm.revert_mainfile()
+    yield 1
+    camera = bpy.context.scene.camera.data
+    assert camera.override_library and camera.type == "PERSP" and camera.dof.aperture_fstop == 22
+    assert node_label() == "Lensfield: lens image"
+
+
+def appended_scene():
+    """A scene appended to another file renders into that file's folder, and its old lens image is not shown there."""
+    yield from open_sample(samples=1)
+    choose_petzval()
+    bpy.ops.wm.save_mainfile()
+    before = yield from render()
+    bpy.ops.wm.save_mainfile()
+    source = bpy.data.filepath
+    bpy.ops.wm.read_homefile(app_template="")
+    yield 1
+    (FOLDER / "elsewhere").mkdir()
+    bpy.ops.wm.save_as_mainfile(filepath=str(FOLDER / "elsewhere" / "other.blend"), check_existing=False)
+    with over():
+        bpy.ops.wm.append(filepath="appended", directory=f"{source}/Scene/", filename="Scene")
+    main_window().scene = next(scene for scene in bpy.data.scenes if "Vase" in scene.objects)
+    yield from show_tab()
+    yield 1
+    shoot("appended")
+    scene = bpy.context.scene
+    assert scene.lensfield.lens == "kodak-petzval-100mm"
+    after = yield from render()
+    assert lens_image_path().is_relative_to(FOLDER / "elsewhere") and alike(before, after)
+    assert node_label() == "Lensfield: lens image"
+    shoot("rendered")
+    assert alike((yield from render_in_blender()), after)
+
+
+def other_file():
+    """Another file opened during a render stays as it is; the picture is in the first file's folder."""
+    yield from open_sample(samples=64, percentage=50)
+    path, image = bpy.data.filepath, lens_image_path()
+    yield from start()
+    yield from until(in_a_pass)
+    bpy.ops.wm.read_homefile(app_template="")
+    yield from show_tab()
+    yield 1
+    shoot("under-way")
+    assert rendering()
+    yield from until(lambda: not rendering())
+    yield 1
+    shoot("finished")
+    assert image.is_file() and "no longer open" in notice(), notice()
+    assert node_label() is None and not bpy.data.is_dirty and len(bpy.context.window_manager.windows) == 1
+    assert not [image for image in bpy.data.images if "lens_image" in image.filepath]
+    bpy.ops.wm.open_mainfile(filepath=path)
+    yield from show_tab()
+    yield 1
+    yield from render()
+    assert node_label() == "Lensfield: lens image"
+
+
 def stranger():
     """An untrusted file names a lens elsewhere: all panels show its path.
 

@@ -89,7 +89,7 @@ def test_simulations_cached_on_disk_are_available_to_the_copy(scene, tmp_path):
 
 def test_an_unsaved_file_can_be_copied(scene, tmp_path):
     assert child.save_copy(tmp_path).is_file()
-    command = child.render_command("copy.blend", picture="picture.png")
+    command = child.render_command(bpy.context.scene, "copy.blend", picture="picture.png")
     assert not bpy.data.filepath and command[command.index("--blend-folder") + 1] == str(unsaved_folder())
 
 
@@ -98,11 +98,11 @@ def test_blender_itself_is_started_with_this_add_on(scene, monkeypatch):
         binary_path, autoexec_fail = "/opt/blender", False
 
     monkeypatch.setattr(child.bpy, "app", App)
-    command = child.render_command("copy.blend", picture="picture.png")
+    command = child.render_command(bpy.context.scene, "copy.blend", picture="picture.png")
     assert command[:command.index("render")] == ["/opt/blender", "--background", "--addons", "lensfield",
                                                  "--enable-autoexec", "--command", "lensfield"]
     App.autoexec_fail = True
-    assert "--disable-autoexec" in child.render_command("copy.blend", picture="picture.png")
+    assert "--disable-autoexec" in child.render_command(bpy.context.scene, "copy.blend", picture="picture.png")
 
 
 @pytest.fixture
@@ -134,7 +134,8 @@ def test_folders_of_a_killed_process_are_deleted(tmp_path, monkeypatch):
 
 
 def started(tmp_path):
-    return Child(child.render_command(child.save_copy(tmp_path), picture=tmp_path / "picture.png"), tmp_path)
+    command = child.render_command(bpy.context.scene, child.save_copy(tmp_path), picture=tmp_path / "picture.png")
+    return Child(command, tmp_path)
 
 
 def test_a_child_reports_progress_and_updates_its_picture(coloured_scene, tmp_path):
@@ -156,6 +157,17 @@ def test_a_child_reports_progress_and_updates_its_picture(coloured_scene, tmp_pa
     assert len(pictures) == 2
     with Image.open(tmp_path / "picture.png") as picture:
         assert picture.size == (200, 150) and np.ptp(np.array(picture)) > 50
+
+
+def test_a_child_renders_the_scene_that_it_is_started_for(coloured_scene, tmp_path):
+    """In the background, Blender opens the first scene of a file, whichever the window showed."""
+    bpy.ops.scene.new(type="FULL_COPY")
+    second = bpy.context.scene
+    second.name, second.lensfield.tier = "It's the second", "PREVIEW"
+    render = Child(child.render_command(second, child.save_copy(tmp_path)), tmp_path)
+    wait_until(lambda: render.ended)
+    render.end()
+    assert render.status.get("lens_image") == str(tmp_path / "out" / "It_s_the_second_0001_lens_image.exr")
 
 
 def test_bad_input_is_reported_in_one_line(coloured_scene, tmp_path):
@@ -180,7 +192,7 @@ os.kill(os.getpid(), 9)
 
 def test_a_child_ends_when_its_parent_is_killed(coloured_scene, tmp_path):
     coloured_scene.cycles.samples = 1 << 20
-    command = child.render_command(child.save_copy(tmp_path), picture=tmp_path / "picture.png")[1:]
+    command = child.render_command(bpy.context.scene, child.save_copy(tmp_path), picture=tmp_path / "picture.png")[1:]
     parent = subprocess.run([sys.executable, "-c", LEAVE_IT, tmp_path, *command], capture_output=True, text=True)
     pid = int(parent.stdout.splitlines()[-1])
     wait_until(lambda: not runs(pid), 60)
