@@ -92,7 +92,7 @@ def turned(prescription: Prescription, rings: Rings = AT_REST) -> TurnedLens:
     """
     widest_stop, far = _wide_open(prescription)
     f_number, stop_warnings = _f_number(prescription, far, rings.f_number)
-    stop = "stop", widest_stop.aperture[1] * far.f_number / f_number
+    stop = "stop", widest_stop.aperture[1] * (far.f_number / f_number)  # exactly the widest stop at its f-number
     lens, focus_warnings = widest_stop, ()
     if rings.focus_mm is not None:
         lens, focus_warnings = _focused_on(widest_stop, far, rings)
