@@ -93,6 +93,21 @@ class Opening:
         change = float(np.sqrt(slope**2 + 4 * bend * margin))  # across the middle of the edge
         return margin / change, bend / change, slope / change
 
+    def open_share(self, stop: np.ndarray, cell: float) -> np.ndarray:
+        """The share of cells that is between the blades: 1 for a round stop.
+
+        Parameters
+        ----------
+        stop : array (2, ...)
+            Middles of the cells, to the right and up, in semi-apertures.
+        cell : float
+            Their side.
+        """
+        (margin, bend, slope), (x, y) = self.shape, stop
+        inside = [margin - bend * (x * x + y * y) - slope * (x * across + y * along)
+                  for across, along in self.iris.directions]
+        return np.prod([np.clip(each / cell + 0.5, 0, 1) for each in inside], axis=0, initial=1.0)
+
 
 def opening(iris: Iris | None, lens: Lens) -> Opening:
     """The opening of a lens with an iris; a round stop without one.

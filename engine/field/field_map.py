@@ -199,6 +199,21 @@ class RaySample(Protocol):
     def area_px(self, nearness: float) -> float:
         """Largest area of the blur of the open stop at an inverse depth, in square pixels."""
 
+    def bundles(self, right_px: np.ndarray,
+                up_px: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """The rays of the shortest wavelength at places relative to the axis.
+
+        Returns
+        -------
+        far_px, moved_px : arrays (..., ray, 2)
+            Their positions at infinity in the plane of an ideal image, to the right and up, in pixels; and the change
+            of these with the inverse depth, in pixels times mm.
+        light : array (..., ray)
+            Light within the rims of the lens's surfaces.
+        stop : array (2, ..., ray)
+            Their positions in the stop, to the right and up, in semi-apertures.
+        """
+
     def reach(self, nearness: np.ndarray, axis_px: tuple[float, float],
               shrinkage: Callable[[np.ndarray], np.ndarray], tiles: Tiles) -> RayReach:
         """The reach of the rays of tiles in a layer of these inverse depths, with the axis at `axis_px`."""

@@ -94,6 +94,23 @@ class Pencils:
             shapes[:, height] = both[:2, :2] * area, (both[:2, 2:] + both[2:, :2]) * area, both[2:, 2:] * area
         return shapes
 
+    def bundles(self, right_px: np.ndarray,
+                up_px: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """The rays of the shortest wavelength at places relative to the axis: see `field_map.RaySample`."""
+        height_px = np.hypot(right_px, up_px)[..., None]
+        on_axis = height_px == 0
+        right, up = (np.where(on_axis, upwards, side[..., None] / np.where(on_axis, 1, height_px))
+                     for side, upwards in ((right_px, 0.0), (up_px, 1.0)))
+        at = np.minimum(height_px[..., 0] * self.heights_per_px, self.heights - 1)
+        far, moved, inside, light = (_at_heights(each[..., 0, :, :], at)
+                                     for each in (self.far_px, self.moved_px, self.inside, self.light))
+
+        def turned(out, across):
+            return out * right + across * up, out * up - across * right
+
+        return (np.stack(turned(*far), axis=-1), np.stack(turned(*moved), axis=-1),
+                light * np.clip(inside + 0.5, 0, 1), np.stack(turned(*self.stop[::-1])))
+
     def reach(self, nearness: np.ndarray, axis_px: tuple[float, float],
               shrinkage: Callable[[np.ndarray], np.ndarray], tiles: Tiles) -> "RayReach":
         """The reach of the rays of tiles in a layer of these inverse depths, with the axis at `axis_px`."""
@@ -173,6 +190,13 @@ class RayReach:
         u, v = depth - i, self._at - j
         return ((1 - u) * ((1 - v) * table[i, j] + v * table[i, j + 1])
                 + u * ((1 - v) * table[i + 1, j] + v * table[i + 1, j + 1]))
+
+
+def _at_heights(values, at):
+    """Values (..., height, ray), interpolated at places among the heights: array (..., place, ray)."""
+    before = np.minimum(at.astype(int), values.shape[-2] - 2)
+    share = (at - before)[..., None]
+    return (1 - share) * values[..., before, :] + share * values[..., before + 1, :]
 
 
 def _ends(rays, shrinkage, nearness):
