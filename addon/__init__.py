@@ -25,6 +25,7 @@ from .ui import (
     flamenco,
     lens_worker,
     lint_panel,
+    live,
     operators,
     panels,
     plan_line,
@@ -43,7 +44,7 @@ __all__ = ["Animation", "RenderRequest", "apply_lens", "check_next_to_frames", "
            "set_blend_folder", "preflight", "register", "render_animation", "render_through_lens", "source_digest",
            "take_session", "unregister"]
 
-_MODULES = (properties, preferences, favourites, fixes, operators, animation, another_lens, preview, compositor_panel,
+_MODULES = (properties, preferences, favourites, fixes, operators, animation, another_lens, preview, live, compositor_panel,
             panels, lint_panel, spectra_panels, trust_panel, flamenco)
 _CLASSES = [cls for module in _MODULES for cls in module.classes]
 for _operator in (cls for cls in _CLASSES if issubclass(cls, bpy.types.Operator)):
@@ -73,6 +74,7 @@ def unregister():
     """Undo `register`. Blender also calls it on exit."""
     window_render.end()
     preview.end()
+    live.end()
     stop_watching()
     bpy.app.handlers.load_post.remove(window_render.forget_last)
     plan_line.forget_plans()

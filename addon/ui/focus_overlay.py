@@ -5,16 +5,15 @@ current focus and f-stop, so it follows them while they are dragged. Nearly all 
 distinguish Okabe and Ito's orange and blue.
 """
 
-from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import suppress
 from functools import lru_cache
 
 import numpy as np
 
 from ...engine.pictures.spectral_exr import read_parts
 from ...engine.runtime.errors import InputError
-from ...engine.runtime.files import stamp_of
 from ..scene.focus import focus_now
-from ..scene.lens_facts import lens_facts
+from .lens_at_rest import facts_at_rest, forget_facts
 from .session import session
 
 NEARER, FARTHER = (0.90, 0.60, 0.0), (0.0, 0.45, 0.70)
@@ -22,8 +21,6 @@ SHARP_PX = 1.0
 FAINTEST, STRONGEST = 0.25, 0.6  # opacity at SHARP_PX, and its limit for large blur
 LONGEST_S = 0.5  # wait for the lens, so that the first redraw can already show tints
 LEGEND = "Blurred by more than a pixel: orange nearer, blue farther"
-
-_worker = ThreadPoolExecutor(1, "Lensfield focus")
 
 
 def tints(depth_m, focus):
@@ -45,8 +42,8 @@ def switch(scene):
     """Switch the overlay on or off."""
     session.focus_overlay = not session.focus_overlay
     if session.focus_overlay:
-        lens = scene.lensfield.lens_name_or_path()
-        wait([_facts_at_rest(lens, stamp_of(lens))], LONGEST_S)
+        with suppress(InputError):  # the panel reports it
+            facts_at_rest(scene, LONGEST_S)
 
 
 def focus_tints(scene, path):
@@ -59,12 +56,11 @@ def focus_tints(scene, path):
     scene : bpy.types.Scene
     path : Path or None
     """
-    lens = scene.lensfield.lens_name_or_path()
-    at_rest = _facts_at_rest(lens, stamp_of(lens))
     try:
-        if path is None or not at_rest.done() or not path.is_file():
+        at_rest = facts_at_rest(scene)
+        if path is None or at_rest is None or not path.is_file():
             return None
-        return _tints(path, path.stat().st_mtime_ns, focus_now(scene, at_rest.result()))
+        return _tints(path, path.stat().st_mtime_ns, focus_now(scene, at_rest))
     except (InputError, OSError):  # the panel reports it
         return None
 
@@ -81,14 +77,9 @@ def _depth_m(path, changed):
     return plane
 
 
-@lru_cache(maxsize=4)
-def _facts_at_rest(lens, changed):
-    """A Future of the lens facts: reading a lens takes a fraction of a second and must not block drawing."""
-    return _worker.submit(lens_facts, lens)
-
-
 def forget():
     """Clear the caches and switch the overlay off."""
     session.focus_overlay = False
-    for cached in (_tints, _depth_m, _facts_at_rest):
+    forget_facts()
+    for cached in (_tints, _depth_m):
         cached.cache_clear()

@@ -25,6 +25,7 @@ from .favourites import draw_favourite
 from .fixes import draw_refusal
 from .lens_worker import lens_request, requested_lens
 from .lint_panel import draw_check
+from .live import draw_live, draw_live_status
 from .panel_pictures import draw_picture
 from .plan_line import plan_text
 from .preview import draw_preview, draw_preview_status
@@ -118,7 +119,9 @@ def _draw_rings(layout, scene):
 
 def _draw_buttons(layout, scene):
     """Draw the buttons, with the progress of a running render in place of the main one."""
-    draw_preview(layout)
+    pair = layout.split(factor=0.5, align=True)
+    draw_preview(pair)
+    draw_live(pair)
     if session.render:
         _draw_progress(layout, session.render)
     else:
@@ -152,6 +155,7 @@ def _draw_status(layout, scene):
 def _draw_notes(layout, scene):
     """Draw what the user should know before a render."""
     draw_preview_status(layout)
+    draw_live_status(layout)
     column = layout.column(align=True)
     if facts := _facts(scene):
         for word in facts[0].words:

@@ -78,6 +78,10 @@ class Session:
     focus_overlay : bool
         Whether the focus overlay is on.
     overlay : CameraOverlay
+    live : Live or None
+        The live view, while it is on.
+    live_failure : str
+        Why the live view was switched off; "" if the user did.
     check : Check
     """
 
@@ -87,6 +91,8 @@ class Session:
     preview_failure: str = ""
     focus_overlay: bool = False
     overlay: CameraOverlay = field(default_factory=CameraOverlay)
+    live: Any = None
+    live_failure: str = ""
     check: Check = Check()
 
 

@@ -1,0 +1,224 @@
+"""Draws the camera's view of a 3D viewport through a lens, from the viewport's own light and depth.
+
+The viewport's picture is read when Blender has drawn the scene and its overlays, which stay undistorted on top. Each
+pixel of the lens's frame then gathers the light of a few rays: by the lens's tables, where the rays come from; by the
+viewport's depth, how far out of focus things are. What is outside the viewport or hidden is unknown.
+"""
+
+from dataclasses import dataclass
+from functools import cache, lru_cache
+from itertools import pairwise
+from pathlib import Path
+
+import gpu
+import numpy as np
+from gpu_extras.batch import batch_for_shader
+
+from ...engine.depth.lens_tables import BOKEH_NODES, RAYS, LensTables
+from ...engine.rays.stop_places import cell_size
+
+SOURCES = Path(__file__).parent / "shaders"
+TILE_PX, REACH_TILES = 16, 6  # blur reaches at most their product from its middle
+SHARP_PX, BLURRED_PX = 0.8, 2.0  # diameters of blur that is not drawn, and that is drawn alone
+STEEPEST_RAD = 1.55
+SIDES_PX = 2, 4, 8, 16  # of the pixels of smaller copies of the light
+HALVES = "nearer", "farther", "blurs"
+FINER_HALVES = tuple(f"finer_{name}" for name in HALVES)
+MOST_SIZES = 2  # viewports of different sizes that are drawn in turn
+CONSTANTS = {"TILE": TILE_PX, "REACH": REACH_TILES, "SHARP_PX": SHARP_PX, "BLURRED_PX": BLURRED_PX,
+             "CELL": cell_size(RAYS) / 2, "STEEPEST": STEEPEST_RAD, "FARTHEST": 1e30,
+             "BOKEH_NODES": BOKEH_NODES, "RAYS": RAYS}
+
+SAMPLERS = {"blur": ("colours", "depths"), "split": ("light",), "halve": FINER_HALVES, "tiles": ("light",),
+            "reach": ("tiles",),
+            "lens": ("colours", "light", "reaches", *(f"{name}_{side}" for side in SIDES_PX for name in HALVES),
+                     "red_green_angles", "blue_angles", "bokeh")}
+VALUES = {"blur": {"focus": "VEC4", "most_px": "FLOAT"}, "reach": {"widest": "FLOAT"},
+          "lens": {"frame": "VEC4", "view": "VEC4", "focus_shows": "FLOAT", "shows_through": "FLOAT"}}
+"""The textures and the values of each shader."""
+
+
+@dataclass(frozen=True)
+class View:
+    """What a viewport shows of a camera's view.
+
+    Attributes
+    ----------
+    middle_px : (float, float)
+        Of the optical axis in the region, to the right and up.
+    px_per_tangent : (float, float)
+        Pixels for the tangent of an angle from the axis, to the right and up.
+    nearness_per_depth, depth_at_infinity : float
+        The inverse of a distance along the axis, per scene unit, is the first times the sum of a normalised depth and
+        the second.
+    """
+
+    middle_px: tuple[float, float]
+    px_per_tangent: tuple[float, float]
+    nearness_per_depth: float
+    depth_at_infinity: float
+
+    @classmethod
+    def of(cls, window_matrix, width_px: int, height_px: int) -> "View":
+        """The view of a region with this perspective projection."""
+        matrix = window_matrix
+        return cls(((1 - matrix[0][2]) * width_px / 2, (1 - matrix[1][2]) * height_px / 2),
+                   (matrix[0][0] * width_px / 2, matrix[1][1] * height_px / 2), 1 / matrix[2][3], matrix[2][2])
+
+
+@dataclass(frozen=True)
+class Defocus:
+    """Blur by depth in a viewport.
+
+    Attributes
+    ----------
+    px_m : float
+        Diameter of the blur of infinitely distant points, times the focus distance: in pixels times metres.
+    nearness_per_m : float
+        The inverse of the focus distance.
+    metres_per_unit : float
+        Of the scene.
+    """
+
+    px_m: float
+    nearness_per_m: float
+    metres_per_unit: float
+
+
+class Textures:
+    """The tables of a lens on the graphics processor.
+
+    Parameters
+    ----------
+    tables : LensTables
+    """
+
+    def __init__(self, tables: LensTables) -> None:
+        red, green, blue = np.moveaxis(tables.angle_rad, 2, 0)
+        light = np.stack([tables.illumination, np.zeros_like(tables.illumination)], axis=-1)
+        rows, columns, rays, _ = tables.shifts.shape
+        radius = np.broadcast_to(tables.stop_radius, tables.light.shape)
+        bokeh = np.stack([np.concatenate([tables.shifts, tables.aberrations], axis=-1),
+                          np.stack([tables.light, radius, *np.zeros((2, *radius.shape))], axis=-1)], axis=-2)
+        self.red_green = _texture(np.concatenate([red, green], axis=-1))
+        self.blue = _texture(np.concatenate([blue, light], axis=-1))
+        self.bokeh = _texture(bokeh.reshape(rows, columns * rays * 2, 4))
+        self.widest = float(np.hypot(*np.moveaxis(tables.shifts, -1, 0)).max(initial=0, where=tables.light > 0))
+
+
+def draw(framebuffer, textures: Textures, view: View, frame_px, defocus: Defocus | None, *, transparent: bool) -> None:
+    """Replace a frame in a viewport by its view through a lens.
+
+    Parameters
+    ----------
+    framebuffer : gpu.types.GPUFrameBuffer
+        With the viewport's light and depth.
+    textures : Textures
+    view : View
+    frame_px : (float, float, float, float)
+        Left, bottom, width and height of the lens's frame in the region.
+    defocus : Defocus or None
+        None leaves everything in focus.
+    transparent : bool
+        Whether the viewport's background shows through.
+    """
+    _, _, width, height = framebuffer.viewport_get()
+    with framebuffer.bind():
+        light = framebuffer.read_color(0, 0, width, height, 4, 0, "FLOAT")
+        depth = framebuffer.read_depth(0, 0, width, height)
+    colours = gpu.types.GPUTexture((width, height), format="RGBA16F", data=light)
+    depths = gpu.types.GPUTexture((width, height), format="R32F", data=_flat(depth))
+    steps = _steps(width, height)
+    gpu.state.blend_set("NONE")
+    gpu.state.depth_test_set("NONE")
+    gpu.state.depth_mask_set(False)
+    if defocus:
+        _split_by_depth(steps, {"colours": colours, "depths": depths}, view, defocus, max(textures.widest, 1))
+    with framebuffer.bind():
+        left, bottom, across, up = frame_px
+        corners = [(2 * x / width - 1, 2 * y / height - 1)
+                   for x, y in ((left, bottom), (left + across, bottom), (left, bottom + up), (left + across, bottom + up))]
+        inputs = {name: steps[name][0] for name in ("light", "reaches")}
+        for side in SIDES_PX:
+            inputs |= {f"{name}_{side}": texture for name, texture in zip(HALVES, steps[side], strict=True)}
+        inputs |= {"colours": colours, "red_green_angles": textures.red_green, "blue_angles": textures.blue,
+                   "bokeh": textures.bokeh}
+        _fill("lens", corners, inputs, frame=frame_px, view=(*view.px_per_tangent, *view.middle_px),
+              focus_shows=float(defocus is not None), shows_through=float(transparent))
+
+
+def _split_by_depth(steps, viewport, view, defocus, widest):
+    """Fill the images between the viewport's and the lens's: `_steps`."""
+    # per scene unit: nearness = (depth + depth_at_infinity) * nearness_per_depth
+    focus = (view.depth_at_infinity, view.nearness_per_depth / defocus.metres_per_unit, defocus.px_m,
+             defocus.nearness_per_m)
+    _run("blur", steps["light"], viewport, focus=focus, most_px=2 * TILE_PX * REACH_TILES / widest)
+    light, = steps["light"]
+    _run("split", steps[SIDES_PX[0]], {"light": light})
+    for finer, coarser in pairwise(SIDES_PX):
+        _run("halve", steps[coarser], dict(zip(FINER_HALVES, steps[finer], strict=True)))
+    _run("tiles", steps["tiles"], {"light": light})
+    _run("reach", steps["reaches"], {"tiles": steps["tiles"][0]}, widest=widest)
+
+
+def _flat(depth):
+    values = np.asarray(memoryview(depth), dtype=np.float32)
+    return gpu.types.Buffer("FLOAT", values.size, values.ravel())
+
+
+def _texture(values):
+    """A texture of an array (row, column, 4), bottom row first."""
+    height, width, _ = values.shape
+    data = np.ascontiguousarray(values, dtype=np.float32).ravel()
+    return gpu.types.GPUTexture((width, height), format="RGBA32F", data=gpu.types.Buffer("FLOAT", data.size, data))
+
+
+@lru_cache(maxsize=MOST_SIZES)
+def _steps(width, height):
+    """The images between the viewport's and the lens's: dict of tuples of gpu.types.GPUTexture.
+
+    The viewport's light with its blur; smaller copies of its light from before and from behind the focus, with their
+    blur, by the sides of their pixels; and the least and the largest blur in tiles, and of what reaches them.
+    """
+    sides_px = {"light": 1, "tiles": TILE_PX, "reaches": TILE_PX} | {side: side for side in SIDES_PX}
+    return {name: tuple(gpu.types.GPUTexture((-(-width // side), -(-height // side)), format="RGBA16F")
+                        for _ in range(len(HALVES) if name in SIDES_PX else 1)) for name, side in sides_px.items()}
+
+
+def _run(name, images, textures, **values):
+    """Fill images by a shader."""
+    with gpu.types.GPUFrameBuffer(color_slots=images).bind():
+        _fill(name, [(-1, -1), (1, -1), (-1, 1), (1, 1)], textures, **values)
+
+
+def _fill(name, corners, textures, **values):
+    shader = _shader(name)
+    shader.bind()
+    for each, texture in textures.items():
+        shader.uniform_sampler(each, texture)
+    for each, value in values.items():
+        shader.uniform_float(each, value)
+    batch_for_shader(shader, "TRI_STRIP", {"corner": corners}).draw(shader)
+
+
+@cache
+def _shader(name):
+    info = gpu.types.GPUShaderCreateInfo()
+    for constant, value in CONSTANTS.items():
+        info.define(constant, repr(value))
+    for slot, sampler in enumerate(SAMPLERS[name]):
+        info.sampler(slot, "FLOAT_2D", sampler)
+    for value, kind in VALUES.get(name, {}).items():
+        info.push_constant(kind, value)
+    info.vertex_in(0, "VEC2", "corner")
+    for slot, result in enumerate(HALVES if name in ("split", "halve") else ("result",)):
+        info.fragment_out(slot, "VEC4", result)
+    info.vertex_source((SOURCES / "corners.vert.glsl").read_text(encoding="utf-8"))
+    info.fragment_source((SOURCES / f"{name}.frag.glsl").read_text(encoding="utf-8"))
+    return gpu.shader.create_from_info(info)
+
+
+def forget():
+    """Release all images and shaders."""
+    _steps.cache_clear()
+    _shader.cache_clear()

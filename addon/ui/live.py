@@ -1,0 +1,305 @@
+"""Live: the camera's view through the lens while the artist works, from the viewport's own picture.
+
+A draw handler replaces the camera's frame in 3D viewports. A thread reads the lens and makes its tables when the lens,
+its rings or the frame change; until they are finished, the previous ones are drawn, with the current focus and f-stop.
+
+Rendered viewports would blur by Blender's own depth of field, too. It is switched off in the evaluated copy of the
+camera, which only viewports use: neither the file nor renders change.
+"""
+
+import traceback
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import bpy
+from bpy.app.handlers import persistent
+
+from ...engine.depth.iris import opening
+from ...engine.depth.lens_tables import COLOURS_NM, LensTables, lens_tables
+from ...engine.image.pixel_grid import PixelGrid
+from ...engine.lens.pinhole import fitting_pitch_um
+from ...engine.library.rays import lens_rays
+from ...engine.runtime.errors import InputError, one_line
+from ...engine.runtime.files import stamp_of
+from ..job.named_files import check_named_files
+from ..scene.camera import check_camera, frame_px, size_for_view
+from ..scene.focus import focus_now
+from ..scene.lens_cache import load_lens, scaled_lens
+from ..scene.lens_facts import lens_facts
+from ..scene.requirements import check_scene
+from ..scene.rings import rings_for, scene_iris
+from ..scene.units import metres_per_unit
+from . import lens_view
+from .areas import areas
+from .focus_overlay import facts_at_rest
+from .session import session
+from .text_wrap import draw_wrapped
+
+TICK_S = 0.05
+QUALITY = "preview"
+ONLY_SOLID = "Live shows a panoramic camera in Solid viewports only"
+
+_worker = ThreadPoolExecutor(1, "Lensfield live")
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A lens on the frame of a scene.
+
+    Attributes
+    ----------
+    tables : LensTables
+    tangents : (float, float)
+        Of half the frame's angles of view, across and up.
+    """
+
+    tables: LensTables
+    tangents: tuple[float, float]
+
+
+@dataclass
+class Live:
+    """The state of the live view.
+
+    Attributes
+    ----------
+    handlers : list
+        The draw handlers.
+    question : tuple
+        Everything that the requested frame depends on.
+    answer : Future or None
+        Of its Frame.
+    shown : (Frame, lens_view.Textures) or None
+        The newest frame, on the graphics processor.
+    framebuffer : gpu.types.GPUFrameBuffer or None
+        The viewport's light, before Blender draws it.
+    note : str
+        What the view does not show, and why.
+    """
+
+    handlers: list = field(default_factory=list)
+    question: tuple = ()
+    answer: Future | None = None
+    shown: Any = None
+    framebuffer: Any = None
+    note: str = ""
+
+
+def start(scene):
+    """Switch the live view on.
+
+    Raises
+    ------
+    SceneError
+        The scene does not have a camera that a lens can replace.
+    """
+    check_named_files()
+    check_scene(scene)
+    session.live, session.live_failure = Live(), ""
+    for name, handler in _HANDLERS.items():
+        getattr(bpy.app.handlers, name).append(handler)
+    if not bpy.app.background:
+        session.live.handlers = [bpy.types.SpaceView3D.draw_handler_add(handler, (), "WINDOW", when)
+                                 for handler, when in ((_note_framebuffer, "PRE_VIEW"), (_draw, "POST_VIEW"))]
+    _evaluate_cameras()
+    _redraw()
+
+
+def end(why=""):
+    """Switch the live view off, if it is on; `why` is the reason, if the user did not request it."""
+    live, session.live = session.live, None
+    if live is None:
+        return
+    session.live_failure = why
+    for name, handler in _HANDLERS.items():
+        getattr(bpy.app.handlers, name).remove(handler)
+    for handler in live.handlers:
+        bpy.types.SpaceView3D.draw_handler_remove(handler, "WINDOW")
+    if live.answer:
+        live.answer.cancel()
+    if bpy.app.timers.is_registered(_tick):
+        bpy.app.timers.unregister(_tick)
+    lens_view.forget()
+    _evaluate_cameras()
+    _redraw()
+
+
+def _evaluate_cameras():
+    """Let Blender evaluate all cameras again: with its own depth of field only while the view is off."""
+    for camera in bpy.data.cameras:
+        camera.update_tag()
+
+
+@persistent
+def hide_blenders_blur(scene, depsgraph=None):
+    """Switch Blender's own depth of field off in viewports, and redraw them if settings of the scene have changed."""
+    if depsgraph is None or depsgraph.mode != "VIEWPORT" or scene.camera is None or scene.camera.type != "CAMERA":
+        return
+    dof = scene.camera.evaluated_get(depsgraph).data.dof
+    if dof.use_dof:
+        dof.use_dof = False
+    if depsgraph.id_type_updated("SCENE"):
+        _redraw()
+
+
+@persistent
+def on_load(*_):
+    """Switch the live view off before another file is loaded."""
+    end()
+
+
+_HANDLERS = {"depsgraph_update_post": hide_blenders_blur, "frame_change_post": hide_blenders_blur,
+             "load_pre": on_load}
+
+
+def _redraw():
+    for area in areas("PROPERTIES", "VIEW_3D"):
+        area.tag_redraw()
+
+
+def _tick():
+    """Redraw the viewports once the tables are finished, or to look for the lens's facts again; returns seconds until
+    the next call, or None."""
+    if session.live and session.live.answer and not session.live.answer.done():
+        return TICK_S
+    if session.live:
+        _redraw()
+    return None
+
+
+def frame_question(scene, at_rest):
+    """Everything that a scene's Frame depends on: hashable arguments of `read_frame`.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+    at_rest : LensFacts
+        Of the lens with its rings at rest.
+    """
+    settings, name = scene.lensfield, scene.lensfield.lens_name_or_path()
+    focal_mm = scene.camera.data.lens if settings.view == "CAMERA" else None
+    _, sensor_mm = size_for_view(scene, at_rest, settings.view.lower())
+    return (name, stamp_of(name), rings_for(scene, name), focal_mm, sensor_mm, frame_px(scene),
+            scene_iris(scene, name), settings.out_of_field == "VIGNETTE")
+
+
+def read_frame(name, stamp, rings, focal_mm, sensor_mm, shape_px, iris, vignette):
+    """The Frame of these arguments, as `frame_question` returns them.
+
+    Raises
+    ------
+    InputError
+        The lens is not available.
+    """
+    lens = load_lens(name, lens_facts(name, rings, focal_mm).rings, QUALITY, wavelengths_nm=COLOURS_NM)
+    if focal_mm is not None:
+        lens = scaled_lens(lens, focal_mm / lens.capture_focal_length_mm, sensor_mm)
+    grid = PixelGrid(shape_px, fitting_pitch_um(lens, shape_px))
+    tables = lens_tables(lens, lens_rays(lens, opening(iris, lens).reach), grid, iris, vignette)
+    half_mm = [n * grid.pitch_um * 1e-3 / 2 / lens.capture_focal_length_mm for n in reversed(shape_px)]
+    return Frame(tables, tuple(half_mm))
+
+
+def _note_framebuffer():
+    import gpu
+
+    if session.live:
+        session.live.framebuffer = gpu.state.active_framebuffer_get()
+
+
+def _draw():
+    live, space, view = session.live, bpy.context.space_data, bpy.context.region_data
+    if (live is None or view.view_perspective != "CAMERA" or space.camera is None
+            or space.camera != bpy.context.scene.camera or live.framebuffer is None):
+        return
+    try:
+        _draw_frame(live, bpy.context.scene, space, view, bpy.context.region)
+    except InputError as error:  # of the scene, which the user can mend
+        live.note = one_line(error)
+    except Exception as error:  # each redraw would fail again
+        traceback.print_exc()
+        bpy.app.timers.register(partial(end, one_line(error)))
+    finally:
+        live.framebuffer = None
+
+
+def _draw_frame(live, scene, space, view, region):
+    check_camera(scene, scene.lensfield.view.lower())
+    live.note = ONLY_SOLID if space.camera.data.type == "PANO" and space.shading.type != "SOLID" else ""
+    if live.note:
+        return
+    at_rest = facts_at_rest(scene)
+    if at_rest is None:
+        _wait(live)
+        return
+    frame = _newest(live, frame_question(scene, at_rest))
+    if frame is None:
+        return
+    seen = lens_view.View.of(view.window_matrix, region.width, region.height)
+    half = [tangent * scale for tangent, scale in zip(frame.tangents, seen.px_per_tangent, strict=True)]
+    frame_rectangle = (*(middle - side for middle, side in zip(seen.middle_px, half, strict=True)),
+                       *(2 * side for side in half))
+    lens_view.draw(live.framebuffer, live.shown[1], seen, frame_rectangle,
+                   _defocus(scene, at_rest, frame_rectangle),
+                   transparent=space.shading.type == "SOLID" or scene.render.film_transparent)
+
+
+def _newest(live, question):
+    """The newest Frame for a question, or the one before; None without one."""
+    if question != live.question:
+        if live.answer:
+            live.answer.cancel()
+        live.question, live.answer = question, _worker.submit(read_frame, *question)
+        _wait(live)
+    if live.answer.done():
+        frame = live.answer.result()
+        if live.shown is None or live.shown[0] is not frame:
+            live.shown = frame, lens_view.Textures(frame.tables)
+    return live.shown[0] if live.shown else None
+
+
+def _wait(live):
+    if not bpy.app.timers.is_registered(_tick):
+        bpy.app.timers.register(_tick, first_interval=TICK_S, persistent=True)
+
+
+def _defocus(scene, at_rest, frame_rectangle):
+    focus, (_, columns) = focus_now(scene, at_rest), frame_px(scene)
+    _, _, width_px, _ = frame_rectangle
+    return lens_view.Defocus(focus.blur_px_m * width_px / columns, 1 / focus.focus_m, metres_per_unit(scene))
+
+
+def draw_live(layout):
+    """Draw the live view's button."""
+    layout.operator("lensfield.live", icon="SHADING_RENDERED", depress=session.live is not None)
+
+
+def draw_live_status(layout):
+    """Draw why the live view is off, if it failed, or what it does not show."""
+    text = session.live.note if session.live else session.live_failure and f"Live switched off: {session.live_failure}"
+    if text:
+        draw_wrapped(layout, text, "ERROR" if session.live is None else "INFO")
+
+
+class LENSFIELD_OT_live(bpy.types.Operator):
+    """Show the camera's view through the lens in 3D viewports while you work: distortion, lateral colour, relative
+    illumination, and defocus by depth. It needs no render, in any shading"""
+
+    bl_idname = "lensfield.live"
+    bl_label = "Live"
+
+    def execute(self, context):
+        if session.live:
+            end()
+            return {"FINISHED"}
+        try:
+            start(context.scene)
+        except (InputError, OSError) as error:
+            self.report({"ERROR"}, one_line(error))
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
+classes = (LENSFIELD_OT_live,)

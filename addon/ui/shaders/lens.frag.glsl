@@ -1,0 +1,154 @@
+// The viewport through the lens: each pixel of the frame gathers the light that the lens's rays bring there.
+
+// A value between the nodes of a table that extends over the frame.
+vec4 between(sampler2D table, vec2 place)
+{
+  ivec2 last = textureSize(table, 0) - 1;
+  vec2 node = place * vec2(last);
+  ivec2 first = clamp(ivec2(floor(node)), ivec2(0), last - 1);
+  vec2 share = node - vec2(first);
+  return mix(mix(texelFetch(table, first, 0), texelFetch(table, first + ivec2(1, 0), 0), share.x),
+             mix(texelFetch(table, first + ivec2(0, 1), 0), texelFetch(table, first + 1, 0), share.x), share.y);
+}
+
+// Where the viewport shows light from a direction, in pixels.
+vec2 position(vec2 angle)
+{
+  float size = length(angle);
+  return view.zw + view.xy * angle * (size < 1e-4 ? 1.0 : tan(min(size, STEEPEST)) / size);
+}
+
+bool outside(vec2 place)
+{
+  vec2 size = vec2(textureSize(colours, 0));
+  return any(lessThan(place, vec2(0.0))) || any(greaterThanEqual(place, size));
+}
+
+// The picture between the middles of pixels; black outside.
+vec4 light_at(vec2 place)
+{
+  if (outside(place)) {
+    return vec4(0.0, 0.0, 0.0, 1.0);
+  }
+  vec2 from_first = place - 0.5, share = fract(from_first);
+  ivec2 first = ivec2(floor(from_first)), last = textureSize(colours, 0) - 1;
+  vec4 at[4];
+  for (int n = 0; n < 4; n++) {
+    at[n] = texelFetch(colours, clamp(first + ivec2(n % 2, n / 2), ivec2(0), last), 0);
+  }
+  return mix(mix(at[0], at[1], share.x), mix(at[2], at[3], share.x), share.y);
+}
+
+// The same without blurred pixels, and the share of the others.
+vec4 sharp_at(vec2 place)
+{
+  if (outside(place)) {
+    return vec4(0.0, 0.0, 0.0, 1.0);
+  }
+  vec2 from_first = place - 0.5, share = fract(from_first);
+  ivec2 first = ivec2(floor(from_first)), last = textureSize(light, 0) - 1;
+  vec4 at[4];
+  for (int n = 0; n < 4; n++) {
+    vec4 found = texelFetch(light, clamp(first + ivec2(n % 2, n / 2), ivec2(0), last), 0);
+    at[n] = vec4(found.rgb, 1.0) * (1.0 - smoothstep(SHARP_PX, BLURRED_PX, abs(found.a)));
+  }
+  return mix(mix(at[0], at[1], share.x), mix(at[2], at[3], share.x), share.y);
+}
+
+// A pixel of an image, or the nearest one.
+vec4 pixel_at(sampler2D image, ivec2 place)
+{
+  return texelFetch(image, clamp(place, ivec2(0), textureSize(image, 0) - 1), 0);
+}
+
+// Light on one side of the focus around a place, averaged over about this many pixels, with the share that it covers;
+// and its blur.
+vec4 side_at(vec2 place, float width, bool nearer, out float blur)
+{
+  ivec2 here = ivec2(floor(place));
+  if (width < 1.25) {
+    vec4 found = pixel_at(light, here);
+    blur = nearer ? found.a : -found.a;
+    return vec4(found.rgb, 1.0) * smoothstep(SHARP_PX, BLURRED_PX, blur);
+  }
+  vec4 found, blurs;
+  if (width < 2.5) {
+    found = nearer ? pixel_at(nearer_2, here / 2) : pixel_at(farther_2, here / 2);
+    blurs = pixel_at(blurs_2, here / 2);
+  }
+  else if (width < 5.0) {
+    found = nearer ? pixel_at(nearer_4, here / 4) : pixel_at(farther_4, here / 4);
+    blurs = pixel_at(blurs_4, here / 4);
+  }
+  else if (width < 10.0) {
+    found = nearer ? pixel_at(nearer_8, here / 8) : pixel_at(farther_8, here / 8);
+    blurs = pixel_at(blurs_8, here / 8);
+  }
+  else {
+    found = nearer ? pixel_at(nearer_16, here / 16) : pixel_at(farther_16, here / 16);
+    blurs = pixel_at(blurs_16, here / 16);
+  }
+  blur = (nearer ? blurs.x : blurs.y) / max(found.a, 1e-6);
+  return found;
+}
+
+// Light of surfaces that are blurred up to `widest`, on its side of the focus, and the share of this place that they
+// cover; and the light of others around.
+void gather(vec2 middle, ivec2 node, float widest, bool look_behind, out vec4 blurred, out vec4 others)
+{
+  blurred = others = vec4(0.0);
+  float least = CELL * abs(widest); // the distance between rays
+  for (int ray = 0; ray < RAYS; ray++) {
+    ivec2 entry = ivec2(2 * (node.x * RAYS + ray), node.y);
+    vec4 bends = texelFetch(bokeh, entry, 0);
+    vec2 light_radius = texelFetch(bokeh, entry + ivec2(1, 0), 0).xy;
+    vec2 place = middle + bends.xy * widest / 2.0 + bends.zw * view.xy;
+    if (outside(place)) {
+      continue;
+    }
+    float blur;
+    vec4 found = side_at(place, least, widest > 0.0, blur);
+    float own = max(min(blur, abs(widest)), least);
+    float reaches = clamp((own - light_radius.y * abs(widest)) / least + 1.0, 0.0, 1.0);
+    blurred += reaches * light_radius.x * (widest * widest) / (own * own) * found;
+    if (look_behind) {
+      vec4 here = pixel_at(light, ivec2(floor(place)));
+      others += here.a < SHARP_PX ? light_radius.x * vec4(here.rgb, 1.0) : vec4(0.0);
+    }
+  }
+}
+
+// Light that reaches a pixel from all depths, where `middle` shows its green light.
+vec3 all_depths(vec2 red, vec2 middle, vec2 blue, ivec2 node, vec3 picture)
+{
+  vec4 at_red = sharp_at(red), at_green = sharp_at(middle), at_blue = sharp_at(blue);
+  vec3 sharp = vec3(at_red.r, at_green.g, at_blue.b), share = vec3(at_red.a, at_green.a, at_blue.a);
+  vec2 ends = texelFetch(reaches, ivec2(middle) / TILE, 0).xy;
+  bool nearer = pixel_at(light, ivec2(middle)).a > 0.0, all_sharp = all(greaterThan(share, vec3(0.999)));
+  vec3 behind = picture;
+  vec4 blurred = vec4(0.0), others;
+  if (ends.y < -SHARP_PX && !nearer && !all_sharp) {
+    gather(middle, node, ends.y, false, blurred, others);
+    behind = blurred.a > 0.0 ? blurred.rgb / blurred.a : behind;
+  }
+  blurred = vec4(0.0);
+  if (ends.x > SHARP_PX) {
+    gather(middle, node, ends.x, nearer, blurred, others);
+    behind = !nearer ? behind : others.a > 0.0 ? others.rgb / others.a : blurred.rgb / max(blurred.a, 1e-6);
+  }
+  vec3 base = sharp + (1.0 - share) * behind;
+  return blurred.a > 0.0 ? mix(base, blurred.rgb / blurred.a, min(blurred.a, 1.0)) : base;
+}
+
+void main()
+{
+  vec2 place = (gl_FragCoord.xy - frame.xy) / frame.zw;
+  vec4 red_green = between(red_green_angles, place), blue_light = between(blue_angles, place);
+  vec2 red = position(red_green.xy), middle = position(red_green.zw), blue = position(blue_light.xy);
+  vec4 green_light = light_at(middle);
+  vec3 picture = vec3(light_at(red).r, green_light.g, light_at(blue).b);
+  if (focus_shows > 0.5 && !outside(middle)) {
+    picture = all_depths(red, middle, blue, ivec2(place * float(BOKEH_NODES - 1) + 0.5), picture);
+  }
+  result = vec4(picture * blue_light.z, shows_through > 0.5 ? green_light.a : 1.0);
+}

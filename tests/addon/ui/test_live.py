@@ -1,0 +1,125 @@
+"""The live view, except for its drawing, which needs a window: `make ui-test` compares that with the engine."""
+
+import bpy
+import numpy as np
+import pytest
+
+from layouts import Layout
+from lensfield.addon.ui import live
+from lensfield.addon.ui.lens_at_rest import facts_at_rest
+from lensfield.addon.ui.lens_view import SAMPLERS, SOURCES, VALUES, View
+from lensfield.addon.ui.session import session
+from lensfield.engine.depth.iris import Iris
+from lensfield.engine.rays.rings import Rings
+from waiting import LAST_RESORT_S
+
+
+@pytest.fixture
+def live_scene(scene):
+    scene.lensfield.lens, scene.lensfield.view = "tessar-50mm", "CAMERA"
+    scene.render.resolution_x, scene.render.resolution_y = 800, 500
+    bpy.context.view_layer.update()
+    yield scene
+    live.end()
+
+
+def frame_of(scene):
+    return live.read_frame(*live.frame_question(scene, facts_at_rest(scene, LAST_RESORT_S)))
+
+
+def evaluated_dof(scene):
+    return scene.camera.evaluated_get(bpy.context.evaluated_depsgraph_get()).data.dof
+
+
+def test_the_button_switches_the_view_on_and_off(live_scene):
+    assert bpy.ops.lensfield.live() == {"FINISHED"} and session.live
+    live.draw_live(layout := Layout())
+    assert layout.shown == ["lensfield.live"]
+    assert bpy.ops.lensfield.live() == {"FINISHED"} and session.live is None
+    assert not {live.hide_blenders_blur, live.on_load} & {
+        handler for name in ("depsgraph_update_post", "frame_change_post", "load_pre")
+        for handler in getattr(bpy.app.handlers, name)}
+
+
+def test_a_scene_without_camera_is_refused(live_scene):
+    live_scene.camera = None
+    with pytest.raises(RuntimeError, match="camera: missing|camera is missing"):
+        bpy.ops.lensfield.live()
+    assert session.live is None
+
+
+def test_another_file_switches_the_view_off(live_scene):
+    bpy.ops.lensfield.live()
+    bpy.ops.wm.read_homefile(use_empty=True)
+    assert session.live is None
+
+
+def test_viewports_do_not_blur_twice_and_the_file_is_unchanged(live_scene):
+    dof = live_scene.camera.data.dof
+    dof.use_dof, dof.aperture_fstop = True, 5.6
+    bpy.context.view_layer.update()
+    assert evaluated_dof(live_scene).use_dof
+    bpy.ops.lensfield.live()
+    bpy.context.view_layer.update()
+    assert not evaluated_dof(live_scene).use_dof and dof.use_dof
+    dof.focus_distance = 3.0
+    bpy.context.view_layer.update()
+    assert not evaluated_dof(live_scene).use_dof, "after a change of the camera, too"
+    live_scene.frame_set(7)
+    assert not evaluated_dof(live_scene).use_dof and dof.use_dof
+    bpy.ops.lensfield.live()
+    bpy.context.view_layer.update()
+    assert evaluated_dof(live_scene).use_dof
+
+
+def test_the_frame_has_the_cameras_view_or_the_lenss(live_scene):
+    camera = live_scene.camera.data
+    camera.sensor_width, camera.lens = 36.0, 60.0
+    across, up = frame_of(live_scene).tangents
+    assert (across, up) == pytest.approx((18 / 60, 18 / 60 * 500 / 800))
+    live_scene.lensfield.view = "LENS"
+    across, up = frame_of(live_scene).tangents
+    assert across == pytest.approx(16.8 / 52, rel=0.2) and up / across == pytest.approx(500 / 800)
+
+
+def test_the_frame_follows_focus_f_stop_blades_and_field(live_scene):
+    at_rest, dof = frame_of(live_scene), live_scene.camera.data.dof
+    dof.use_dof, dof.focus_distance, dof.aperture_fstop, dof.aperture_blades = True, 1.5, 11.0, 5
+    name, _, rings, *_, iris, vignette = live.frame_question(live_scene, facts_at_rest(live_scene, LAST_RESORT_S))
+    assert (name, rings, iris, vignette) == ("tessar-50mm", Rings(1500.0, 11.0), Iris(5), False)
+    turned = frame_of(live_scene)
+    corner = np.count_nonzero(at_rest.tables.light[0, 0] > 1e-3), np.count_nonzero(turned.tables.light[0, 0] > 1e-3)
+    assert turned.tables.illumination[0, 0] > 1.05 * at_rest.tables.illumination[0, 0], "stopped down, less vignetting"
+    assert corner[0] > 0 and corner[1] > 0
+    live_scene.lensfield.out_of_field = "VIGNETTE"
+    assert live.frame_question(live_scene, facts_at_rest(live_scene, LAST_RESORT_S))[-1] is True
+
+
+def test_the_view_maps_camera_space_to_pixels():
+    scene, (width, height) = bpy.context.scene, (1310, 786)
+    camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    camera.data.shift_x, camera.data.clip_start, camera.data.clip_end = 0.2, 0.3, 40.0
+    matrix = camera.calc_matrix_camera(bpy.context.evaluated_depsgraph_get(), x=width, y=height)
+    view = View.of(matrix, width, height)
+    point = np.array([0.4, -0.7, -2.5, 1.0])
+    clip = np.array(matrix) @ point
+    expected_px = (clip[:2] / clip[3] + 1) / 2 * (width, height)
+    tangents = point[:2] / -point[2]
+    assert view.middle_px + np.array(view.px_per_tangent) * tangents == pytest.approx(expected_px)
+    assert (clip[2] / clip[3] + view.depth_at_infinity) * view.nearness_per_depth == pytest.approx(1 / 2.5)
+    assert scene
+
+
+def test_each_shader_has_its_source():
+    names = {path.name.removesuffix(".frag.glsl") for path in SOURCES.glob("*.frag.glsl")}
+    assert names == SAMPLERS.keys() and VALUES.keys() <= names
+    for name, samplers in SAMPLERS.items():
+        source = (SOURCES / f"{name}.frag.glsl").read_text(encoding="utf-8")
+        assert all(sampler in source for sampler in (*samplers, *VALUES.get(name, ()))), name
+
+
+def test_a_failure_is_reported_and_switches_the_view_off(live_scene):
+    bpy.ops.lensfield.live()
+    live.end("the shader does not compile")
+    live.draw_live_status(layout := Layout())
+    assert "Live switched off: the shader does not compile" in " ".join(layout.labels)
