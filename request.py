@@ -15,6 +15,7 @@ from .engine.bake.quality import QUALITIES
 from .engine.depth.depth_range import AUTO, OFF, TRACED
 from .engine.depth.iris import Iris
 from .engine.field.overscan import VIEWS
+from .engine.library import LensSource
 from .engine.runtime.setting import check_choices, documented, option_of, setting, settings_of
 from .engine.spectral.spectra import parse_wavelengths
 from .engine.spectral.wavelength_choice import IMAGE_WAVELENGTHS, SpectralOptions
@@ -37,7 +38,7 @@ class RenderRequest:
         If a value is not one of its setting's choices.
     """
 
-    lens: Lens | str | Path = setting(
+    lens: Lens | LensSource = setting(
         "", name="Lens", metavar="NAME|FILE", recorded=False,
         text="A bundled lens, a lens package, or a prescription")
     view: str = setting(

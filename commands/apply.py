@@ -7,7 +7,7 @@ from ..engine.field.overscan import VIEWS
 from .arguments import (
     add_engine_options,
     add_iris,
-    add_rings,
+    add_lens_settings,
     add_untrusted,
     check_outputs,
     engine_options,
@@ -17,6 +17,7 @@ from .arguments import (
 )
 from .blend import import_addon
 from .outcome import finish
+from .prescription_file import lens_source
 from .progress import add_progress_options, messages, progress
 
 
@@ -35,7 +36,7 @@ def add_options(apply):
                             "looks as if rendered with it. off: everything is as sharp as in focus (default: auto)")
     apply.add_argument("--output", type=Path, metavar="DIR", help="output folder (default: the radiance file's)")
     add_engine_options(apply)
-    add_rings(apply)
+    add_lens_settings(apply)
     add_iris(apply)
     add_progress_options(apply.add_argument_group("for programs that run this command"))
     add_untrusted(apply)
@@ -50,7 +51,8 @@ def _folders(options):
 def _apply(options):
     check_outputs([(options.report, ".json")], [options.radiance, options.lens])
     with messages(options) as write:
-        given = given_fields(options) | {"options": engine_options(options), "iris": iris_option(options)}
+        given = given_fields(options) | {"lens": lens_source(options, options.lens),
+                                         "options": engine_options(options), "iris": iris_option(options)}
         addon = import_addon()
         addon.check_next_to_frames(options.output or options.radiance.parent, options.report)
         with progress(options, write) as on_progress:

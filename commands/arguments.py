@@ -13,6 +13,7 @@ from ..engine.runtime.files import check_target, check_written_by_lensfield, ide
 from ..engine.runtime.setting import option_of, settings_of
 from ..engine.spectral.spectra import parse_wavelengths
 from ..request import CAMERA, RING_FIELDS, RenderRequest
+from .prescription_file import add_reading, errors_of, lens_source
 from .terminal import progress_bar
 
 RESOLUTION_LIMITS = (4, 65536)
@@ -74,8 +75,10 @@ def add_engine_options(command, of_scene=False):
     add_settings(advanced, Options, KNOBS)
 
 
-def add_rings(command, camera=False):
-    """Add options for focus, f-stop and lens quality; with `camera`, the scene's camera sets the defaults."""
+def add_lens_settings(command, camera=False):
+    """Add options for the lens's file, focus, f-stop and quality; with `camera`, the scene's camera sets the defaults
+    of focus and f-stop."""
+    add_reading(command)
     group = command.add_argument_group("rings", "for lenses with a prescription; the lens is baked and cached "
                                                 "(lensfield lens cache)")
     add_settings(group, RenderRequest, [*RING_FIELDS, "lens_quality"], None if camera else WITHOUT_CAMERA)
@@ -100,7 +103,7 @@ def iris_option(options):
 def shown_iris(options):
     """The Iris of the command line if the lens is stopped down; None for a round stop."""
     iris = iris_option(options)
-    return iris if iris and iris_is_visible(options.lens, rings_option(options)) else None
+    return iris if iris and iris_is_visible(lens_source(options, options.lens), rings_option(options)) else None
 
 
 def distance_mm(text, option="--focus"):
@@ -136,10 +139,10 @@ def rings_option(options):
 
 def chosen_lens(options):
     """The lens of the command line, at its focus and f-stop; prints notes on values that the lens cannot reach."""
-    rings = rings_option(options)
-    with progress_bar() as on_progress:
-        lens = load_lens(options.lens, rings, options.lens_quality or "standard", on_progress)
-    for line in clamped_rings(options.lens, rings) if has_rings(options.lens) else ():
+    source, rings = lens_source(options, options.lens), rings_option(options)
+    with errors_of(options.lens), progress_bar() as on_progress:
+        lens = load_lens(source, rings, options.lens_quality or "standard", on_progress)
+    for line in clamped_rings(source, rings) if has_rings(source) else ():
         print(f"lens: {line}")
     return lens
 
@@ -184,15 +187,6 @@ def check_outputs(outputs, inputs=()):
             raise InputError(path, "file", taken[file], "use a different name for each output")
         taken[file] = "named twice"
         check_written_by_lensfield(path)
-
-
-def sides_mm(text):
-    """Parse a sensor size such as 36x24; returns width and height."""
-    try:
-        width, height = (float(side) for side in text.lower().split("x"))
-    except ValueError:
-        raise InputError("options", "--sensor", text, "expected WIDTHxHEIGHT in mm, such as 36x24") from None
-    return width, height
 
 
 def check_limits(option, value, limits):

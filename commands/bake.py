@@ -2,27 +2,26 @@
 
 import math
 import sys
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from ..engine import InputError, LensError
+from ..engine import InputError
 from ..engine.bake.bake import LEAST_SAMPLES, MOST_SAMPLES
 from ..engine.bake.bake import bake as bake_lens
 from ..engine.bake.quality import QUALITIES
 from ..engine.inspection.info import table_summary
 from ..engine.lens.conventions import WAVELENGTHS
 from ..engine.lens_files.package import write_package
-from ..engine.library import bundled_names, prescription_of
-from ..engine.prescription.prescription import FOCUSES
-from ..engine.prescription.readers import READABLE, SEMI_DIAMETERS, ReadingOptions, checked, read_file
+from ..engine.library import bundled_names, prescription_path
+from ..engine.prescription.readers import READABLE, read_prescription
 from ..engine.prescription.readers.toml import write_prescription
 from ..engine.rays.focus import focused
 from ..engine.rays.rings import Rings, turned
 from ..engine.runtime.build_identity import MARK
 from ..engine.runtime.files import atomic_path
 from ..engine.spectral.spectra import parse_wavelengths
-from .arguments import check_outputs, distance_mm, sides_mm
+from .arguments import check_outputs, distance_mm
+from .prescription_file import add_reading, errors_of, reading_options
 from .terminal import progress_bar
 
 
@@ -47,58 +46,32 @@ def add(commands):
     bake.add_argument("--object-distance", metavar="MM[,MM...]",
                       help="distance from the object to the first surface, or inf; the focus stays the same. Several "
                            "distances write one package each, named after its distance")
-    _add_overrides(bake.add_argument_group("overrides", "replace values of the file"))
     bake.add_argument("--workers", type=int, metavar="N", help="number of threads (default: one for each core)")
     bake.set_defaults(run=_bake)
     convert = commands.add_parser("convert", help="convert another program's prescription to Lensfield's .toml")
     _add_file(convert)
     convert.add_argument("-o", "--output", type=Path, required=True, metavar="X.toml", help="prescription to write")
-    _add_overrides(convert.add_argument_group("overrides", "replace values of the file"))
     convert.set_defaults(run=_convert)
 
 
 def _add_file(command):
     command.add_argument("prescription", type=Path, metavar="NAME|FILE",
                          help=f"a bundled lens, {READABLE}")
-    command.add_argument("--which", metavar="NUMBER",
-                         help="selects one of several in a file: the position of zoom and focus (Optical Bench; "
-                              "default: the first for infinity), or the lens (lentil)")
-    command.add_argument("--semi-diameters", choices=SEMI_DIAMETERS,
-                         help="whether fixed semi-diameters of Zemax surfaces without CLAP or FLAP are clear apertures "
-                              f"or stop no light (default: {SEMI_DIAMETERS[0]})")
-    command.add_argument("--allow-mismatch", action="store_true",
-                         help="accept a file whose stated focal length or f-number differs from its surfaces'; the "
-                              "lens's notes then give both")
-
-
-def _add_overrides(group):
-    add_field(group)
-    group.add_argument("--f-number", type=float, metavar="N", help="set the stop to this f-number")
-    group.add_argument("--image-plane", choices=FOCUSES, help="position of the image plane")
-    group.add_argument("--glass", action="append", default=[], metavar="OLD=NEW",
-                       help="another name, or n/V, for a glass of the file; can be repeated")
-    group.add_argument("--sensor", metavar="WIDTHxHEIGHT", help="sensor size in mm")
-    group.add_argument("--name", help="name of the lens")
-
-
-def add_field(command):
-    """Add the options for the end of the field, for prescriptions that do not state it."""
-    field = command.add_mutually_exclusive_group()
-    field.add_argument("--field-angle", type=float, metavar="DEG", help="half angle at the edge of the field")
-    field.add_argument("--field-height", type=float, metavar="MM",
-                       help="paraxial image height at the edge of the field")
+    command.add_argument("--f-number", type=float, metavar="N", help="set the stop to this f-number")
+    command.add_argument("--name", help="name of the lens")
+    add_reading(command)
 
 
 def _bake(options):
     wavelengths_nm = parse_wavelengths(options.wavelengths)
     _check(options)
-    with _errors_of(options.prescription):
+    with errors_of(options.prescription):
         prescription = _requested_prescription(options)
         targets = _targets(_focused(prescription, options), options)
     _print_notes(options, prescription)
     check_outputs([(path, ".npz") for path in targets], [options.prescription])
     for path, single in targets.items():
-        with _errors_of(options.prescription), progress_bar() as on_progress:
+        with errors_of(options.prescription), progress_bar() as on_progress:
             lens = bake_lens(single, quality=options.quality, heights=options.heights, wavelengths_nm=wavelengths_nm,
                              pitch_um=options.pitch, samples=options.samples, workers=options.workers,
                              progress=on_progress)
@@ -107,7 +80,7 @@ def _bake(options):
 
 
 def _convert(options):
-    with _errors_of(options.prescription):
+    with errors_of(options.prescription):
         prescription = _requested_prescription(options)
     text = write_prescription(prescription)
     check_outputs([(options.output, ".toml")], [options.prescription])
@@ -125,13 +98,9 @@ def _print_notes(options, prescription):
 
 def _requested_prescription(options):
     """The file's prescription, with the changes that the command line requests."""
-    reading_options = ReadingOptions(field_option(options), options.which, options.semi_diameters)
-    if str(options.prescription) in bundled_names() and reading_options[1:] == (None, None):
-        return _with_overrides(_with_glasses(prescription_of(options.prescription, reading_options.field), options),
-                               options)
-    reading = read_file(options.prescription, reading_options)
-    reading = replace(reading, prescription=_with_glasses(reading.prescription, options))  # changes the focal length
-    return _with_overrides(checked(options.prescription, reading, options.allow_mismatch), options)
+    prescription = read_prescription(prescription_path(options.prescription), reading_options(options))
+    changes = {"name": options.name, "aperture": None if options.f_number is None else ("f_number", options.f_number)}
+    return replace(prescription, **{field: value for field, value in changes.items() if value is not None})
 
 
 def _focused(prescription, options):
@@ -147,46 +116,6 @@ def _focused(prescription, options):
 def _check(options):
     if options.workers is not None and options.workers < 1:
         raise InputError("options", "--workers", options.workers, "expected at least 1")
-
-
-@contextmanager
-def _errors_of(path):
-    """Make errors about the prescription name its file, not the lens; errors about a glass also mention --glass."""
-    try:
-        yield
-    except LensError as error:
-        remedy = f"{error.remedy} (--glass OLD=NEW)" if error.field.endswith(", glass") else error.remedy
-        raise LensError(path, error.field, error.value, remedy) from None
-
-
-def field_option(options):
-    """The end of the field on the command line, as (kind, value), or None."""
-    if options.field_angle is not None:
-        return "angle_deg", options.field_angle
-    return None if options.field_height is None else ("image_height_mm", options.field_height)
-
-
-def _with_overrides(prescription, options):
-    """The prescription with the changes that the command line requests, except for its glasses."""
-    changes = {"name": options.name, "focus": options.image_plane,
-               "aperture": None if options.f_number is None else ("f_number", options.f_number),
-               "sensor_mm": None if options.sensor is None else sides_mm(options.sensor)}
-    return replace(prescription, **{field: value for field, value in changes.items() if value is not None})
-
-
-def _with_glasses(prescription, options):
-    """The prescription with its glasses renamed as `--glass` requests."""
-    glasses = sorted({surface.glass for surface in prescription.surfaces} - {""})
-    return prescription.with_glasses({old: new for pair in options.glass for old, new in _glass_names(pair, glasses)})
-
-
-def _glass_names(pair, glasses):
-    """(old, new) names of the glasses that match OLD=NEW; OLD may omit the catalogue."""
-    old, _, new = (word.strip() for word in pair.partition("="))
-    named = [glass for glass in glasses if old in (glass, glass.split()[-1])]
-    if not new or not named:
-        raise InputError("options", "--glass", pair, f"expected OLD=NEW with one of {', '.join(glasses)}")
-    return [(glass, new) for glass in named]
 
 
 def _targets(prescription, options):

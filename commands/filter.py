@@ -22,7 +22,7 @@ from .arguments import (
     MM,
     add_engine_options,
     add_iris,
-    add_rings,
+    add_lens_settings,
     add_untrusted,
     check_outputs,
     chosen_lens,
@@ -72,7 +72,7 @@ def add_options(filter_):
     depth.add_argument("--depth-is", choices=DEPTH_KINDS, default="z",
                        help="z: depth along the camera's axis; distance: distance from the camera (default: z)")
     add_engine_options(filter_)
-    add_rings(filter_)
+    add_lens_settings(filter_)
     add_iris(filter_)
     add_untrusted(filter_)
     filter_.set_defaults(run=_filter, confines=_folders)

@@ -28,7 +28,8 @@ from ..engine.runtime.files import atomic_path
 from ..engine.runtime.values import json_value
 from ..engine.spectral.spectra import parse_wavelengths
 from . import bake
-from .arguments import LENSES, add_rings, check_outputs, chosen_lens, distance_mm, resolution, sides_mm
+from .arguments import LENSES, add_lens_settings, check_outputs, chosen_lens, distance_mm, resolution
+from .prescription_file import add_reading, lens_source, reading_options_for, sides_mm
 
 MACRO_SUFFIXES = {"zemax": ".zpl", "codev": ".seq", "zospy": ".py"}
 
@@ -38,7 +39,7 @@ def add_options(command):
     info = lens.add_parser("info", help="print first-order data, distortion, relative illumination and lateral colour")
     info.add_argument("lens", metavar="NAME|FILE", help=LENSES)
     info.add_argument("--json", action="store_true", help="print JSON")
-    add_rings(info)
+    add_lens_settings(info)
     info.set_defaults(run=_info)
     listing = lens.add_parser("list", help="list the bundled lenses: names, titles and makers")
     listing.add_argument("words", nargs="*", metavar="WORD",
@@ -74,7 +75,7 @@ def _cache(options):
 
 def _info(options):
     info = lens_info(chosen_lens(options))
-    ends = ring_ends(prescription_of(options.lens)) if has_rings(options.lens) else ()
+    ends = ring_ends(prescription_of(lens_source(options, options.lens))) if has_rings(options.lens) else ()
     if options.json:
         print(json.dumps(info | {"rings": json_value([asdict(end) for end in ends])}, indent=2))
         return
@@ -89,7 +90,7 @@ def _add_check(lens):
     check = lens.add_parser("check", help="check lens data, or a prescription's rays, for anything suspicious or "
                                           "harmful; exit status 1 for an error")
     check.add_argument("lens", metavar="NAME|FILE", help=LENSES)
-    bake.add_field(check)
+    add_reading(check)
     check.add_argument("--json", action="store_true", help="print JSON")
     check.set_defaults(run=_check)
 
@@ -109,11 +110,9 @@ def _check(options):
 
 def _findings(options):
     """Findings on a prescription, from its rays, or on a lens package, from its tables."""
-    field = bake.field_option(options)
+    reading = reading_options_for(options.lens, options)
     if has_rings(options.lens):
-        return check_prescription(prescription_as_stated(options.lens, field))
-    if field is not None:
-        raise InputError("options", *field, "the tables of a lens package define its field: leave it out")
+        return check_prescription(prescription_as_stated(options.lens, reading))
     return check_lens(load_lens(options.lens))
 
 
@@ -130,7 +129,7 @@ def _add_plot(lens):
     plot.add_argument("--depth", metavar="DISTANCE",
                       help="PSFs and MTF of out-of-focus points at this distance from the camera, by diffraction: "
                            "2.5m, 80cm or inf")
-    add_rings(plot)
+    add_lens_settings(plot)
     plot.set_defaults(run=_plot)
 
 
@@ -167,7 +166,7 @@ def _add_stmap(lens):
                        help="wavelength in nm (default: the lens's reference wavelength)")
     stmap.add_argument("--output", type=Path, required=True, metavar="DIR",
                        help="folder for LENS_distort.exr and LENS_undistort.exr")
-    add_rings(stmap)
+    add_lens_settings(stmap)
     stmap.set_defaults(run=_stmap)
 
 

@@ -17,6 +17,7 @@ from .arguments import (
 )
 from .blend import open_scene
 from .outcome import finish
+from .prescription_file import given_reading, lens_source
 from .progress import add_progress_options, messages, progress
 from .render_options import (
     add_farm_options,
@@ -175,6 +176,8 @@ def scene_and_fields(options):
         given["spectral"] = scene.lensfield.to_spectral_options(**spectral)
     if engine or options.tier:
         given["options"] = scene.lensfield.to_options(options.tier, **engine)
+    if given_reading(options):
+        given["lens"] = lens_source(options, options.lens or scene.lensfield.lens_name_or_path())
     return scene, given | {"iris": iris_option(options)}
 
 

@@ -8,7 +8,7 @@ from ..request import FOLLOWER_FIELDS, RING_FIELDS, RenderRequest
 from .arguments import (
     add_engine_options,
     add_iris,
-    add_rings,
+    add_lens_settings,
     add_settings,
     add_untrusted,
     check_limits,
@@ -19,7 +19,7 @@ from .sequence import parse_frames
 FRAME_LIMITS = -1048574, 1048574  # Blender's
 OWN_FRAMES = "scene"
 ELSEWHERE = "lens", *RING_FIELDS, "lens_quality"
-"""Fields whose options `add_engine_options` and `add_rings` add, here and in other commands."""
+"""Fields whose options `add_engine_options` and `add_lens_settings` add, here and in other commands."""
 
 
 def add_frame_options(render):
@@ -56,7 +56,7 @@ def add_scene_options(render):
     render.add_argument("--samples", type=int, help="Cycles samples per pixel (default: the scene's)")
     render.add_argument("--resolution", metavar="WIDTHxHEIGHT", help="size in pixels (default: the scene's)")
     add_engine_options(render, of_scene=True)
-    add_rings(render, camera=True)
+    add_lens_settings(render, camera=True)
     add_iris(render, camera=True)
     add_untrusted(render)
 

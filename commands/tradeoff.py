@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from ..engine import ImageError
-from .arguments import LENSES, add_rings, check_outputs, chosen_lens, resolution
+from .arguments import LENSES, add_lens_settings, check_outputs, chosen_lens, resolution
 from .terminal import progress_bar, quiet
 
 
@@ -19,7 +19,7 @@ def add_options(tradeoff):
     tradeoff.add_argument("--quick", action="store_true", help="measure fewer settings, each timed once")
     tradeoff.add_argument("--output", type=Path, required=True, metavar="DIR",
                           help="folder for tradeoff.csv and tradeoff.png")
-    add_rings(tradeoff)
+    add_lens_settings(tradeoff)
     tradeoff.set_defaults(run=_tradeoff)
 
 

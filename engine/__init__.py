@@ -12,19 +12,21 @@ if TYPE_CHECKING:
     from .lens import Lens
     from .library import load_lens
     from .plan.options import Options
+    from .prescription.readers import ReadingOptions, read_prescription
     from .rays.rings import Rings
     from .runtime.errors import ImageError, InputError, LensError
     from .simulation.channel_cache import ChannelCache
     from .simulation.report import Report
     from .simulation.simulate import simulate
 
-__all__ = ["ChannelCache", "ImageError", "InputError", "Lens", "LensError", "Options", "Report", "Rings",
-           "SpectralImage", "load_lens", "simulate"]
+__all__ = ["ChannelCache", "ImageError", "InputError", "Lens", "LensError", "Options", "ReadingOptions", "Report",
+           "Rings", "SpectralImage", "load_lens", "read_prescription", "simulate"]
 
 _MODULES = {"ChannelCache": "simulation.channel_cache", "ImageError": "runtime.errors", "InputError": "runtime.errors",
-            "Lens": "lens", "LensError": "runtime.errors", "Options": "plan.options", "Report": "simulation.report",
-            "Rings": "rays.rings", "SpectralImage": "image.spectral_image", "load_lens": "library",
-            "simulate": "simulation.simulate"}
+            "Lens": "lens", "LensError": "runtime.errors", "Options": "plan.options",
+            "ReadingOptions": "prescription.readers", "Report": "simulation.report", "Rings": "rays.rings",
+            "SpectralImage": "image.spectral_image", "load_lens": "library",
+            "read_prescription": "prescription.readers", "simulate": "simulation.simulate"}
 
 
 def __getattr__(name: str) -> Any:

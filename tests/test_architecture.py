@@ -38,8 +38,8 @@ FLOORS = {
                           "engine.spectral"},
     "engine.inspection": {"engine.field", "engine.lens", "engine.prescription", "engine.rays", "engine.runtime",
                           "engine.simulation", "engine.spectral"},
-    "engine": {"engine.image", "engine.lens", "engine.library", "engine.plan", "engine.rays", "engine.runtime",
-               "engine.simulation"},
+    "engine": {"engine.image", "engine.lens", "engine.library", "engine.plan", "engine.prescription", "engine.rays",
+               "engine.runtime", "engine.simulation"},
     # the request for a render
     "request": {"engine"},
     # messages from a command to the window that started it

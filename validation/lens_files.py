@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lensfield.engine import LensError
-from lensfield.engine.prescription.readers import READERS, read_prescription
+from lensfield.engine.prescription.readers import READERS, ReadingOptions, read_prescription
 from lensfield.engine.prescription.system import system_of
 
 FIELD = "image_height_mm", 10.0  # for files that do not state the end of the field; it does not affect paraxial figures
@@ -62,7 +62,7 @@ def _kind(path, text):
 
 def _outcome(path, kind, text, which):
     try:
-        lens = read_prescription(path, FIELD, which)
+        lens = read_prescription(path, ReadingOptions(FIELD, which))
     except LensError as error:
         return Outcome(path, kind, REJECTED, _reason(error))
     except Exception as error:  # of any kind: finding these is the purpose of this program

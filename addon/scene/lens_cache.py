@@ -1,6 +1,5 @@
-"""A cache of lenses by name or path, and of scaled lenses: panels request them many times a second."""
+"""A cache of lenses by name, path or prescription, and of scaled lenses: panels request them many times a second."""
 
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -10,6 +9,7 @@ import numpy as np
 
 from ...engine import Lens, library
 from ...engine.library.baked import needed_wavelengths_nm
+from ...engine.prescription.prescription import Prescription
 from ...engine.rays.rings import AT_REST, Rings
 from ...engine.runtime.files import stamp_of
 
@@ -19,12 +19,12 @@ _lenses: dict[tuple, Lens] = {}  # the newest at the end
 _lock = Lock()  # a thread may bake a lens while the window requests another
 
 
-def load_lens(name_or_path: str | os.PathLike, rings: Rings = AT_REST, quality: str = "standard",
+def load_lens(source: library.LensSource, rings: Rings = AT_REST, quality: str = "standard",
               progress: Callable[[float, str], object] = lambda fraction, label: None,
               wavelengths_nm: Sequence[float] | np.ndarray | None = None) -> Lens:
     """The lens of `library.load_lens`: the same value as before unless the file has changed."""
-    key = _key(name_or_path, rings, quality, wavelengths_nm)
-    lens = _lenses.get(key) or library.load_lens(name_or_path, rings, quality, progress, wavelengths_nm)
+    key = _key(source, rings, quality, wavelengths_nm)
+    lens = _lenses.get(key) or library.load_lens(source, rings, quality, progress, wavelengths_nm)
     with _lock:
         _lenses.pop(key, None)
         _lenses[key] = lens
@@ -33,14 +33,19 @@ def load_lens(name_or_path: str | os.PathLike, rings: Rings = AT_REST, quality: 
     return lens
 
 
-def loaded_lens(name_or_path: str | os.PathLike, rings: Rings, quality: str,
+def loaded_lens(source: library.LensSource, rings: Rings, quality: str,
                 wavelengths_nm: Sequence[float] | np.ndarray | None = None) -> Lens | None:
     """The lens of `load_lens` if it is cached, else None."""
-    return _lenses.get(_key(name_or_path, rings, quality, wavelengths_nm))
+    return _lenses.get(_key(source, rings, quality, wavelengths_nm))
 
 
-def _key(name_or_path, rings, quality, wavelengths_nm):
-    return str(name_or_path), stamp_of(name_or_path), rings, quality, needed_wavelengths_nm(wavelengths_nm)
+def _key(source, rings, quality, wavelengths_nm):
+    return *identity_of(source), rings, quality, needed_wavelengths_nm(wavelengths_nm)
+
+
+def identity_of(source: library.LensSource) -> tuple[str | Prescription, object]:
+    """What identifies a lens: its prescription and None; or its name or path and, for a file, its stamp."""
+    return (source, None) if isinstance(source, Prescription) else (str(source), stamp_of(source))
 
 
 @lru_cache(maxsize=4)

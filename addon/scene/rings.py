@@ -10,9 +10,8 @@ from ...engine.depth.iris import Iris
 from ...engine.library import clamped_rings, has_rings, iris_is_visible, prescription_of
 from ...engine.rays.rings import AT_REST, Rings, resized_rings
 from ...engine.runtime.errors import InputError
-from ...engine.runtime.files import stamp_of
 from .camera import lens_for_view
-from .lens_cache import load_lens
+from .lens_cache import identity_of, load_lens
 from .units import mm_per_unit
 
 CAMERA = "camera"
@@ -51,7 +50,7 @@ def scene_iris(scene, lens, iris=None, **overrides) -> Iris | None:
     Parameters
     ----------
     scene : bpy.types.Scene
-    lens : Lens, or a name or path for `load_lens`
+    lens : Lens, or a source for `load_lens`
         A Lens is already stopped down: only given blades apply.
     iris : Iris, optional
     overrides : by name
@@ -67,7 +66,7 @@ def scene_iris(scene, lens, iris=None, **overrides) -> Iris | None:
     iris = _camera_iris(scene) if iris is None else iris
     if not iris or not iris.blades:
         return None
-    shows = _iris_shows(str(lens), stamp_of(lens), scene_rings(scene, **overrides))
+    shows = _iris_shows(*identity_of(lens), scene_rings(scene, **overrides))
     if isinstance(shows, InputError):
         raise shows.with_traceback(None)  # the traceback would grow each time
     return iris if shows else None
@@ -98,7 +97,7 @@ def scene_lens(scene, lens, view, quality, wavelengths_nm=None, **overrides):
     Parameters
     ----------
     scene : bpy.types.Scene
-    lens : Lens, or a name or path for `load_lens`
+    lens : Lens, or a source for `load_lens`
     view : "lens" or "camera"
     quality : str
         How finely a prescription is baked.

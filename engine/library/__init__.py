@@ -13,7 +13,7 @@ from ..lens.lens import Lens
 from ..lens_files import IMPORT_FIRST, is_import
 from ..lens_files.package import read_package
 from ..prescription.prescription import Prescription
-from ..prescription.readers import READERS, ReadingOptions, checked, read_file, read_prescription
+from ..prescription.readers import AS_IT_IS, READERS, ReadingOptions, checked, read_file, read_prescription
 from ..prescription.readers.toml import read_lensfield
 from ..rays.rings import AT_REST, Rings, is_stopped_down, turned
 from ..runtime.errors import LensError
@@ -23,6 +23,8 @@ from .baked import baked_lens
 BUNDLED = Path(__file__).resolve().parent
 PRESCRIPTIONS, PICTURES = BUNDLED / "prescriptions", BUNDLED / "pictures"
 ALL_LENSES = "`lensfield lens list` lists them"
+LensSource = str | PathLike[str] | Prescription
+"""What a lens comes from: its name, its file, or its prescription."""
 
 
 @lru_cache
@@ -38,9 +40,14 @@ def bundled_lenses() -> dict[str, Prescription]:
 
 
 @lru_cache
-def _bundled(name, field=None):
-    """A bundled lens, with another end of the field if given."""
-    return read_lensfield(PRESCRIPTIONS / f"{name}.toml", field)
+def _bundled(name):
+    return read_lensfield(prescription_path(name))
+
+
+def prescription_path(name_or_path: str | PathLike[str]) -> Path:
+    """The file of a prescription: of the bundled lens with this name, or at this path."""
+    name = str(name_or_path)
+    return PRESCRIPTIONS / f"{name}.toml" if name in bundled_names() else Path(name)
 
 
 def find_bundled(words: list[str]) -> dict[str, Prescription]:
@@ -56,15 +63,16 @@ def _search_text(name, lens):
                      lens.source)).casefold()
 
 
-def load_lens(name_or_path: str | PathLike[str], rings: Rings = AT_REST, quality: str = "standard",
+def load_lens(source: LensSource, rings: Rings = AT_REST, quality: str = "standard",
               progress: Callable[[float, str], object] = lambda fraction, label: None,
               wavelengths_nm: Sequence[float] | np.ndarray | None = None) -> Lens:
-    """Load the lens with this name or in this file, set to a focus distance and an f-number.
+    """Load the lens with this name, in this file or of this prescription, set to a focus distance and an f-number.
 
     Parameters
     ----------
-    name_or_path : str or path
-        A bundled lens, a lens package, or a prescription of any kind that `read_prescription` reads.
+    source : str, path or Prescription
+        A bundled lens, a lens package, or a prescription of any kind that `read_prescription` reads. To read a file
+        with other options than its own, pass the Prescription that `read_prescription` returns.
     rings : Rings
         The focus distance and f-number. They can be set only for lenses with a prescription.
     quality : str
@@ -79,17 +87,19 @@ def load_lens(name_or_path: str | PathLike[str], rings: Rings = AT_REST, quality
     LensError
         The lens is unknown, damaged or of an unknown kind; or rings are given for a lens without a prescription.
     """
-    package = package_path(name_or_path)
-    if package and (rings == AT_REST or not has_rings(name_or_path)):
+    if isinstance(source, Prescription):
+        return baked_lens(source, rings, quality, progress, wavelengths_nm)
+    package = package_path(source)
+    if package and (rings == AT_REST or not has_rings(source)):
         if rings != AT_REST:
-            raise LensError(name_or_path, "focus and f-number", "fixed",
+            raise LensError(source, "focus and f-number", "fixed",
                             "a package is baked for one of each: omit them, or give the lens's prescription")
-        return _package_lens(package, name_or_path)
-    prescription = prescription_of(name_or_path)
+        return _package_lens(package, source)
+    prescription = prescription_of(source)
     try:
         return baked_lens(prescription, rings, quality, progress, wavelengths_nm)
     except LensError as error:
-        raise error.at(name_or_path) from None
+        raise error.at(source) from None
 
 
 def _package_lens(package, name_or_path):
@@ -100,19 +110,20 @@ def _package_lens(package, name_or_path):
     return replace(lens, prescription=turned(prescription_of(name_or_path)).prescription)
 
 
-def clamped_rings(name_or_path: str | PathLike[str], rings: Rings) -> tuple[str, ...]:
+def clamped_rings(source: LensSource, rings: Rings) -> tuple[str, ...]:
     """A line for each ring whose requested value is out of range, with the value that replaces it."""
-    return turned(prescription_of(name_or_path), rings).words
+    return turned(prescription_of(source), rings).words
 
 
-def iris_is_visible(name_or_path: str | PathLike[str], rings: Rings) -> bool:
+def iris_is_visible(source: LensSource, rings: Rings) -> bool:
     """Whether a lens is stopped down below its widest aperture, which makes the shape of its iris visible."""
-    return has_rings(name_or_path) and is_stopped_down(prescription_of(name_or_path), rings)
+    return has_rings(source) and is_stopped_down(prescription_of(source), rings)
 
 
-def has_rings(name_or_path: str | PathLike[str]) -> bool:
+def has_rings(source: LensSource) -> bool:
     """Whether a lens can be focused and stopped down, because it has a prescription."""
-    return str(name_or_path) in bundled_names() or Path(name_or_path).suffix.lower() in READERS
+    return (isinstance(source, Prescription) or str(source) in bundled_names()
+            or Path(source).suffix.lower() in READERS)
 
 
 def package_path(name_or_path: str | PathLike[str]) -> Path | None:
@@ -131,21 +142,20 @@ def package_path(name_or_path: str | PathLike[str]) -> Path | None:
     return None if has_rings(path) else path
 
 
-def prescription_of(name_or_path: str | PathLike[str], field: tuple[str, float] | None = None) -> Prescription:
-    """The prescription with this name or in this file, with another end of the field if given.
+def prescription_of(source: LensSource) -> Prescription:
+    """The prescription with this name or in this file; a Prescription itself.
 
     Raises
     ------
     LensError
         As `read_prescription`.
     """
-    name = str(name_or_path)
-    if name in bundled_names():
-        return _bundled(name, field)
-    return read_prescription(name, field)
+    if isinstance(source, Prescription):
+        return source
+    return _bundled(str(source)) if str(source) in bundled_names() else read_prescription(str(source))
 
 
-def prescription_as_stated(name_or_path: str | PathLike[str], field: tuple[str, float] | None = None) -> Prescription:
+def prescription_as_stated(name_or_path: str | PathLike[str], options: ReadingOptions = AS_IT_IS) -> Prescription:
     """The prescription with the focal length that its file states, even if its surfaces contradict it, for checks.
 
     Raises
@@ -153,9 +163,7 @@ def prescription_as_stated(name_or_path: str | PathLike[str], field: tuple[str, 
     LensError
         As `read_prescription`, except about the focal length and the f-number.
     """
-    if str(name_or_path) in bundled_names():
-        return prescription_of(name_or_path, field)
-    path = Path(name_or_path)
-    reading = read_file(path, ReadingOptions(field))
+    path = prescription_path(name_or_path)
+    reading = read_file(path, options)
     accepted = checked(path, reading, allow_mismatch=True)
     return replace(accepted, focal_length_mm=reading.prescription.focal_length_mm)

@@ -108,13 +108,14 @@ def find_glass(name: str, where: str, field: str, file_figures: str = "") -> Gla
             raise LensError(where, field, name, f"expected an index above 1 and an Abbe number from {LEAST_ABBE:g}")
         return Glass(name, ModelGlass(index, abbe))
     if re.fullmatch(r"\d(\.\d+)?", name):
-        raise LensError(where, field, name, f"an index without dispersion: give its Abbe number too, as {name}/V")
+        raise LensError(where, field, name, f"an index without dispersion: give its Abbe number too, as {name}/V "
+                                           "(--glass OLD=NEW)")
     *makers, glass = name.split() or [name]
     full_name = _full_name(glass, tuple(word.upper() for word in makers))
     if full_name is None:
         figures = f"n/V, such as the file's {file_figures}" if file_figures else "n/V"
         raise LensError(where, field, name, f"in no glass catalogue: {_suggestion(glass)}give another name, or its "
-                                            f"index and Abbe number as {figures}")
+                                            f"index and Abbe number as {figures} (--glass OLD=NEW)")
     return _read(full_name)
 
 

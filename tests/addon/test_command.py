@@ -6,6 +6,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import bpy
@@ -13,10 +14,14 @@ import numpy as np
 import pytest
 
 import lensfield as extension
+from lens_texts import DOT_LENS
 from lensfield import addon, cli
+from lensfield.addon.job.job import job_of
+from lensfield.addon.job.record import recorded_fields
 from lensfield.addon.job.result import FRAME_FILES, LENS_FILES
 from lensfield.cli import main
 from lensfield.commands.messages import read_message
+from lensfield.engine import ReadingOptions, read_prescription
 from lensfield.engine.library import BUNDLED
 from lensfield.engine.pictures.spectral_exr import read_exr
 from places import SAMPLE_SCENE
@@ -62,6 +67,27 @@ def test_rendering_runs_no_scripts_of_the_scene(blend, tmp_path):
     completed = lensfield("lint", blend)
     assert "refused" not in completed.stdout and completed.returncode == 0, completed.stderr
     assert not ran.exists()
+
+
+def test_options_for_reading_a_file_apply_to_the_lens_of_the_scene(blend, tmp_path, capfd):
+    (tmp_path / "lens.lens").write_text(DOT_LENS)
+    settings = bpy.context.scene.lensfield
+    settings.lens, settings.lens_file = "FILE", "//lens.lens"
+    bpy.ops.wm.save_as_mainfile(filepath=str(blend))
+    quick = ["lint", str(blend), "--tier", "preview", "--wavelengths", "550"]
+    assert main(quick) == 1
+    assert main([*quick, "--field-height", "12"]) == 0
+    assert main([*quick, "--lens", "tessar-50mm", "--field-height", "12"]) == 1
+    assert "tessar-50mm: --field-height is 12.0: applies to prescription files only" in capfd.readouterr().err
+
+
+def test_frames_of_a_lens_read_with_another_field_are_rendered_again(scene, tmp_path):
+    path = tmp_path / "lens.lens"
+    path.write_text(DOT_LENS)
+    wide, narrow = (read_prescription(path, ReadingOptions(("image_height_mm", height_mm))) for height_mm in (12, 9))
+    first, again, other = (recorded_fields(job_of(scene, lens=lens, lens_quality="preview", wavelengths_nm=(550.0,)))
+                           for lens in (wide, replace(wide), narrow))
+    assert first == again != other
 
 
 def test_render_then_filter_agree(blend, tmp_path):

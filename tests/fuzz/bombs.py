@@ -22,7 +22,7 @@ from lens_texts import prescriptions
 from lenses import gaussian_psf, make_lens
 from lensfield.engine.lens_files import import_lens
 from lensfield.engine.lens_files.package import package_bytes
-from lensfield.engine.prescription.readers import read_prescription
+from lensfield.engine.prescription.readers import ReadingOptions, read_prescription
 from lensfield.engine.spectral.refraction import load_refraction
 from lensfield.engine.spectral.spectra import load_spectrum, parse_wavelengths
 from rgb_files import colours, window
@@ -89,7 +89,7 @@ def mat_bytes():
 
 
 def prescription(path):
-    return read_prescription(path, FIELD)
+    return read_prescription(path, ReadingOptions(FIELD))
 
 
 def spectrum(path):

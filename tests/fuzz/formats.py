@@ -20,7 +20,7 @@ from lensfield.engine.inspection.info import lens_info, lens_text
 from lensfield.engine.lens_files import import_lens
 from lensfield.engine.lens_files.package import package_bytes, read_package
 from lensfield.engine.pictures.spectral_exr import write_exr
-from lensfield.engine.prescription.readers import read_prescription
+from lensfield.engine.prescription.readers import ReadingOptions, read_prescription
 from lensfield.engine.prescription.readers.toml import write_prescription
 from lensfield.engine.spectral import refraction, spectra
 from lensfield.engine.spectral.refraction import load_refraction
@@ -129,7 +129,7 @@ def _prescription(kind, text, program=""):
 
 
 def _read_prescription(path):
-    return write_prescription(read_prescription(path, FIELD))
+    return write_prescription(read_prescription(path, ReadingOptions(FIELD)))
 
 
 # Pictures

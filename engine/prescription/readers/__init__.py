@@ -1,5 +1,6 @@
 """Readers of prescriptions: each file format becomes a `Prescription`."""
 
+from dataclasses import replace
 from pathlib import Path
 
 from ...runtime import inputs
@@ -24,34 +25,20 @@ WITH_SEMI_DIAMETERS = (".zmx",)  # in addition to apertures
 DAMAGE = (ValueError, TypeError, IndexError, AttributeError, OverflowError, ZeroDivisionError, RecursionError)
 
 
-def read_prescription(path: str | Path, field: tuple[str, float] | None = None, which: str | None = None,
-                      semi_diameters: str | None = None, allow_mismatch: bool = False) -> Prescription:
+def read_prescription(path: str | Path, options: ReadingOptions = AS_IT_IS) -> Prescription:
     """Read the prescription in a file of one of the kinds in `READABLE`.
-
-    Parameters
-    ----------
-    path : path
-    field : (str, float) or None
-        End of the field, as `Prescription.field`, instead of the file's or for a file without one.
-    which : str or None
-        Number of the position (Optical Bench) or of the lens (lentil) in a file with several.
-    semi_diameters : str or None
-        Fixed semi-diameters of Zemax surfaces without CLAP or FLAP: "aperture" (the default) or "ignore".
-    allow_mismatch : bool
-        If the focal length or f-number in the file differs from its surfaces', report it in the notes instead of
-        raising an error.
 
     Raises
     ------
     LensError
-        A file that is missing, damaged, inconsistent, or does not describe a centred lens of refracting surfaces.
+        A file that is missing, damaged, inconsistent, or does not describe a centred lens of refracting surfaces; or
+        options that do not apply to it.
     """
-    reading = read_file(path, ReadingOptions(field, which, semi_diameters))
-    return checked(Path(path), reading, allow_mismatch)
+    return checked(Path(path), read_file(path, options), options.allow_mismatch)
 
 
 def read_file(path: str | Path, options: ReadingOptions = AS_IT_IS) -> Reading:
-    """Read a file, before `checked` compares its surfaces with the stated figures.
+    """Read a file by these options, before `checked` compares its surfaces with the stated figures.
 
     Raises
     ------
@@ -70,7 +57,8 @@ def read_file(path: str | Path, options: ReadingOptions = AS_IT_IS) -> Reading:
 
 def _read(path, kind, options):
     try:
-        return READERS[kind](path, options)
+        reading = READERS[kind](path, options)
+        return replace(reading, prescription=_with_replacements(path, reading.prescription, options))
     except LensError as error:
         raise error.at(path) from None
     except KeyError as error:
@@ -79,6 +67,24 @@ def _read(path, kind, options):
     except DAMAGE as error:
         text = " ".join(f"{type(error).__name__}: {error}".split())
         raise LensError(path, "prescription", "damaged", text) from None
+
+
+def _with_replacements(path, prescription, options):
+    """The prescription with the glasses, image plane and sensor of the options."""
+    names = sorted({surface.glass for surface in prescription.surfaces} - {""})
+    prescription = prescription.with_glasses(
+        {old: new for pair in options.glasses for old, new in _glass_names(path, pair, names)})
+    given = {"focus": options.image_plane, "sensor_mm": options.sensor_mm}
+    return replace(prescription, **{field: value for field, value in given.items() if value is not None})
+
+
+def _glass_names(path, pair, names):
+    """(old, new) names of the glasses that match OLD=NEW; OLD may omit the catalogue."""
+    old, _, new = (word.strip() for word in pair.partition("="))
+    matching = [name for name in names if old in (name, name.split()[-1])]
+    if not new or not matching:
+        raise LensError(path, "--glass", pair, f"expected OLD=NEW with one of {', '.join(names)}")
+    return [(name, new) for name in matching]
 
 
 def _check_options(path, kind, options):

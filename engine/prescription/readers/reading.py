@@ -34,21 +34,35 @@ ANY_ABBE = 50.0  # for a glass with only an index: it does not matter at the wav
 
 
 class ReadingOptions(NamedTuple):
-    """Options of a reader.
+    """How to read a prescription file: values that it does not state, or that replace its own.
 
     Attributes
     ----------
     field : (str, float) or None
         End of the field, as `Prescription.field`; None for the file's.
     which : str or None
-        The lens or position to read from a file with several.
+        Number of the position (Optical Bench) or of the lens (lentil) to read from a file with several.
     semi_diameters : str or None
         Fixed semi-diameters of Zemax surfaces without CLAP or FLAP: "aperture" (the default) or "ignore".
+    glasses : tuple of str
+        Glasses to replace, each as "OLD=NEW": OLD is a name in the file, with or without its catalogue, and NEW as
+        `Surface.glass`.
+    image_plane : str or None
+        As `Prescription.focus`; None for the file's.
+    sensor_mm : (float, float) or None
+        As `Prescription.sensor_mm`; None for the file's.
+    allow_mismatch : bool
+        If the focal length or f-number in the file differs from its surfaces', report it in the notes instead of
+        raising an error.
     """
 
     field: tuple[str, float] | None = None
     which: str | None = None
     semi_diameters: str | None = None
+    glasses: tuple[str, ...] = ()
+    image_plane: str | None = None
+    sensor_mm: tuple[float, float] | None = None
+    allow_mismatch: bool = False
 
 
 AS_IT_IS = ReadingOptions()

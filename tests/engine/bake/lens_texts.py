@@ -4,7 +4,7 @@ import json
 from copy import deepcopy
 
 from lensfield.engine.prescription.prescription import Surface
-from lensfield.engine.prescription.readers import read_prescription
+from lensfield.engine.prescription.readers import ReadingOptions, read_prescription
 
 TOML = """
 format = "lensfield-prescription"
@@ -231,6 +231,6 @@ def reader_of(path, text):
     """A function that reads this prescription with some of its text changed, from a file at this path."""
     def read_changed(*pairs, field=None, encoding="utf-8"):
         path.write_bytes(changed(text, *pairs).encode(encoding))
-        return read_prescription(path, field)
+        return read_prescription(path, ReadingOptions(field))
 
     return read_changed

@@ -258,10 +258,10 @@ def test_the_request_and_its_defaults(path, tmp_path, requests):
     ("--sensor 36", "options: --sensor is 36: expected WIDTHxHEIGHT in mm, such as 36x24"),
     ("--sensor 36x0", "doublet.toml: sensor_mm is (36.0, 0.0): expected a positive width and height"),
     ("--sensor=", "options: --sensor is empty: expected WIDTHxHEIGHT"),
-    ("--glass F2=SF2", "options: --glass is F2=SF2: expected OLD=NEW with one of SCHOTT N-BAF10, SCHOTT N-SF10"),
-    ("--glass N-SF10=", "options: --glass is N-SF10=: expected OLD=NEW"),
-    ("--glass N-SF10", "options: --glass is N-SF10: expected OLD=NEW"),
-    ("--glass =N-SF10", "options: --glass is =N-SF10: expected OLD=NEW"),
+    ("--glass F2=SF2", "doublet.toml: --glass is F2=SF2: expected OLD=NEW with one of SCHOTT N-BAF10, SCHOTT N-SF10"),
+    ("--glass N-SF10=", "doublet.toml: --glass is N-SF10=: expected OLD=NEW"),
+    ("--glass N-SF10", "doublet.toml: --glass is N-SF10: expected OLD=NEW"),
+    ("--glass =N-SF10", "doublet.toml: --glass is =N-SF10: expected OLD=NEW"),
     ("--glass N-SF10=LAK10C", "doublet.toml: surface 3, glass is LAK10C: in no glass catalogue: perhaps "),
     ("--glass N-SF10=1.72", "doublet.toml: surface 3, glass is 1.72: an index without dispersion: give its Abbe number "
                             "too, as 1.72/V (--glass OLD=NEW)"),
@@ -388,4 +388,4 @@ def test_a_field_is_given_for_a_file_without_one(path, capsys):
     assert "no findings" in capsys.readouterr().out
     write_package(make_lens(), path.parent / "lens.npz")
     assert check(path.parent / "lens.npz", "--field-height", 5) == 1
-    assert "the tables of a lens package define its field: leave it out" in capsys.readouterr().err
+    assert "lens.npz: --field-height is 5.0: applies to prescription files only" in capsys.readouterr().err

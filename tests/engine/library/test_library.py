@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lens_texts import TOML, changed
+from lens_texts import DOT_LENS, TOML, changed
 from lensfield.cli import main
-from lensfield.engine import LensError
+from lensfield.engine import LensError, ReadingOptions, read_prescription
 from lensfield.engine.bake.quality import QUALITIES
 from lensfield.engine.lens_files.package import write_package
 from lensfield.engine.library import Rings, baked, clamped_rings, has_rings, load_lens, prescription_of
@@ -200,3 +200,20 @@ def test_the_command_lists_lenses_by_words(capsys):
 def test_a_lens_set_by_rings_is_an_ordinary_lens(singlet):
     lens = load_lens(singlet, NEAR, "preview")
     assert replace(lens) == lens and lens.story == "mine" and lens.mirror_symmetric
+
+
+def test_options_for_reading_a_file_distinguish_its_lens_in_the_cache(folder, bakes, tmp_path):
+    """A field angle of 14 degrees ends at 49.04 mm * tan(14 deg) = 12.23 mm, as an image height of 12.23 mm does."""
+    path = tmp_path / "singlet.lens"
+    path.write_text(DOT_LENS)
+    with pytest.raises(LensError, match="field is missing"):
+        load_lens(path)
+    by_angle, by_height, narrow, denser = (
+        load_lens(read_prescription(path, ReadingOptions(**given)), NEAR, "preview") for given in (
+            {"field": ("angle_deg", 14.0)}, {"field": ("image_height_mm", 12.0)}, {"field": ("angle_deg", 3.0)},
+            {"field": ("angle_deg", 14.0), "glasses": ("1.5168/64.2=1.52/64.2",)}))
+    assert len(bakes) == 4 and len({lens.digest for lens in (by_angle, by_height, narrow, denser)}) == 4
+    assert by_angle.heights_mm[-1] > by_height.heights_mm[-1] > 4 * narrow.heights_mm[-1]
+    assert denser.efl_mm == pytest.approx(by_angle.efl_mm * 0.5168 / 0.52, rel=0.01)
+    assert load_lens(read_prescription(path, ReadingOptions(("angle_deg", 3.0))), NEAR, "preview") == narrow
+    assert len(bakes) == 4

@@ -12,9 +12,8 @@ from lens_texts import SAMPLES, prescriptions
 from lensfield.engine import LensError
 from lensfield.engine.prescription import prescription
 from lensfield.engine.prescription.prescription import Prescription
-from lensfield.engine.prescription.readers import READABLE, READERS, read_prescription
+from lensfield.engine.prescription.readers import READABLE, READERS, ReadingOptions, read_prescription
 from lensfield.engine.prescription.readers.deeplens import read_deeplens
-from lensfield.engine.prescription.readers.reading import ReadingOptions
 
 ROUNDS = 150
 FIELD = ("angle_deg", 10.0)
@@ -66,7 +65,7 @@ def test_damage_causes_a_one_line_error_or_another_lens(tmp_path, kind, capfd):
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             try:
-                assert_sound(read_prescription(path, FIELD))
+                assert_sound(read_prescription(path, ReadingOptions(FIELD)))
                 lenses += 1
             except LensError as error:
                 assert str(error).startswith(f"{path}: ") and "\n" not in str(error) and len(str(error)) < 600
@@ -80,7 +79,7 @@ def test_files_with_more_than_300_surfaces_are_refused(tmp_path, name, text, mon
     (tmp_path / name).write_text(text)
     monkeypatch.setattr(prescription, "_check_surface", None)
     with pytest.raises(LensError, match=r": surfaces is 30[1-9]: expected at most 300$"):
-        read_prescription(tmp_path / name, FIELD)
+        read_prescription(tmp_path / name, ReadingOptions(FIELD))
 
 
 def test_a_lens_of_300_surfaces_is_read(tmp_path):
@@ -92,7 +91,7 @@ def test_a_lens_of_300_surfaces_is_read(tmp_path):
 def test_surfaces_with_more_than_100_aspheric_terms_are_refused(tmp_path):
     (tmp_path / "lens.json").write_text(SAMPLES["Optiland.json"].replace("0.0001,", "0.0001," * 101, 1))
     with pytest.raises(LensError, match=r": surface 3, aspheric is 10[0-9] terms: expected at most 100$"):
-        read_prescription(tmp_path / "lens.json", FIELD)
+        read_prescription(tmp_path / "lens.json", ReadingOptions(FIELD))
 
 
 def test_the_time_to_read_deeplens_is_linear_in_its_surfaces(tmp_path):
@@ -117,4 +116,4 @@ def test_the_time_to_read_deeplens_is_linear_in_its_surfaces(tmp_path):
 @kinds
 def test_the_valid_samples_are_lenses(tmp_path, kind):
     (tmp_path / f"lens{kind}").write_text(SAMPLES[kind], encoding="utf-8")
-    assert_sound(read_prescription(tmp_path / f"lens{kind}", FIELD))
+    assert_sound(read_prescription(tmp_path / f"lens{kind}", ReadingOptions(FIELD)))

@@ -10,7 +10,7 @@ import pytest
 from lens_texts import DEEPLENS, LENTIL, SURFACES, optiland
 from lensfield.engine import LensError
 from lensfield.engine.prescription.prescription import Surface
-from lensfield.engine.prescription.readers import read_prescription
+from lensfield.engine.prescription.readers import ReadingOptions, read_prescription
 from lensfield.engine.rays.focus import build_system
 
 FIELD = ("image_height_mm", 12.0)
@@ -22,7 +22,7 @@ def read(tmp_path):
     """Read these contents as a file."""
     def read_contents(contents, *arguments):
         (tmp_path / "lens.json").write_text(json.dumps(contents))
-        return read_prescription(tmp_path / "lens.json", *arguments)
+        return read_prescription(tmp_path / "lens.json", ReadingOptions(*arguments))
 
     return read_contents
 

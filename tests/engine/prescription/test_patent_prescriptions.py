@@ -8,7 +8,7 @@ import pytest
 from lens_texts import DOT_LENS, OPTBENCH, SURFACES, reader_of
 from lensfield.engine import LensError
 from lensfield.engine.prescription.prescription import Surface
-from lensfield.engine.prescription.readers import read_prescription
+from lensfield.engine.prescription.readers import ReadingOptions, read_prescription
 from lensfield.engine.rays.focus import build_system
 from places import SHARED_DATA
 
@@ -46,7 +46,7 @@ def test_positions_that_differ_only_in_focus_describe_the_focus_ring(optbench, t
     assert [surface.gaps_mm for surface in lens.surfaces] == [(2.0, 9.0), (), (47.5, 45.8)]
     near_first = optbench(*MOVING, ("d0\tInfinity\t500", "d0\t500\tInfinity"))
     assert near_first.focused_at_mm == (np.inf, 500.0) and near_first.surfaces[0].gaps_mm == (9.0, 2.0)
-    assert not read_prescription(tmp_path / "lens.txt", which="1").focused_at_mm
+    assert not read_prescription(tmp_path / "lens.txt", ReadingOptions(which="1")).focused_at_mm
 
 
 @pytest.mark.parametrize("change", [
@@ -65,12 +65,12 @@ def test_trailing_tabs_are_not_positions(optbench):
 def test_a_position_is_selected_by_its_number(tmp_path):
     path = tmp_path / "lens.txt"
     path.write_text(OPTBENCH)
-    near = read_prescription(path, which="2")
+    near = read_prescription(path, ReadingOptions(which="2"))
     assert (near.object_distance_mm, near.surfaces[2].thickness_mm) == (500.0, 52.8)
     assert near.aperture == ("f_number", 9.8) and "Number 2 of the file's" in near.notes
     for wrong in ("3", "0", "x", "-1"):
         with pytest.raises(LensError, match=f"--which is {wrong}: expected the number of a position, 1 to 2"):
-            read_prescription(path, which=wrong)
+            read_prescription(path, ReadingOptions(which=wrong))
 
 
 def test_the_first_position_for_infinity_is_used(optbench):
@@ -174,7 +174,7 @@ def test_a_dot_lens_needs_a_field_and_contains_one_lens(dot_lens, tmp_path):
     with pytest.raises(LensError, match="field is missing: a .lens does not state .*--field-angle or --field-height"):
         dot_lens()
     with pytest.raises(LensError, match="--which is 2: a file of this kind contains one lens: leave it out"):
-        read_prescription(tmp_path / "lens.lens", FIELD, "2")
+        read_prescription(tmp_path / "lens.lens", ReadingOptions(FIELD, "2"))
 
 
 @pytest.mark.skipif(not PATENTS.is_dir(), reason="the patents of ../shared/data are not there")
@@ -183,5 +183,6 @@ def test_a_dot_lens_needs_a_field_and_contains_one_lens(dot_lens, tmp_path):
     ("optbench/canon-ef50mm-f1.0L__US004717245_Example02.txt", 51.99),
     ("lens/AI_Nikkor_35mm_F1.4S.lens", 35.0)])
 def test_real_files_have_the_focal_lengths_that_they_state(name, efl_mm):
-    lens = read_prescription(PATENTS / name, None if name.endswith("txt") else ("image_height_mm", 21.6))
+    lens = read_prescription(PATENTS / name,
+                             ReadingOptions(None if name.endswith("txt") else ("image_height_mm", 21.6)))
     assert build_system(replace(lens, focus="paraxial")).efl_mm == pytest.approx(efl_mm, rel=5e-3)

@@ -12,7 +12,7 @@ from lensfield.engine import LensError
 from lensfield.engine.library import BUNDLED, bundled_lenses, bundled_names
 from lensfield.engine.prescription.glasses import find_glass
 from lensfield.engine.prescription.prescription import Prescription, Surface
-from lensfield.engine.prescription.readers import READERS, read_prescription
+from lensfield.engine.prescription.readers import READERS, ReadingOptions, read_prescription
 from lensfield.engine.prescription.readers.toml import read_lensfield, write_prescription
 from lensfield.engine.prescription.system import system_of
 from lensfield.engine.rays.focus import build_system
@@ -31,7 +31,7 @@ def read(tmp_path):
     def read_text(text, kind=".toml", field=None):
         path = tmp_path / f"lens{kind}"
         path.write_text(text, encoding="utf-8")
-        return read_prescription(path, field)
+        return read_prescription(path, ReadingOptions(field))
 
     return read_text
 
@@ -386,7 +386,7 @@ def test_missing_files_folders_and_unknown_kinds_are_errors(tmp_path):
 def test_empty_or_garbled_files_are_lens_errors(tmp_path, kind, contents):
     (tmp_path / f"lens{kind}").write_bytes(contents)
     with pytest.raises(LensError, match=rf"lens\{kind}: "):
-        read_prescription(tmp_path / f"lens{kind}", ("angle_deg", 10.0))
+        read_prescription(tmp_path / f"lens{kind}", ReadingOptions(("angle_deg", 10.0)))
 
 
 @needs_files
@@ -427,6 +427,6 @@ def test_the_error_for_an_unknown_glass_suggests_similar_ones(name, glass, messa
 @needs_files
 def test_pbrts_fisheye_has_the_focal_length_of_its_source():
     glasses = {"1.62": 60.3, "1.639": 44.9, "1.654": 33.7, "1.517": 64.2, "1.805": 25.4, "1.673": 32.2}
-    lens = read_prescription(FILES / "pbrt_fisheye.10mm.dat", ("angle_deg", 70.0))
+    lens = read_prescription(FILES / "pbrt_fisheye.10mm.dat", ReadingOptions(("angle_deg", 70.0)))
     system = build_system(lens.with_glasses({index: f"{index}/{abbe}" for index, abbe in glasses.items()}))
     assert system.efl_mm == pytest.approx(9.99, abs=0.005)

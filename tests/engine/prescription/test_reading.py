@@ -23,7 +23,7 @@ from lens_texts import (
 from lensfield.engine import LensError
 from lensfield.engine.library import bundled_lenses, prescription_as_stated
 from lensfield.engine.prescription.prescription import Prescription, Surface
-from lensfield.engine.prescription.readers import read_prescription
+from lensfield.engine.prescription.readers import ReadingOptions, read_prescription
 from lensfield.engine.prescription.readers.reading import Reading, checked
 from lensfield.engine.rays.focus import build_system
 from lensfield.engine.runtime.unread import json_names, unread_names
@@ -39,7 +39,7 @@ def read(tmp_path):
     def read_text(kind, text, **options):
         path = tmp_path / f"lens{kind}"
         path.write_text(text if isinstance(text, str) else json.dumps(text), encoding="utf-8")
-        return read_prescription(path, FIELD, **options)
+        return read_prescription(path, ReadingOptions(FIELD, **options))
 
     return read_text
 
@@ -89,7 +89,7 @@ def test_a_wrong_focal_length_may_be_accepted_and_is_noted(read, tmp_path, kind,
     lens = read(kind, wrong, allow_mismatch=True)
     assert lens.focal_length_mm is None
     assert "The file's focal length is 52 mm, and its surfaces give 49." in lens.notes
-    assert prescription_as_stated(tmp_path / f"lens{kind}", FIELD).focal_length_mm == 52.0
+    assert prescription_as_stated(tmp_path / f"lens{kind}", ReadingOptions(FIELD)).focal_length_mm == 52.0
 
 
 @pytest.mark.parametrize("f_number, wrong", [(9.8, False), (9.89, False), (9.95, True), (9.65, True), (85.0, True)])

@@ -9,7 +9,7 @@ from lens_texts import SURFACES, ZEMAX, reader_of
 from lensfield.engine import LensError
 from lensfield.engine.bake.bake import bake
 from lensfield.engine.prescription.prescription import Prescription, Surface
-from lensfield.engine.prescription.readers import read_prescription
+from lensfield.engine.prescription.readers import ReadingOptions, read_prescription
 from lensfield.engine.rays.focus import build_system
 
 SINGLET = Prescription("singlet", SURFACES, ("entrance_pupil_diameter_mm", 5.0), ("angle_deg", 14.0),
@@ -195,11 +195,11 @@ def test_a_fixed_semi_diameter_is_a_clear_aperture(read, words, semi_mm):
 def test_semi_diameters_may_be_ignored(read, tmp_path):
     fixed = BARE[0], "7.5 1 0 0 1 \"\""
     read(fixed)
-    lens = read_prescription(tmp_path / "lens.ZMX", semi_diameters="ignore")
+    lens = read_prescription(tmp_path / "lens.ZMX", ReadingOptions(semi_diameters="ignore"))
     assert sizes(lens) == 3 * [np.inf] and "of 1 surface are ignored." in lens.notes
     assert read(BARE).notes == "", "automatic ones need no word"
     with pytest.raises(LensError, match="--semi-diameters is maybe: expected aperture or ignore"):
-        read_prescription(tmp_path / "lens.ZMX", semi_diameters="maybe")
+        read_prescription(tmp_path / "lens.ZMX", ReadingOptions(semi_diameters="maybe"))
 
 
 def test_an_aperture_takes_precedence_over_a_semi_diameter(read):
