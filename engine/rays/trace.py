@@ -47,16 +47,41 @@ def trace_from_image(prescription: Prescription, indices: np.ndarray, position: 
 
 
 def _back(prescription, indices, position, direction, number):
-    """Trace rays, given relative to the vertex of surface `number` or to the image plane, back through the surfaces
-    in front of it."""
-    path_mm, square_mm2, backwards = 0.0, [], -direction
-    for before in range(number - 1, -1, -1):
-        surface = prescription.surfaces[before]
-        position, backwards, section_mm = _through(surface, _moved(position, surface.thickness_mm), backwards,
-                                            indices[before + 1], indices[before])
+    path_mm, square_mm2 = 0.0, []
+    for step in _steps_back(prescription, indices, position, direction, number):
+        position, direction, section_mm = step
         path_mm = path_mm + section_mm
         square_mm2.insert(0, position[0]**2 + position[1]**2)
-    return position, -backwards, path_mm, square_mm2
+    return position, direction, path_mm, square_mm2
+
+
+def _steps_back(prescription, indices, position, direction, number):
+    """Trace rays, given relative to the vertex of surface `number` or to the image plane, back through the surfaces
+    in front of it: yields the position on each, the direction in front of it, and the optical path behind it."""
+    for before in range(number - 1, -1, -1):
+        surface = prescription.surfaces[before]
+        position, backwards, section_mm = _through(surface, _moved(position, surface.thickness_mm), -direction,
+                                            indices[before + 1], indices[before])
+        direction = -backwards
+        yield position, direction, section_mm
+
+
+def points_from_image(prescription: Prescription, indices: np.ndarray, position: np.ndarray, direction: np.ndarray
+                      ) -> tuple[np.ndarray, np.ndarray]:
+    """Where rays from the image plane meet it and the surfaces, for drawings.
+
+    Returns
+    -------
+    points_mm : array (surface + 1, 3, ...)
+        On each surface, and on the image plane, relative to the first vertex.
+    direction : array (3, ...)
+        In front of the first surface, along the light.
+    """
+    vertices_mm = np.cumsum([0.0, *(surface.thickness_mm for surface in prescription.surfaces)])
+    steps = list(_steps_back(prescription, indices, position, direction, len(prescription.surfaces)))[::-1]
+    relative_mm = [*(step[0] for step in steps), position]
+    points_mm = np.stack([_moved(point, vertex) for point, vertex in zip(relative_mm, vertices_mm, strict=True)])
+    return points_mm, steps[0][1]
 
 
 def trace_to_image(prescription: Prescription, indices: np.ndarray, position: np.ndarray, direction: np.ndarray

@@ -1,0 +1,78 @@
+"""The cross section of a lens: outlines, and rays that meet the surfaces where they are traced."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lensfield.engine.inspection.cross_section import cross_section, draw_cross_section
+from lensfield.engine.library import prescription_of
+from lensfield.engine.prescription.prescription import Prescription, Surface
+from lensfield.engine.prescription.surfaces import sag_and_slope
+from lensfield.engine.prescription.system import system_of
+from lensfield.engine.rays.rays import HalfPupil, trace_pupil
+from lensfield.engine.rays.rings import turned
+from lensfield.engine.rays.trace import points_from_image
+
+figure = pytest.importorskip("matplotlib.figure")
+
+# flat in front, with a rear hyperboloid of conic -n^2, which focuses axial rays perfectly
+HYPERBOLA = Prescription(
+    "hyperbola", (Surface(thickness_mm=8.0, glass="1.5/1000", stop=True, semi_aperture_mm=7.0),
+                  Surface(-10.0, 20.0, conic=-2.25, semi_aperture_mm=6.0)), ("f_number", 2.0), ("angle_deg", 10.0))
+
+
+def drawn(prescription):
+    """The outlines of the glasses, and the rays, stop and image plane, each an array (2, point) of z and y."""
+    panel = figure.Figure().add_axes((0, 0, 1, 1))
+    draw_cross_section(panel, system_of(prescription))
+    return [patch.get_xy().T for patch in panel.patches], [np.array(line.get_data()) for line in panel.lines]
+
+
+def test_glass_has_the_shape_of_its_surfaces():
+    (outline,), _ = drawn(HYPERBOLA)
+    z_mm, y_mm = outline
+    assert y_mm.max() == 7.0 and set(z_mm[np.abs(y_mm) == 7.0]) == {0.0}
+    sag_mm = 10.0 * (np.sqrt(1 + 1.25 * 0.36) - 1) / -1.25  # of the hyperbola at 6 mm
+    np.testing.assert_allclose(z_mm[np.abs(y_mm) == 6.0], 2 * [8 + sag_mm])
+
+
+def test_rays_come_from_three_fields_and_the_axial_ones_meet_at_the_focus():
+    _, lines = drawn(HYPERBOLA)
+    fans = [line for line in lines if line.shape[1] == 4]
+    slopes = [np.diff(y_mm[:2])[0] / np.diff(z_mm[:2])[0] for z_mm, y_mm in fans]
+    np.testing.assert_allclose(slopes, np.repeat(np.tan(np.radians(10)) * np.array([0, 0.7, 1]), 8), atol=1e-9)
+    for z_mm, y_mm in fans[:8]:
+        assert z_mm[[0, -1]] == pytest.approx([-5.6, 28.0]) and y_mm[-1] == pytest.approx(0, abs=1e-4)
+    assert sorted(y_mm[0] for _, y_mm in fans[:8]) == pytest.approx([-5, -10 / 3, -5 / 3, 0, 0, 5 / 3, 10 / 3, 5])
+
+
+def test_points_of_rays_are_on_the_surfaces_at_the_traced_heights():
+    lens = turned(prescription_of("apple-phone-4mm")).prescription
+    system, nm = system_of(lens), [lens.reference_wavelength_nm]
+    rays = trace_pupil(system, [0.8 * system.last_height_mm], nm, HalfPupil(4, 3))
+    start = np.stack([*rays.position_mm, np.zeros_like(rays.position_mm[0])])[:, 0, 0]
+    points_mm, _ = points_from_image(lens, system.indices_at(nm)[:, 0], start, rays.direction[:, 0, 0])
+    square_mm2 = points_mm[:-1, 0]**2 + points_mm[:-1, 1]**2
+    np.testing.assert_allclose(square_mm2, rays.square_height_mm2[:, 0, 0], rtol=0, atol=1e-9)
+    vertex_mm = 0.0
+    for surface, point, square in zip(lens.surfaces, points_mm, square_mm2, strict=False):  # the last is the image
+        np.testing.assert_allclose(point[2], vertex_mm + sag_and_slope(surface, square)[0], atol=1e-9)
+        vertex_mm += surface.thickness_mm
+
+
+def test_blocked_rays_are_left_out():
+    open_lens, stopped = (drawn(replace(HYPERBOLA, surfaces=(HYPERBOLA.surfaces[0], replace(
+        HYPERBOLA.surfaces[1], semi_aperture_mm=semi_mm))))[1] for semi_mm in (6.0, 2.0))
+    assert sum(np.isfinite(line).all() for line in stopped) < sum(np.isfinite(line).all() for line in open_lens)
+
+
+def test_a_field_that_is_too_large_leaves_the_glass():
+    outlines, lines = drawn(replace(HYPERBOLA, field=("angle_deg", 89.0)))
+    assert len(outlines) == 1 and all(line.shape[1] == 2 for line in lines)
+
+
+def test_the_picture_is_square_and_shows_the_lens():
+    picture = cross_section(system_of(HYPERBOLA), 200)
+    assert picture.shape == (200, 200, 4) and picture.dtype == np.uint8
+    assert (picture[..., 3] == 255).all() and 0.02 < np.mean(picture[..., :3].min(axis=-1) < 250) < 0.9
