@@ -17,7 +17,6 @@ from ..engine.prescription.readers import READABLE, read_prescription
 from ..engine.prescription.readers.toml import write_prescription
 from ..engine.rays.focus import focused
 from ..engine.rays.rings import Rings, turned
-from ..engine.runtime.build_identity import MARK
 from ..engine.runtime.files import atomic_path
 from ..engine.spectral.spectra import parse_wavelengths
 from .arguments import check_outputs, distance_mm
@@ -85,7 +84,7 @@ def _convert(options):
     text = write_prescription(prescription)
     check_outputs([(options.output, ".toml")], [options.prescription])
     with atomic_path(options.output) as temporary:
-        temporary.write_text(f"# {MARK}\n{text}", encoding="utf-8", newline="\n")
+        temporary.write_text(text, encoding="utf-8", newline="\n")
     print(options.output)
     _print_notes(options, prescription)
 

@@ -1,4 +1,4 @@
-"""Options for reading the prescription file of --lens: what it does not state, and what to replace in it."""
+"""Options for reading a prescription file: values that it does not state, or that replace its own."""
 
 from contextlib import contextmanager
 
@@ -7,7 +7,8 @@ from ..engine.library import bundled_names, has_rings
 from ..engine.prescription.prescription import FOCUSES
 from ..engine.prescription.readers import AS_IT_IS, SEMI_DIAMETERS, ReadingOptions, read_prescription
 
-NAMES = ("field_angle", "field_height", "which", "glass", "image_plane", "sensor", "semi_diameters", "allow_mismatch")
+NAMES = ("field_angle", "field_height", "which", "glass", "stop", "image_plane", "sensor", "semi_diameters",
+         "allow_mismatch")
 
 
 def add_reading(command):
@@ -24,6 +25,8 @@ def add_reading(command):
                             "default: the first for infinity), or the lens (lentil)")
     group.add_argument("--glass", action="append", metavar="OLD=NEW",
                        help="another name, or n/V, for a glass of the file; can be repeated")
+    group.add_argument("--stop", type=int, metavar="N",
+                       help="number of the surface that is the aperture stop, from 1")
     group.add_argument("--image-plane", choices=FOCUSES, help="position of the image plane")
     group.add_argument("--sensor", metavar="WIDTHxHEIGHT", help="sensor size in mm")
     group.add_argument("--semi-diameters", choices=SEMI_DIAMETERS,
@@ -41,9 +44,9 @@ def given_reading(options):
 
 def reading_options(options):
     """The ReadingOptions of the command line."""
+    sensor_mm = None if options.sensor is None else sides_mm(options.sensor)
     return ReadingOptions(_field(options), options.which, options.semi_diameters, tuple(options.glass or ()),
-                          options.image_plane, None if options.sensor is None else sides_mm(options.sensor),
-                          bool(options.allow_mismatch))
+                          options.stop, options.image_plane, sensor_mm, bool(options.allow_mismatch))
 
 
 def _field(options):

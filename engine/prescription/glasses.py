@@ -18,11 +18,13 @@ from ..spectral.refraction import Formula, Table
 CATALOGUE = Path(__file__).parent / "glasses.csv"
 PREFERRED = ("SCHOTT", "OHARA", "HOYA", "HIKARI", "CDGM", "SUMITA")
 MODEL_GLASS = re.compile(r"(\d+(?:\.\d+)?)\s*/\s*(\d+(?:\.\d+)?)")
+INDEX_ALONE = re.compile(r"\d(\.\d+)?")
 CODE = re.compile(r"(\d{3})(\d{3})|(\d{3,6})\.(\d{3,6})")
 LARGEST_INDEX = 4.0
 LEAST_ABBE = 10.0  # limit of the glasses that the dispersion model was fitted to, with a margin
 D_LINE_UM = 0.5875618
 BUCHDAHL_ALPHA = 2.5
+SAME_INDEX = 5e-3  # pbrt's files have two or three decimals
 
 
 @dataclass(frozen=True)
@@ -107,7 +109,7 @@ def find_glass(name: str, where: str, field: str, file_figures: str = "") -> Gla
         if not (1 < index < LARGEST_INDEX and abbe >= LEAST_ABBE):
             raise LensError(where, field, name, f"expected an index above 1 and an Abbe number from {LEAST_ABBE:g}")
         return Glass(name, ModelGlass(index, abbe))
-    if re.fullmatch(r"\d(\.\d+)?", name):
+    if INDEX_ALONE.fullmatch(name):
         raise LensError(where, field, name, f"an index without dispersion: give its Abbe number too, as {name}/V "
                                            "(--glass OLD=NEW)")
     *makers, glass = name.split() or [name]
@@ -198,8 +200,34 @@ def _bare(name):
     return name.replace("-", "").upper()
 
 
+def glass_names() -> list[str]:
+    """Full names of all catalogue glasses, the preferred makers' first."""
+    return [name for names in _catalogues().values() for name in names.values()]
+
+
+def similar_glasses(name: str) -> list[str]:
+    """Catalogue glasses that may be meant by an unknown name, the likeliest first: those with similar names or, for an
+    index, those with this index at the d line."""
+    if not INDEX_ALONE.fullmatch(name):
+        return _similar_names(name.split()[-1])
+    errors = {glass: abs(index - float(name)) for glass, index in _d_indices().items()}
+    return sorted((glass for glass, error in errors.items() if error < SAME_INDEX), key=errors.__getitem__)
+
+
+@lru_cache(maxsize=1)
+def _d_indices():
+    """{full name: index at the d line} of the preferred makers' glasses."""
+    names = [name for maker in PREFERRED for name in _catalogues()[maker].values()]
+    return {name: float(_read(name).index_at([1e3 * D_LINE_UM])[0]) for name in names}
+
+
 def _suggestion(glass):
     """Glasses with similar names, as a part of a sentence."""
+    shown = _similar_names(glass)
+    return f"perhaps {' or '.join(shown)}? Otherwise " if shown else ""
+
+
+def _similar_names(glass):
     names = {}
     for known in _catalogues().values():  # preferred makers first
         names = names | {key: name for key, name in known.items() if key not in names}
@@ -207,8 +235,7 @@ def _suggestion(glass):
     stem = _without_suffix(wanted)
     close = [key for key in names if len(stem) > 2 and _without_suffix(key).endswith(stem)]
     close += difflib.get_close_matches(wanted, names, n=3, cutoff=0.7)
-    shown = [names[key] for key in dict.fromkeys(close)][:4]
-    return f"perhaps {' or '.join(shown)}? Otherwise " if shown else ""
+    return [names[key] for key in dict.fromkeys(close)][:4]
 
 
 def _without_suffix(name):

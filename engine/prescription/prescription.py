@@ -181,7 +181,7 @@ def _check(prescription):
         refuse("surfaces", len(prescription.surfaces), f"expected at most {MOST_SURFACES}")
     stops = sum(surface.stop for surface in prescription.surfaces)
     if stops != 1:
-        refuse("stop", f"at {stops} surfaces", "expected one surface to be the aperture stop")
+        refuse("stop", f"at {stops} surfaces", "expected one surface to be the aperture stop: give its number (--stop)")
     for number, surface in enumerate(prescription.surfaces, 1):
         _check_surface(surface, f"surface {number}", refuse)
         if surface.gaps_mm and len(surface.gaps_mm) != len(prescription.focused_at_mm):
@@ -251,7 +251,8 @@ def _check_image_space(prescription, last, refuse):
         behind_mm += other.thickness_mm
     if prescription.focus == "as given" and not behind_mm > 0:
         refuse(f"{last}, thickness_mm", f"{surface.thickness_mm:.6g}",
-               "expected an image plane behind the lens: give its distance, or set focus to best or paraxial")
+               "expected an image plane behind the lens: give its distance, or set focus (--image-plane) to best or "
+               "paraxial")
 
 
 def _check_surface(surface, name, refuse):

@@ -85,15 +85,31 @@ def system_of(prescription: Prescription) -> System:
     LensError
         A glass that is not in any catalogue, or a lens without power.
     """
-    private = {glass.name: glass for glass in prescription.glasses}
-    glasses = tuple(private.get(surface.glass) or find_glass(surface.glass, prescription.name,
-                                                             f"surface {number}, glass", surface.glass_figures)
-                    for number, surface in enumerate(prescription.surfaces, 1))
+    glasses = tuple(_glass(prescription, number) for number in range(1, len(prescription.surfaces) + 1))
     indices = _indices(prescription, glasses, [prescription.reference_wavelength_nm])
     figures = first_order(prescription, indices[:, 0])
     prescription = replace(prescription, aperture=("stop", figures.stop_semi_aperture_mm))
     return System(**vars(figures), prescription=prescription, glasses=glasses,
                   last_height_mm=_last_height_mm(prescription, figures))
+
+
+def unknown_glasses(prescription: Prescription) -> dict[str, str]:
+    """The glasses that `system_of` rejects, with "n/V" from the file, or "": by name, in the order of the surfaces."""
+    unknown = {}
+    for number, surface in enumerate(prescription.surfaces, 1):
+        try:
+            _glass(prescription, number)
+        except LensError:
+            unknown[surface.glass] = surface.glass_figures
+    return unknown
+
+
+def _glass(prescription, number):
+    """The glass behind the surface with this number, from 1."""
+    surface = prescription.surfaces[number - 1]
+    private = {glass.name: glass for glass in prescription.glasses}
+    return private.get(surface.glass) or find_glass(surface.glass, prescription.name, f"surface {number}, glass",
+                                                    surface.glass_figures)
 
 
 def _indices(prescription, glasses, wavelengths_nm):

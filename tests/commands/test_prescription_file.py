@@ -11,10 +11,10 @@ from lensfield.engine import ReadingOptions
 from lensfield.engine.lens_files.package import write_package
 from rgb_files import colours, failure, run
 
-GIVEN = ["--field-angle=14", "--which=2", "--glass=1.5168/64.2=N-BK7", "--glass=SF2=1.65/33.8", "--image-plane=best",
-         "--sensor=12x8", "--semi-diameters=ignore", "--allow-mismatch"]
-READ = ReadingOptions(("angle_deg", 14.0), "2", "ignore", ("1.5168/64.2=N-BK7", "SF2=1.65/33.8"), "best", (12.0, 8.0),
-                      True)
+GIVEN = ["--field-angle=14", "--which=2", "--glass=1.5168/64.2=N-BK7", "--glass=SF2=1.65/33.8", "--stop=3",
+         "--image-plane=best", "--sensor=12x8", "--semi-diameters=ignore", "--allow-mismatch"]
+READ = ReadingOptions(("angle_deg", 14.0), "2", "ignore", ("1.5168/64.2=N-BK7", "SF2=1.65/33.8"), 3, "best",
+                      (12.0, 8.0), True)
 COMMANDS = ("render S.blend", "lint S.blend", "farm openjd S.blend --job D", "apply R.exr --lens L",
             "filter R.exr --lens L --output E.exr", "tradeoff --lens L --output D", "lens info L", "lens check L",
             "lens plot L", "lens stmap L --resolution 9x9 --output D", "lens bake L -o P.npz",

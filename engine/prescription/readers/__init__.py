@@ -70,12 +70,11 @@ def _read(path, kind, options):
 
 
 def _with_replacements(path, prescription, options):
-    """The prescription with the glasses, image plane and sensor of the options."""
+    """The prescription with the glasses and the sensor of the options."""
     names = sorted({surface.glass for surface in prescription.surfaces} - {""})
     prescription = prescription.with_glasses(
         {old: new for pair in options.glasses for old, new in _glass_names(path, pair, names)})
-    given = {"focus": options.image_plane, "sensor_mm": options.sensor_mm}
-    return replace(prescription, **{field: value for field, value in given.items() if value is not None})
+    return replace(prescription, sensor_mm=options.sensor_mm) if options.sensor_mm else prescription
 
 
 def _glass_names(path, pair, names):

@@ -14,7 +14,7 @@ from ..prescription import Prescription, Surface
 from .field_and_aperture import field_end, in_mm, vignetting_note
 from .lines import Line
 from .private_glasses import private_glasses
-from .reading import Reading, ReadingOptions
+from .reading import Reading, ReadingOptions, with_stop
 
 UNITS_MM = {"M": 1.0, "C": 10.0, "I": 25.4}
 APERTURES = {"EPD": "entrance_pupil_diameter_mm", "FNO": "working_f_number", "NAO": "object_na",
@@ -54,7 +54,8 @@ def read_codev(path: Path, options: ReadingOptions) -> Reading:
     factors = [value for command in VIGNETTING if command in system for value in system[command].figures()]
     used = [glass for name, glass in glasses.items() if name in {surface.glass for surface in surfaces}]
     return Reading(Prescription(
-        name=_title(system) or path.stem, surfaces=tuple(surface.scaled(unit_mm) for surface in surfaces),
+        name=_title(system) or path.stem, focus=options.image_plane or "as given",
+        surfaces=with_stop(path, [surface.scaled(unit_mm) for surface in surfaces], options),
         aperture=_aperture(path, system, unit_mm), field=options.field or _field(path, system, unit_mm),
         object_distance_mm=object_distance(rows[0]["SO"].figure(2, 0.0) * unit_mm),
         reference_wavelength_nm=_reference_nm(path, system), source=f"{path.name} (Code V)",

@@ -9,7 +9,7 @@ from ...runtime.errors import LensError
 from ...runtime.unread import json_names, unread_names
 from ..glasses import best_name
 from ..prescription import Prescription, Surface
-from .reading import Reading, ReadingOptions
+from .reading import Reading, ReadingOptions, with_stop
 
 KNOWN_NAMES = ("info", "foclen", "fnum", "r_sensor", "d_sensor", "sensor_size", "sensor_res", "r_last", "surfaces",
                "idx", "type", "r", "c", "roc", "d", "d_next", "k", "ai", "use_ai2", "mat1", "mat2",
@@ -27,16 +27,18 @@ def read_deeplens(path: Path, contents: dict, options: ReadingOptions) -> Readin
     if contents.get("DOE"):
         raise LensError(path, "DOE", str(contents["DOE"].get("type", "there")),
                         "expected refracting surfaces: diffractive elements cannot be traced")
-    surfaces = tuple(_surface(path, number, row, _thickness(path, number, row, rows[number:number + 1], contents))
-                     for number, row in enumerate(rows, 1))
+    surfaces = with_stop(path, [
+        _surface(path, number, row, _thickness(path, number, row, rows[number:number + 1], contents))
+        for number, row in enumerate(rows, 1)], options)
     stop = next((surface for surface in surfaces if surface.stop), None)
     if stop is None:
-        raise LensError(path, "stop", "missing", f"expected a surface of type {' or '.join(STOPS)}")
+        raise LensError(path, "stop", "missing", f"expected a surface of type {' or '.join(STOPS)}, or --stop")
     size = contents.get("sensor_size") or contents.get("(sensor_size)")
     names = (name for name in json_names(contents) if not name.startswith("("))
     return Reading(Prescription(
         name=path.stem, surfaces=surfaces, aperture=("stop", stop.semi_aperture_mm),
         field=options.field or ("image_height_mm", float(contents["r_sensor"])),
+        focus=options.image_plane or "as given",
         sensor_mm=(float(size[0]), float(size[1])) if size else None, focal_length_mm=_number(contents, "foclen"),
         source=" ".join(f"{path.name} (DeepLens) {contents.get('info', '')}".split())),
         _number(contents, "fnum"), unread_names(names, KNOWN_NAMES))

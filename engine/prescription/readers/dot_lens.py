@@ -14,7 +14,7 @@ from ...runtime.text import read_text
 from ...runtime.unread import unread_names
 from ..prescription import LEAST_F_NUMBER, Prescription, Surface
 from .lines import Line, numbered
-from .reading import Reading, ReadingOptions
+from .reading import Reading, ReadingOptions, with_stop
 
 ROW, COLUMNS = 5, 7  # required numbers and possible words per row: coatings are not modelled
 SPHERES = ("sph", "sphere", "spherical")
@@ -34,18 +34,19 @@ def read_dot_lens(path: Path, options: ReadingOptions) -> Reading:
     text = read_text(path)
     heads = {name.strip(): " ".join(value.split()) for name, value in
              (line.split("#")[0].split(":", 1) for line in text.splitlines() if ":" in line.split("#")[0])}
-    surfaces = tuple(_surface(line) for line in numbered(path, (line.split("#")[0] for line in text.splitlines()))
-                     if ":" not in " ".join(line.words))
+    rows = numbered(path, (line.split("#")[0] for line in text.splitlines()))
+    surfaces = with_stop(path, [_surface(line) for line in rows if ":" not in " ".join(line.words)], options)
     stops = [surface for surface in surfaces if surface.stop]
     if len(stops) != 1:
-        raise LensError(path, "stop", f"{len(stops)} rows", "expected one row that begins with stop")
+        raise LensError(path, "stop", f"{len(stops)} rows", "expected one row that begins with stop, or --stop")
     name, focal_mm = heads.get("name", path.stem), _focal_length_mm(path, heads)
     f_number, f_number_note = _f_number(name, text)
     zooms = focal_mm and ZOOM.search(f"{name} {path.stem}")
     zoom = f"The file has one position of a zoom lens: {focal_mm:g} mm." if zooms else ""
     patent = re.search(r"#\s*(.*\d.*)", text)
     return Reading(Prescription(
-        name=name, surfaces=surfaces, field=options.field, focus="best", focal_length_mm=focal_mm,
+        name=name, surfaces=surfaces, field=options.field, focal_length_mm=focal_mm,
+        focus=options.image_plane or "best",
         aperture=("f_number", f_number) if f_number else ("stop", stops[0].semi_aperture_mm),
         notes=" ".join(filter(None, (NOTE, zoom, f_number_note))),
         source=" ".join(f"{patent[1] if patent else ''} ({path.name})".split())),

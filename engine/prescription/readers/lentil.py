@@ -7,7 +7,7 @@ import numpy as np
 from ...runtime.errors import LensError
 from ...runtime.unread import json_names, unread_names
 from ..prescription import Prescription, Surface
-from .reading import Reading, ReadingOptions
+from .reading import Reading, ReadingOptions, with_stop
 
 ELEMENTS, ADJUSTED = "optical-elements-patent", "optical-elements-adjusted"
 PLANE_MM = 99_000  # planes have a radius of 99999 or 100000
@@ -35,18 +35,19 @@ def read_lentil(path: Path, contents: dict, options: ReadingOptions) -> Reading:
     if field is None:
         raise LensError(path, "field", "missing",
                         "lentil does not state the end of the field: give --field-angle or --field-height")
-    surfaces = []
+    elements: list[Surface] = []
     for number, row in enumerate(rows, 1):
-        surfaces.append(_surface(path, number, row, surfaces[-1].glass if surfaces else ""))
+        elements.append(_surface(path, number, row, elements[-1].glass if elements else ""))
+    surfaces = with_stop(path, elements, options)
     stops = [surface for surface in surfaces if surface.stop]
     if len(stops) != 1:
-        raise LensError(path, f"{which}, stop", f"{len(stops)} elements", f"expected one of material {STOP}")
+        raise LensError(path, f"{which}, stop", f"{len(stops)} elements", f"expected one of material {STOP}, or --stop")
     zooms = any(isinstance(row["thickness"], list) for row in rows)
     labels = (entry.get("company"), entry.get("product-name"), entry.get("patent-number"), entry.get("year"))
     stated = entry.get("focal-length-mm-patent")
     return Reading(Prescription(
-        name=f"{entry.get('company')} {entry.get('product-name')}", surfaces=tuple(surfaces),
-        aperture=("stop", stops[0].semi_aperture_mm), field=field, focus="best",
+        name=f"{entry.get('company')} {entry.get('product-name')}", surfaces=surfaces,
+        aperture=("stop", stops[0].semi_aperture_mm), field=field, focus=options.image_plane or "best",
         focal_length_mm=float(stated) if stated else None,
         source=" ".join(["lentil", which, *(str(word) for word in labels if word)]),
         notes="The shortest of its zoom positions is used." if zooms else ""),

@@ -16,7 +16,7 @@ from ...runtime.text import read_text
 from ...runtime.unread import unread_names
 from ..prescription import Prescription, Surface
 from .lines import numbered
-from .reading import Reading, ReadingOptions
+from .reading import Reading, ReadingOptions, with_stop
 
 PLANES = ("AS", "FS", "CG", "Infinity", "-Infinity", "")
 COLUMNS = 6  # followed by glass names, which are less precise than the figures
@@ -47,8 +47,8 @@ def read_optbench(path: Path, options: ReadingOptions) -> Reading:
     focusing = _focusing(variables, count, sections["lens data"]) if which is None else []
     aspheres = {line.words[0]: line for line in sections.get("aspherical data", ())}
     first_power = 2 if "AsphericalA2" in variables else 4
-    surfaces = tuple(_surface(line, variables, column, focusing, aspheres.get(line.words[0]), first_power)
-                     for line in sections["lens data"])
+    surfaces = with_stop(path, [_surface(line, variables, column, focusing, aspheres.get(line.words[0]), first_power)
+                                for line in sections["lens data"]], options)
     _check_stop(path, surfaces)
     titles = {line.words[0]: " ".join(line.words[1:]) for line in sections.get("descriptive data", ())}
     title = " ".join(titles.get("title", "").split()) or path.stem
@@ -60,7 +60,8 @@ def read_optbench(path: Path, options: ReadingOptions) -> Reading:
         focal_length_mm=_variable(variables, "Focal Length", column),
         field=field or _field(path, half_deg, diagonal_mm),
         object_distance_mm=_variable(variables, "d0", column) or np.inf,
-        sensor_mm=FULL_FRAME_MM if full_frame else None, focus="best", source=f"{title} ({path.name}, Optical Bench)",
+        sensor_mm=FULL_FRAME_MM if full_frame else None, focus=options.image_plane or "best",
+        source=f"{title} ({path.name}, Optical Bench)",
         focused_at_mm=tuple(_variable(variables, "d0", at) for at in focusing),
         notes=_notes(0 if focusing else count, column, field, half_deg)),
         _variable(variables, "F-Number", column), _unread(sections, variables))
@@ -155,7 +156,7 @@ def _glass(line, index, abbe):
 def _check_stop(path, surfaces):
     stops = sum(surface.stop for surface in surfaces)
     if stops != 1:
-        raise LensError(path, "AS", f"in {stops} rows", "expected one row to be the aperture stop")
+        raise LensError(path, "AS", f"in {stops} rows", "expected one row to be the aperture stop, or --stop")
 
 
 def _aperture(path, variables, column, surfaces):

@@ -10,7 +10,7 @@ from ...runtime.unread import json_names, unread_names
 from ..glasses import best_name
 from ..prescription import Prescription, Surface
 from .field_and_aperture import field_end, vignetting_note
-from .reading import Reading, ReadingOptions
+from .reading import Reading, ReadingOptions, with_stop
 
 KNOWN_NAMES = ("name", "aperture", "type", "value", "fields", "field_definition", "field_type", "x", "y", "vx", "vy",
                "telecentric", "surface_group", "surfaces", "geometry", "cs", "z", "rx", "ry", "rz", "reference_cs",
@@ -33,15 +33,15 @@ def read_optiland(path: Path, contents: dict, options: ReadingOptions) -> Readin
     rows = contents["surface_group"]["surfaces"]
     _check_ends(path, rows)
     places = [row["geometry"]["cs"]["z"] for row in rows]
-    surfaces = tuple(_surface(path, number, row, places[number + 1] - places[number])
-                     for number, row in enumerate(rows[1:-1], 1))
+    surfaces = with_stop(path, [_surface(path, number, row, places[number + 1] - places[number])
+                                for number, row in enumerate(rows[1:-1], 1)], options)
     if contents["fields"].get("telecentric"):
         raise LensError(path, "fields", "telecentric in object space", "expected rays to be aimed at the stop")
     factors = [point.get(axis) for point in contents["fields"]["fields"] for axis in ("vx", "vy")]
     return Reading(Prescription(
         name=" ".join(str(contents.get("name") or path.stem).split()), surfaces=surfaces,
         aperture=_aperture(path, contents["aperture"]), field=options.field or _field(path, contents["fields"]),
-        object_distance_mm=object_distance(places[1] - places[0]),
+        focus=options.image_plane or "as given", object_distance_mm=object_distance(places[1] - places[0]),
         reference_wavelength_nm=_reference_nm(contents["wavelengths"]["wavelengths"]),
         source=f"{path.name} (Optiland)", notes=vignetting_note(factors, surfaces)),
         unread=unread_names(json_names(contents, HARMLESS_NAMES), KNOWN_NAMES))

@@ -14,7 +14,7 @@ from ...runtime.errors import LensError
 from ...runtime.text import read_text
 from ..prescription import Prescription, Surface
 from .lines import Line
-from .reading import Reading, ReadingOptions
+from .reading import Reading, ReadingOptions, with_stop
 
 
 def read_pbrt(path: Path, options: ReadingOptions) -> Reading:
@@ -26,20 +26,21 @@ def read_pbrt(path: Path, options: ReadingOptions) -> Reading:
     focal_mm = None
     if lines and len(lines[min(lines)]) == 1:  # ISET's files start with the focal length
         focal_mm = Line(path, f"line {min(lines)}", tuple(lines.pop(min(lines)))).figure(0)
-    surfaces = [_surface(path, number, words) for number, words in lines.items()]
+    surfaces = with_stop(path, [_surface(path, number, words) for number, words in lines.items()], options)
     stops = [surface for surface in surfaces if surface.stop]
     if len(stops) != 1:
-        raise LensError(path, "stop", f"{len(stops)} rows", "expected one row of radius 0 and index 0 or 1")
+        raise LensError(path, "stop", f"{len(stops)} rows", "expected one row of radius 0 and index 0 or 1, or --stop"
+                        )
     notes = ""
     if _distances_precede(surfaces, "axpos" in text):
         distances = [*(surface.thickness_mm for surface in surfaces[1:]), 0.0]
-        surfaces = [replace(surface, thickness_mm=distance)
-                    for surface, distance in zip(surfaces, distances, strict=True)]
+        surfaces = tuple(replace(surface, thickness_mm=distance)
+                         for surface, distance in zip(surfaces, distances, strict=True))
         notes = "The file's distances are read as distances from the previous surface."
     return Reading(Prescription(
-        name=path.stem, surfaces=tuple(surfaces), aperture=("stop", stops[0].semi_aperture_mm), field=options.field,
-        focus="as given" if surfaces[-1].thickness_mm > 0 else "best", focal_length_mm=focal_mm,
-        source=f"{path.name} (pbrt)", notes=notes))
+        name=path.stem, surfaces=surfaces, aperture=("stop", stops[0].semi_aperture_mm), field=options.field,
+        focus=options.image_plane or ("as given" if surfaces[-1].thickness_mm > 0 else "best"),
+        focal_length_mm=focal_mm, source=f"{path.name} (pbrt)", notes=notes))
 
 
 def _distances_precede(surfaces, axpos):

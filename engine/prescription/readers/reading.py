@@ -4,8 +4,7 @@ Each word of a file is used, listed as harmless, or reported in the notes. The s
 compared with the surfaces.
 """
 
-import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -14,8 +13,8 @@ import numpy as np
 
 from ...runtime.errors import LensError
 from ...runtime.unread import unread_note
-from ..glasses import successor
-from ..prescription import Prescription
+from ..glasses import INDEX_ALONE, successor
+from ..prescription import Prescription, Surface
 from ..system import System, system_of
 
 SEMI_DIAMETERS = ("aperture", "ignore")
@@ -24,12 +23,11 @@ THIRD_OF_A_STOP = 2 ** (1 / 6)  # as a ratio of f-numbers: a stop's clear diamet
 CLIPPED = 0.03  # of the axial beam: patents round their apertures by as much
 MOST_NAMED = 12  # surfaces in a note
 FIELD_MM = 1.0  # arbitrary: paraxial figures do not depend on it
-FOCAL_LENGTH = "focal length"
+FOCAL_LENGTH, F_NUMBER = "focal length", "f-number"
 UNTRACED = ("Without the indices of all glasses, the focal length and f-number stated in the file cannot be compared "
             "with its surfaces.")
-REMEDY = ("a figure in the file is mistyped or missing: correct it, or accept the surfaces as they are (lensfield lens "
-          "convert or bake --allow-mismatch)")
-INDEX_ALONE = re.compile(r"\d(\.\d+)?")
+REMEDY = ("a figure in the file is mistyped or missing: correct it, or accept the surfaces as they are "
+          "(--allow-mismatch)")
 ANY_ABBE = 50.0  # for a glass with only an index: it does not matter at the wavelength of that index
 
 
@@ -47,6 +45,8 @@ class ReadingOptions(NamedTuple):
     glasses : tuple of str
         Glasses to replace, each as "OLD=NEW": OLD is a name in the file, with or without its catalogue, and NEW as
         `Surface.glass`.
+    stop : int or None
+        Number of the surface that is the aperture stop, from 1; None for the file's.
     image_plane : str or None
         As `Prescription.focus`; None for the file's.
     sensor_mm : (float, float) or None
@@ -60,6 +60,7 @@ class ReadingOptions(NamedTuple):
     which: str | None = None
     semi_diameters: str | None = None
     glasses: tuple[str, ...] = ()
+    stop: int | None = None
     image_plane: str | None = None
     sensor_mm: tuple[float, float] | None = None
     allow_mismatch: bool = False
@@ -88,6 +89,21 @@ class Reading:
     f_number: float | None = None
     unread: tuple[str, ...] = ()
     native: bool = False
+
+
+def with_stop(path: Path, surfaces: Sequence[Surface], options: ReadingOptions) -> tuple[Surface, ...]:
+    """The surfaces, with the stop at the one that the options name, if any.
+
+    Raises
+    ------
+    LensError
+        The lens has fewer surfaces.
+    """
+    if options.stop is None:
+        return tuple(surfaces)
+    if not 1 <= options.stop <= len(surfaces):
+        raise LensError(path, "--stop", options.stop, f"expected the number of a surface, 1 to {len(surfaces)}")
+    return tuple(replace(surface, stop=number == options.stop) for number, surface in enumerate(surfaces, 1))
 
 
 def checked(path: Path, reading: Reading, allow_mismatch: bool = False) -> Prescription:
@@ -184,7 +200,7 @@ def _mismatches(prescription, f_number, traced) -> Iterator[tuple[str, str]]:
     if prescription.aperture[0] == "f_number":  # this sets the stop; the diameter in its row is a clear diameter
         actual, slack = traced.row_f_number, THIRD_OF_A_STOP
     if actual is not None and not max(actual / f_number, f_number / actual) <= slack:
-        yield "f-number", f"{f_number:.4g}, and the diameter of its stop gives {actual:.4g}"
+        yield F_NUMBER, f"{f_number:.4g}, and the diameter of its stop gives {actual:.4g}"
 
 
 def _stop_note(stated, traced):

@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
+from ...runtime.build_identity import MARK
 from ...runtime.errors import LensError
 from ...runtime.toml_fields import TomlTable, read_toml
 from ...spectral.dispersion import FORMULAS
 from ...spectral.refraction import Formula
 from ..glasses import Glass
 from ..prescription import APERTURES, FIELDS, Prescription, Surface
-from .reading import Reading, ReadingOptions
+from .reading import AS_IT_IS, Reading, ReadingOptions, with_stop
 
 FORMAT, VERSION = "lensfield-prescription", 1
 TEXTS = ("name", "title", "maker", "story", "source", "notes", "focus")
@@ -35,22 +36,24 @@ DEFAULTS = {field.name: field.default for value in (Prescription, Surface) for f
 WIDTH = 105  # of a line of text, without the field's name
 
 
-def read_lensfield(path: Path, field: tuple[str, float] | None = None) -> Prescription:
+def read_lensfield(path: Path, options: ReadingOptions = AS_IT_IS) -> Prescription:
     """Read a Lensfield prescription."""
+    field = options.field
     table = read_toml(path, FORMAT, VERSION)
     _check_known(table, FIELDS_OF_FILE)
     scale = table.number("scale", 1.0)
     if not 0 < scale < np.inf:
         raise table.refusal("scale", "expected a positive number")
     facts = {name: _line(table, name) for name in TEXTS if name in table}
+    facts |= {"focus": options.image_plane} if options.image_plane else {}
     facts |= {name: table.number(name) for name in NUMBERS if name in table}
     if "focused_at_mm" in table:  # the file's thicknesses are for the first of these
         facts["focused_at_mm"] = tuple(table.numbers("focused_at_mm"))
         facts = {"object_distance_mm": facts["focused_at_mm"][0]} | facts
     prescription = Prescription(
-        **{"name": path.stem} | facts, surfaces=_surfaces(table), aperture=_figure(table, "aperture", APERTURES),
-        field=field or _figure(table, "field", FIELDS), year=_year(table), character=_character(table),
-        glasses=_glasses(table))
+        **{"name": path.stem} | facts, surfaces=with_stop(path, _surfaces(table), options),
+        aperture=_figure(table, "aperture", APERTURES), field=field or _figure(table, "field", FIELDS),
+        year=_year(table), character=_character(table), glasses=_glasses(table))
     prescription = prescription if scale == 1 else prescription.scaled(scale)
     of_the_lens: dict[str, Any] = {name: table.number(name) for name in OF_THE_LENS if name in table}
     of_the_lens |= {"field": field} if field else {}  # the requested field is not scaled
@@ -59,7 +62,7 @@ def read_lensfield(path: Path, field: tuple[str, float] | None = None) -> Prescr
 
 def read_toml_file(path: Path, options: ReadingOptions) -> Reading:
     """Read a Lensfield prescription; unknown names in it are errors."""
-    return Reading(read_lensfield(path, options.field), native=True)
+    return Reading(read_lensfield(path, options), native=True)
 
 
 def _year(table):
@@ -163,14 +166,14 @@ def _figure(table, name, kinds):
 
 
 def write_prescription(prescription: Prescription) -> str:
-    """The text of a prescription, with a line per surface; reading it returns an equal prescription.
+    """The text of a file, with a line per surface; reading it returns an equal prescription.
 
     Default values are left out. In texts, unprintable characters become spaces and repeated spaces are collapsed, as in
     reading. `glass_figures` are not written.
     """
     first_mm = prescription.focused_at_mm[0] if prescription.focused_at_mm else np.inf
     facts = vars(prescription) | {name: dict([getattr(prescription, name)]) for name in ("aperture", "field")}
-    lines = [f'format = "{FORMAT}"', f"version = {VERSION}",
+    lines = [f"# {MARK}", f'format = "{FORMAT}"', f"version = {VERSION}",
              *_pairs({name: facts[name] for name in WRITTEN}, DEFAULTS | {"object_distance_mm": first_mm})]
     rows = (f"  {{ {', '.join(_pairs(_fields_of(surface), DEFAULTS))} }}" for surface in prescription.surfaces)
     glasses = (line for glass in prescription.glasses for line in _glass_lines(glass))

@@ -14,7 +14,7 @@ from ..glasses import best_name
 from ..prescription import Prescription, Surface
 from .field_and_aperture import field_end, in_mm, vignetting_note
 from .lines import numbered
-from .reading import SEMI_DIAMETERS, Reading, ReadingOptions
+from .reading import SEMI_DIAMETERS, Reading, ReadingOptions, with_stop
 
 UNITS_MM = {"MM": 1.0, "CM": 10.0, "IN": 25.4, "INCH": 25.4, "METER": 1000.0, "M": 1000.0}
 APERTURES = {("ENPD", 0): "entrance_pupil_diameter_mm", ("FNUM", 0): "f_number", ("FNUM", 1): "working_f_number",
@@ -60,7 +60,8 @@ def read_zemax(path: Path, options: ReadingOptions) -> Reading:
                     for number, surface in enumerate(surfaces, 1)]
     name = " ".join(system["NAME"][-1].words[1:]) if "NAME" in system else ""
     return Reading(Prescription(
-        name=name or path.stem, surfaces=tuple(surfaces), aperture=_aperture(path, system, rows, unit_mm),
+        name=name or path.stem, surfaces=with_stop(path, surfaces, options),
+        aperture=_aperture(path, system, rows, unit_mm), focus=options.image_plane or "as given",
         field=field or _field(path, system, unit_mm),
         object_distance_mm=object_distance(rows[0]["DISZ"][-1].figure(1) * unit_mm),
         reference_wavelength_nm=_reference_nm(path, system), source=f"{path.name} (Zemax)",

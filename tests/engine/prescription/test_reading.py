@@ -172,3 +172,28 @@ def test_bundled_lenses_have_their_stated_focal_lengths():
         nominal_mm = lens.focal_length_mm
         traced_mm = build_system(replace(lens, focus="paraxial")).efl_mm
         assert nominal_mm is None or np.isclose(traced_mm, nominal_mm, rtol=0.01), name
+
+
+@pytest.mark.parametrize("name, text", SAMPLES.items())
+def test_the_stop_and_the_image_plane_may_be_given(tmp_path, name, text):
+    path = tmp_path / f"lens.{name.lstrip('.')}"
+    path.write_text(text)
+    asked = ReadingOptions(FIELD, stop=2, image_plane="paraxial", sensor_mm=(9.0, 6.0), allow_mismatch=True)
+    lens = read_prescription(path, asked)
+    assert (lens.stop_index, lens.focus, lens.sensor_mm) == (1, "paraxial", (9.0, 6.0))
+    assert read_prescription(path, ReadingOptions(FIELD)).stop_index == 0
+    for wrong in (0, len(lens.surfaces) + 1):
+        with pytest.raises(LensError, match=f"--stop is {wrong}: expected the number of a surface, 1 to [34]"):
+            read_prescription(path, asked._replace(stop=wrong))
+
+
+def test_files_without_a_stop_or_an_image_plane_behind_the_lens_can_be_completed(read):
+    text = changed(ZEMAX, ("  STOP\n", ""))
+    with pytest.raises(LensError, match="stop is at 0 surfaces"):
+        read(".zmx", text)
+    assert read(".zmx", text, stop=1) == read(".zmx", ZEMAX)
+    text = changed(TOML, ("thickness_mm = 47.5", "thickness_mm = 0.0"))
+    with pytest.raises(LensError, match="expected an image plane behind the lens"):
+        read(".toml", text)
+    lens = build_system(read(".toml", text, image_plane="paraxial"))
+    assert lens.prescription.surfaces[-1].thickness_mm == pytest.approx(47, abs=2)
