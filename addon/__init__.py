@@ -26,6 +26,7 @@ from .ui import (
     lens_worker,
     lint_panel,
     live,
+    open_lens,
     operators,
     panels,
     plan_line,
@@ -44,8 +45,8 @@ __all__ = ["Animation", "RenderRequest", "apply_lens", "check_next_to_frames", "
            "set_blend_folder", "preflight", "register", "render_animation", "render_through_lens", "source_digest",
            "take_session", "unregister"]
 
-_MODULES = (properties, preferences, favourites, fixes, operators, animation, another_lens, preview, live, compositor_panel,
-            panels, lint_panel, spectra_panels, trust_panel, flamenco)
+_MODULES = (properties, preferences, favourites, fixes, operators, open_lens, animation, another_lens, preview, live,
+            compositor_panel, panels, lint_panel, spectra_panels, trust_panel, flamenco)
 _CLASSES = [cls for module in _MODULES for cls in module.classes]
 for _operator in (cls for cls in _CLASSES if issubclass(cls, bpy.types.Operator)):
     _operator.bl_description = " ".join(_operator.__doc__.split())  # tooltips show line breaks

@@ -1,16 +1,14 @@
 """Facts about a lens at its current settings, without a bake: computed in a fraction of a second."""
 
-import os
 from dataclasses import dataclass
 from functools import lru_cache
 
 from ...engine.lens.conventions import four_by_three
-from ...engine.library import has_rings, prescription_of
+from ...engine.library import LensSource, has_rings, prescription_of
 from ...engine.prescription.system import system_of
 from ...engine.rays.field_heights import image_radius_mm
 from ...engine.rays.rings import AT_REST, Rings, resized_rings, ring_ends, turned
-from ...engine.runtime.files import stamp_of
-from .lens_cache import load_lens
+from .lens_cache import identity_of, load_lens
 
 MOST_FACTS = 64
 
@@ -43,12 +41,12 @@ class LensFacts:
     words: tuple[str, ...]
 
 
-def lens_facts(name_or_path: str | os.PathLike, rings: Rings = AT_REST, focal_mm: float | None = None) -> LensFacts:
-    """The LensFacts of a lens, by name or path.
+def lens_facts(source: LensSource, rings: Rings = AT_REST, focal_mm: float | None = None) -> LensFacts:
+    """The LensFacts of a lens.
 
     Parameters
     ----------
-    name_or_path : str or path
+    source : str, path or Prescription
     rings : Rings
         The requested settings; packages ignore them.
     focal_mm : float or None
@@ -59,14 +57,14 @@ def lens_facts(name_or_path: str | os.PathLike, rings: Rings = AT_REST, focal_mm
     LensError
         The lens does not exist, or forms no image at this focus.
     """
-    return _facts(str(name_or_path), stamp_of(name_or_path), rings, focal_mm)
+    return _facts(*identity_of(source), rings, focal_mm)
 
 
 @lru_cache(maxsize=MOST_FACTS)
-def _facts(path, changed, rings, focal_mm):
-    if not has_rings(path):
-        return _of_package(load_lens(path))
-    prescription = prescription_of(path)
+def _facts(source, changed, rings, focal_mm):
+    if not has_rings(source):
+        return _of_package(load_lens(source))
+    prescription = prescription_of(source)
     if focal_mm is not None:
         rings = resized_rings(prescription, rings, focal_mm)
     lens = turned(prescription, rings)
@@ -75,12 +73,12 @@ def _facts(path, changed, rings, focal_mm):
     return LensFacts(
         rings, system.efl_mm, system.efl_mm if system.object_at_infinity else abs(system.magnification) * pupil_mm,
         lens.prescription.sensor_mm or four_by_three(image_radius_mm(system)), lens.f_number, lens.focus_mm,
-        _reach(path, changed), lens.words)
+        _reach(source, changed), lens.words)
 
 
 @lru_cache(maxsize=MOST_FACTS)
-def _reach(path, changed):
-    widest, closest = ring_ends(prescription_of(path))
+def _reach(source, changed):
+    widest, closest = ring_ends(prescription_of(source))
     return widest.f_number, closest.f_number, closest.focus_mm
 
 

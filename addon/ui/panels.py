@@ -72,6 +72,9 @@ def _draw_lens(layout, scene):
     settings = scene.lensfield
     if settings.lens == FROM_FILE:
         layout.prop(settings, "lens_file")
+        if settings.lens_file:
+            options = layout.operator("lensfield.open_lens", text="Lens File Options", icon="OPTIONS")
+            options.filepath = settings.lens_name_or_path()
     else:
         layout.template_icon_view(settings, "lens", show_labels=True, scale=LENS_PICTURE,
                                   scale_popup=OFFERED_PICTURE)

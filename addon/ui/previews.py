@@ -17,7 +17,7 @@ SHEET_MARK = "lensfield_sheet"
 
 MOST_PIXELS = 40_000_000  # of a file: 8K, at 4 bytes each while it is read
 
-_loaded = {}  # for each preview: its file with the file's stamp, and the error if it was not readable
+_loaded = {}  # for each preview: its file with the file's stamp, or its subject; and the error if it was not readable
 
 
 def sheet_preview(path):
@@ -49,20 +49,33 @@ def small_picture(path):
     return _preview("small", path)
 
 
+def drawing_preview(subject, draw):
+    """The ImagePreview of the drawing of a subject, which replaces the last one; `draw()` returns its uint8 pixels."""
+    if _loaded.get("drawing", ())[:1] != (subject,):
+        _fill("drawing", draw().astype(np.float32) / 255)
+        _loaded["drawing"] = subject, None
+    return _previews()["drawing"]
+
+
 def _preview(name, path):
-    previews, file = _previews(), (str(path), stamp_of(path))
+    file = str(path), stamp_of(path)
     if _loaded.get(name, ())[:1] != (file,):
         try:
             pixels, error = _read(path), None
         except SceneError as refusal:
             pixels, error = np.zeros((1, 1, 4), np.float32), refusal
-        preview = previews.get(name) or previews.new(name)
-        preview.image_size = pixels.shape[1::-1]
-        preview.image_pixels_float.foreach_set(pixels[::-1].ravel())  # bottom row first
+        _fill(name, pixels)
         _loaded[name] = file, error
     if _loaded[name][1]:
         raise _loaded[name][1].with_traceback(None)  # the traceback would grow with each redraw
-    return previews[name]
+    return _previews()[name]
+
+
+def _fill(name, pixels):
+    """Give a preview, new or existing, these pixels."""
+    preview = _previews().get(name) or _previews().new(name)
+    preview.image_size = pixels.shape[1::-1]
+    preview.image_pixels_float.foreach_set(pixels[::-1].ravel())  # bottom row first
 
 
 def load_sheet(path):

@@ -11,9 +11,9 @@ LETTERS_PER_WIDGET = 3.2
 PANEL_MARGINS = 3  # widgets, on both sides of a panel together
 
 
-def draw_wrapped(layout, text, icon="NONE", reserved=0):
-    """Draw a text wrapped to the panel's width, less two widgets for each button in the same row."""
-    widgets = region_widgets() - PANEL_MARGINS - 2 * (icon != "NONE") - 2 * reserved
+def draw_wrapped(layout, text, icon="NONE", reserved=0, widgets=None):
+    """Draw a text wrapped to a width in widgets, by default the panel's, less two for each button in the same row."""
+    widgets = (widgets or region_widgets()) - PANEL_MARGINS - 2 * (icon != "NONE") - 2 * reserved
     for index, line in enumerate(wrap(text, max(8, int(widgets * LETTERS_PER_WIDGET)))):
         layout.label(text=line, icon="BLANK1" if index and icon != "NONE" else icon)
 

@@ -68,8 +68,8 @@ def _vertices_mm(system):
 
 
 def _fans_mm(system):
-    """The rays of each field in the meridional plane: list of arrays (z and y, point, ray). A ray starts in front of
-    the lens, and is NaN if it is lost or blocked; there are none if a field has no chief ray."""
+    """The rays of each field in the meridional plane: list of arrays (z and y, point, ray); empty if a chief ray is
+    lost. Rays start in front of the lens; lost and blocked ones are NaN."""
     nm = [system.prescription.reference_wavelength_nm]
     try:
         rays = trace_pupil(system, system.last_height_mm * np.array(FIELDS), nm, FAN)
