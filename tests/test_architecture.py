@@ -36,8 +36,8 @@ FLOORS = {
     "engine.simulation": {"engine.blur", "engine.depth", "engine.field", "engine.image", "engine.kernels",
                           "engine.lens", "engine.library", "engine.pictures", "engine.plan", "engine.runtime",
                           "engine.spectral"},
-    "engine.inspection": {"engine.field", "engine.lens", "engine.prescription", "engine.rays", "engine.runtime",
-                          "engine.simulation", "engine.spectral"},
+    "engine.inspection": {"engine.field", "engine.lens", "engine.pictures", "engine.prescription", "engine.rays",
+                          "engine.runtime", "engine.simulation", "engine.spectral"},
     "engine": {"engine.image", "engine.lens", "engine.library", "engine.plan", "engine.prescription", "engine.rays",
                "engine.runtime", "engine.simulation"},
     # the request for a render

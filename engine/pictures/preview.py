@@ -48,12 +48,22 @@ def auto_exposure(rec709: np.ndarray) -> float:
 
 def write_png(rec709: np.ndarray, path: str | os.PathLike, exposure: float) -> None:
     """Write a linear Rec. 709 picture as an 8-bit sRGB PNG, which appears complete or not at all."""
-    from PIL import Image, PngImagePlugin  # only needed here, and rarely
+    save_png(srgb_pixels(rec709, exposure), path)
 
+
+def srgb_pixels(rec709: np.ndarray, exposure: float) -> np.ndarray:
+    """A linear Rec. 709 picture in 8-bit sRGB: uint8 array (row, column, 3)."""
     pixels = np.empty(rec709.shape, np.uint8)
     for row in range(0, len(pixels), ROWS_AT_ONCE):
         rows = slice(row, row + ROWS_AT_ONCE)
         pixels[rows] = np.round(encode_srgb(rec709[rows] * exposure) * 255)
+    return pixels
+
+
+def save_png(pixels: np.ndarray, path: str | os.PathLike) -> None:
+    """Write 8-bit pixels as a PNG, which appears complete or not at all."""
+    from PIL import Image, PngImagePlugin  # only needed here, and rarely
+
     texts = PngImagePlugin.PngInfo()
     texts.add_text("Software", software())
     with atomic_path(path) as temporary:
