@@ -6,6 +6,7 @@ from ..engine.runtime.cache import set_cache_folder
 from ..request import RenderRequest
 from .job.animation import Animation, render_animation
 from .job.child import sweep
+from .job.comparison import plan_comparison, render_comparison
 from .job.job import check_output_folder, folder_for, set_blend_folder
 from .job.preflight import preflight
 from .job.refilter import apply_lens
@@ -19,6 +20,7 @@ from .scene.trust import forget_trust
 from .ui import (
     animation,
     another_lens,
+    comparison,
     compositor_panel,
     favourites,
     fixes,
@@ -42,11 +44,11 @@ from .ui.keys import register_keys, unregister_keys
 from .ui.previews import forget_previews
 
 __all__ = ["Animation", "RenderRequest", "apply_lens", "check_next_to_frames", "check_output_folder", "folder_for",
-           "set_blend_folder", "preflight", "register", "render_animation", "render_through_lens", "source_digest",
-           "take_session", "unregister"]
+           "plan_comparison", "preflight", "register", "render_animation", "render_comparison", "render_through_lens",
+           "set_blend_folder", "source_digest", "take_session", "unregister"]
 
-_MODULES = (properties, preferences, favourites, fixes, operators, open_lens, animation, another_lens, preview, live,
-            compositor_panel, panels, lint_panel, spectra_panels, trust_panel, flamenco)
+_MODULES = (properties, preferences, favourites, fixes, operators, open_lens, animation, another_lens, comparison,
+            preview, live, compositor_panel, panels, lint_panel, spectra_panels, trust_panel, flamenco)
 _CLASSES = [cls for module in _MODULES for cls in module.classes]
 for _operator in (cls for cls in _CLASSES if issubclass(cls, bpy.types.Operator)):
     _operator.bl_description = " ".join(_operator.__doc__.split())  # tooltips show line breaks

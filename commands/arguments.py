@@ -65,8 +65,13 @@ def scene_defaults(owner):
 
 def add_engine_options(command, of_scene=False):
     """Add options for the lens, the report, and every field of `Options`."""
-    unset = scene_defaults(Options) if of_scene else None
     command.add_argument("--lens", required=not of_scene, metavar="NAME|FILE", help=f"{LENSES} ({ALL_LENSES})")
+    add_filter_options(command, of_scene)
+
+
+def add_filter_options(command, of_scene=False):
+    """Add options for the report, and for every field of `Options`."""
+    unset = scene_defaults(Options) if of_scene else None
     add_settings(command, Options, ["out_of_field", "fireflies"], unset)
     command.add_argument("--report", type=Path, metavar="FILE.json",
                          help="write a report: the seconds of each stage, the plan, and the light in and out")
@@ -79,9 +84,14 @@ def add_lens_settings(command, camera=False):
     """Add options for the lens's file, focus, f-stop and quality; with `camera`, the scene's camera sets the defaults
     of focus and f-stop."""
     add_reading(command)
+    add_rings(command, camera)
+
+
+def add_rings(command, camera=False, fields=RING_FIELDS):
+    """Add options for focus, f-stop and lens quality; with `camera`, the scene's camera sets the defaults."""
     group = command.add_argument_group("rings", "for lenses with a prescription; the lens is baked and cached "
                                                 "(lensfield lens cache)")
-    add_settings(group, RenderRequest, [*RING_FIELDS, "lens_quality"], None if camera else WITHOUT_CAMERA)
+    add_settings(group, RenderRequest, [*fields, "lens_quality"], None if camera else WITHOUT_CAMERA)
 
 
 def add_iris(command, camera=False):

@@ -2,7 +2,8 @@
 
     lensfield> {"fraction": 0.42, "label": "Pass 2 of 3: 500 to 560 nm"}    progress
     lensfield> {"lens_image": "/renders/Scene_0001_lens_image.exr", "frame": 1, "seconds": 61.5}    a finished frame
-    lensfield> {"messages": ["...", "..."]}    success, with remarks
+    lensfield> {"messages": ["...", "..."]}    success, with remarks; from compare also "sheet", the path of the contact
+                                               sheet, and "cells": for each picture its lens, f_number, label and box
     lensfield> {"error": "camera 'Camera': type is ORTHO: expected a perspective camera"}    failure, with the reason
 
 Blender and its libraries also write to standard output, in lines without the mark. A process that ends without one of

@@ -6,6 +6,7 @@ from importlib import import_module
 COMMANDS = {
     "render": "render a .blend multispectrally and through a lens",
     "apply": "apply another lens to a finished render",
+    "compare": "put one capture of a .blend through several lenses: a labelled contact sheet",
     "filter": "put an EXR or a sequence of them through a lens: spectral radiance, or any renderer's RGB",
     "tradeoff": "measure error against time and memory: a table and a plot",
     "lens": "list, inspect, check, plot, bake and convert lenses",

@@ -39,7 +39,7 @@ def add_reading(command):
 
 def given_reading(options):
     """The names of the options for reading a prescription file that the command line gives."""
-    return [name for name in NAMES if getattr(options, name) is not None]
+    return [name for name in NAMES if getattr(options, name, None) is not None]
 
 
 def reading_options(options):

@@ -38,7 +38,7 @@ def add_options(render):
     add_frame_options(render)
     render.add_argument("--wait", action="store_true",
                         help="end only when all frames are finished, including those of other processes")
-    _add_followed(render.add_argument_group("for programs that run this command"))
+    add_followed(render.add_argument_group("for programs that run this command"))
     cluster = render.add_argument_group("on other machines",
                                         "which must find the .blend and all folders at the same paths")
     cluster.add_argument("--scheduler", metavar="ADDRESS",
@@ -47,7 +47,8 @@ def add_options(render):
     render.set_defaults(run=_render, confines=_folders)
 
 
-def _add_followed(group):
+def add_followed(group):
+    """Add options for programs that render a copy of their file and follow the render."""
     add_progress_options(group)
     add_settings(group, RenderRequest, FOLLOWER_FIELDS)
     group.add_argument("--blend-folder", type=Path, metavar="DIR",
@@ -82,6 +83,15 @@ def _render_here(options, write):
         requested_frames(options.frames)
     scene, given = scene_and_fields(options)
     given["source"] = _source(options, scene)
+    take_copied(options)
+    _check_next_to_frames(options, scene)
+    print(f"output: {_output_folder(options, scene)}", flush=True)
+    return (_render_one if options.frames is None else _render_frames)(options, scene, given, write)
+
+
+def take_copied(options):
+    """Give the open file, a copy, the folder of its original and the state that a .blend cannot contain, if the options
+    name them."""
     if options.blend_folder:
         from ..addon import set_blend_folder
 
@@ -90,9 +100,6 @@ def _render_here(options, write):
         from ..addon import take_session
 
         take_session(options.session)
-    _check_next_to_frames(options, scene)
-    print(f"output: {_output_folder(options, scene)}", flush=True)
-    return (_render_one if options.frames is None else _render_frames)(options, scene, given, write)
 
 
 def _check_next_to_frames(options, scene):

@@ -47,18 +47,33 @@ def add_farm_options(group):
 def add_scene_options(render):
     """Add arguments for the .blend and its render settings."""
     render.add_argument("scene", type=Path, metavar="SCENE.blend", help="file to render")
-    render.add_argument("--scene-name", metavar="NAME",
-                        help="scene of the file to render (default: the one that was open when the file was saved)")
-    add_settings(render, SpectralOptions, settings_of(SpectralOptions), scene_defaults(SpectralOptions))
-    listed = [name for name, each in settings_of(RenderRequest).items()
-              if each.option is not None and name not in (*ELSEWHERE, *FOLLOWER_FIELDS)]
-    add_settings(render, RenderRequest, listed, scene_defaults(RenderRequest))
-    render.add_argument("--samples", type=int, help="Cycles samples per pixel (default: the scene's)")
-    render.add_argument("--resolution", metavar="WIDTHxHEIGHT", help="size in pixels (default: the scene's)")
+    add_capture_options(render)
     add_engine_options(render, of_scene=True)
     add_lens_settings(render, camera=True)
     add_iris(render, camera=True)
     add_untrusted(render)
+
+
+def add_capture_options(render, left_out=(), unset=None):
+    """Add options for the scene of the .blend, its spectra and its capture.
+
+    Parameters
+    ----------
+    render : argparse parser or group
+    left_out : collection of str
+        Fields of a RenderRequest without an option.
+    unset : dict of str: str, optional
+        Defaults that are not the scene's, as text by field.
+    """
+    unset = scene_defaults(SpectralOptions) | scene_defaults(RenderRequest) | (unset or {})
+    render.add_argument("--scene-name", metavar="NAME",
+                        help="scene of the file to render (default: the one that was open when the file was saved)")
+    add_settings(render, SpectralOptions, settings_of(SpectralOptions), unset)
+    listed = [name for name, each in settings_of(RenderRequest).items()
+              if each.option is not None and name not in (*ELSEWHERE, *FOLLOWER_FIELDS, *left_out)]
+    add_settings(render, RenderRequest, listed, unset)
+    render.add_argument("--samples", type=int, help="Cycles samples per pixel (default: the scene's)")
+    render.add_argument("--resolution", metavar="WIDTHxHEIGHT", help="size in pixels (default: the scene's)")
 
 
 def requested_frames(text):

@@ -17,7 +17,7 @@ from ...engine.depth.depth_range import AUTO, TRACED
 from ...engine.plan.options import TIER_ACCURACY
 from ...engine.runtime.files import remove_left_work, work_prefix
 from ...engine.spectral.wavelength_choice import SpectralOptions
-from ...request import ON, to_arguments
+from ...request import CAMERA, ON, argument, to_arguments
 from ..scene.errors import SceneError
 from ..scene.rings import ring_fields
 from .job import folder_for, unsaved_folder
@@ -26,6 +26,7 @@ from .session import write_session
 
 PREVIEW_WAVELENGTHS = 7
 PREVIEW_ROOM = 0.12  # enough to switch from any bundled lens to any other
+COMPARISON = "comparison"  # the folder of a contact sheet, in the folder of renders
 EXTENSION = __package__.rsplit(".", 2)[0]
 SESSION = "session.npz"  # next to the copy
 
@@ -104,14 +105,46 @@ def render_command(scene, copy, *more, **given):
         Further arguments of `lensfield render`.
     given : by name
     """
-    return lensfield_command([*_render_copy(scene, copy), "--end-with-stdin", *more,
+    return lensfield_command([*_of_copy("render", scene, copy), "--end-with-stdin", *more,
                               *to_arguments(output_folder=folder_for(scene), **given)])
 
 
-def _render_copy(scene, copy):
+def _of_copy(command, scene, copy):
     """The arguments of `lensfield` that render a scene in a copy as if it were the file, and report progress."""
-    return ["render", str(copy), f"--scene-name={scene.name}", "--session", str(Path(copy).with_name(SESSION)),
+    return [command, str(copy), f"--scene-name={scene.name}", "--session", str(Path(copy).with_name(SESSION)),
             "--blend-folder", os.path.dirname(bpy.data.filepath) or str(unsaved_folder()), "--progress", "lines"]
+
+
+def compare_command(scene, copy, lenses, f_numbers, size, samples, picture):
+    """The command line that compares lenses in a copy of a scene, at the quality of a preview.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+    copy : path
+    lenses : sequence of str
+        Names or paths.
+    f_numbers : sequence of float
+        Without any, as in a render. With some, the camera sets the focus, as it does once an f-number is chosen.
+    size : (int, int)
+        Width and height of each picture.
+    samples : int
+    picture : path
+        A PNG of the light so far.
+    """
+    given = {"spectral": SpectralOptions("preview"), "depth": _storing_depth(scene), "denoise": ON, "unfit": "render",
+             "focus": CAMERA if f_numbers else None, "picture": picture,
+             "output_folder": folder_for(scene) / COMPARISON}
+    chosen = [argument("lens", lens) for lens in lenses]
+    if f_numbers:
+        chosen.append(argument("f-number", ",".join(map(repr, f_numbers))))
+    return lensfield_command([*_of_copy("compare", scene, copy), "--end-with-stdin", *chosen,
+                              "--resolution", "{}x{}".format(*size), "--samples", str(samples), *to_arguments(**given)])
+
+
+def _storing_depth(scene):
+    """Instead of a traced lens, which stores no light for other lenses, layers of depth; None for the scene's value."""
+    return AUTO if scene.lensfield.value_of("depth") == TRACED else None
 
 
 def apply_command(radiance, scene):
@@ -138,14 +171,12 @@ def preview_arguments(scene, key, *, radiance=None, copy=None, size=None, sample
              "options": Options(accuracy=TIER_ACCURACY["preview"], out_of_field=out_of_field)}
     if radiance:
         return ["apply", str(radiance), "--progress", "lines", *to_arguments(**given)]
-    settings = scene.lensfield
-    if settings.value_of("depth") == TRACED:  # which stores no light for other lenses
-        given["depth"] = AUTO
-    nm = settings.wavelengths_nm()
+    nm = scene.lensfield.wavelengths_nm()
     few = np.linspace(nm[0], nm[-1], min(len(nm), PREVIEW_WAVELENGTHS)).tolist()
-    return [*_render_copy(scene, copy), "--resolution", "{}x{}".format(*size), "--samples", str(samples), *to_arguments(
-        **given, wavelengths_nm=tuple(few), spectral=SpectralOptions("preview"), denoise=ON, unfit="render",
-        room=PREVIEW_ROOM, output_folder=Path(copy).parent)]
+    return [*_of_copy("render", scene, copy), "--resolution", "{}x{}".format(*size), "--samples", str(samples),
+            *to_arguments(**given, wavelengths_nm=tuple(few), spectral=SpectralOptions("preview"), denoise=ON,
+                          unfit="render", depth=_storing_depth(scene), room=PREVIEW_ROOM,
+                          output_folder=Path(copy).parent)]
 
 
 def lensfield_command(arguments):

@@ -102,12 +102,12 @@ def applied_fields(scene, request):
 def _steps(path, request):
     if request.depth not in APPLIED_DEPTHS:
         raise InputError("options", "depth", request.depth, f"expected {' or '.join(APPLIED_DEPTHS)}")
-    lens, iris, rings = request.lens, request.iris, _rings(request)
+    lens, iris, rings = request.lens, request.iris, requested_rings(request)
     result = replace(Result.from_file(path, "radiance", request.output_folder), radiance=path)
     result.report.files["radiance"] = str(path)
     for file in (file for file in result.files if file != path):
         check_target(file)
-    stored, words = _stored(path), ()
+    stored, words = stored_radiance(path), ()
     if not isinstance(lens, Lens):
         iris = iris if iris_is_visible(lens, rings) else None
         lens, words = yield Work(lambda _: _turned(request, rings, stored), "Baking the lens", 0.0)
@@ -127,15 +127,39 @@ def _steps(path, request):
     return result
 
 
-def _rings(request):
-    """The Rings for a lens that is given by name or path."""
+def check_capture(radiance, **given):
+    """Raise an InputError if a stored capture cannot serve a lens; the arguments are as for `apply_lens`.
+
+    The file's header decides this, so no light is read.
+    """
+    request, stored = RenderRequest(**given), stored_radiance(radiance)
+    lens, _ = _turned(request, requested_rings(request), stored)
+    for nm in stored.wavelengths_nm:
+        lens.at_wavelength(nm)
+    _check_overscan(lens, stored, request, radiance)
+
+
+def requested_rings(request):
+    """The Rings of a request, for a lens that is given by name or path.
+
+    Raises
+    ------
+    InputError
+        The request takes the focus from a camera.
+    """
     if request.focus == CAMERA:
         raise InputError("options", "focus", CAMERA, "expected a distance: a radiance file has no camera")
     return Rings(request.focus, request.f_number, request.focused_wide_open)
 
 
-def _stored(path):
-    """The radiance of a file by its header, without light."""
+def stored_radiance(path):
+    """The radiance of a render's file by its header, without light.
+
+    Raises
+    ------
+    ImageError
+        An older Lensfield wrote the file.
+    """
     radiance, names = read_header(path)
     if radiance.focal_mm is None or "Z" not in names:
         raise ImageError(path, "lensfield:focalMm", "missing", "an older Lensfield wrote the file: render again")

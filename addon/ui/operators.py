@@ -10,6 +10,7 @@ from ..scene.camera import aim_camera, check_camera, frame_px, match_camera_to_l
 from ..scene.compositor import show_file
 from ..scene.linked import check_editable
 from . import window_render
+from .areas import fit_picture
 from .lens_worker import lens_now, quality_at_hand
 from .previews import SHEET_MARK, load_sheet
 from .properties import searched_lens_items
@@ -176,18 +177,18 @@ class LENSFIELD_OT_search_lens(bpy.types.Operator):
 
 
 class LENSFIELD_OT_show_picture(bpy.types.Operator):
-    """Show the lens image of the last render in a free Image Editor, or in a new window"""
+    """Show the lens image or the contact sheet of the last render in a free Image Editor, or in a new window"""
 
     bl_idname = "lensfield.show_picture"
     bl_label = "Show Picture"
 
     @classmethod
     def poll(cls, context):
-        path = session.last_render.lens_image
+        path = session.last_render.picture
         return path is not None and path.is_file()
 
     def execute(self, context):
-        path = session.last_render.lens_image
+        path = session.last_render.picture
         return _present(self, context, path, show_file(bpy.data.images.get(path.name), str(path), path.name))
 
 
@@ -235,9 +236,7 @@ def _show_at_full_size(context, image):
         place[1].type = "IMAGE_EDITOR"
     window, area = place
     area.spaces.active.image = image
-    region = next(region for region in area.regions if region.type == "WINDOW")
-    with context.temp_override(window=window, area=area, region=region):
-        bpy.ops.image.view_all(fit_view=True)
+    fit_picture(window, area)
 
 
 def _is_free(image_editor):

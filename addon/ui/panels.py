@@ -20,6 +20,7 @@ from ..scene.requirements import check_scene
 from ..scene.rings import FEWEST_BLADES
 from .animation import draw_animation
 from .another_lens import draw_another_lens
+from .comparison import CHOOSE, draw_compare
 from .compositor_panel import draw_compositor, draw_shown
 from .favourites import draw_favourite
 from .fixes import draw_refusal
@@ -83,6 +84,7 @@ def _draw_lens(layout, scene):
     draw_favourite(row, settings.lens)
     facts = _facts(scene)
     layout.label(text=_figures(*facts) if facts else "")
+    draw_compare(layout)
 
 
 def _facts(scene):
@@ -219,13 +221,16 @@ def _draw_last(layout):
     draw_another_lens(layout)
     if session.render:
         return
-    image = session.last_render.lens_image
-    if image and (picture := Result.from_file(image, "lens_image").after).is_file():
+    image, sheet = session.last_render.lens_image, session.last_render.sheet
+    picture = sheet or (image and Result.from_file(image, "lens_image").after)
+    if picture and picture.is_file():
         draw_picture(layout, growing_preview, picture)
         layout.operator("lensfield.show_picture", icon="IMAGE_DATA")
-    column = layout.column(align=True)
+        if sheet:
+            draw_wrapped(layout, CHOOSE, "RESTRICT_SELECT_OFF")
+    column, shown = layout.column(align=True), session.last_render.picture
     for line in session.last_render.lines:
-        draw_wrapped(column, line.replace(f"{image.parent}{os.sep}", "") if image else line, "DOT")
+        draw_wrapped(column, line.replace(f"{shown.parent}{os.sep}", "") if shown else line, "DOT")
 
 
 def _draw_progress(layout, render):

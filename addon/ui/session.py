@@ -18,11 +18,59 @@ class LastRender:
     lines : tuple of str
     lens_image : Path or None
         The newest lens image.
+    sheet : Path or None
+        The contact sheet of a comparison.
     """
 
     icon: str = "INFO"
     lines: tuple[str, ...] = ()
     lens_image: Path | None = None
+    sheet: Path | None = None
+
+    @property
+    def picture(self):
+        """The picture to show: the contact sheet or the lens image; None without them."""
+        return self.sheet or self.lens_image
+
+
+@dataclass(frozen=True)
+class ComparedLens:
+    """A picture on a contact sheet.
+
+    Attributes
+    ----------
+    lens : str
+        Name or path.
+    f_number : float
+    label : str
+    box : (int, int, int, int)
+        The pixels that show it: left, top, right and bottom, from the sheet's upper left corner.
+    """
+
+    lens: str
+    f_number: float
+    label: str
+    box: tuple[int, int, int, int]
+
+
+@dataclass(frozen=True)
+class LastSheet:
+    """The last contact sheet, for the choice of a lens.
+
+    Attributes
+    ----------
+    path : Path
+    scene_uid : int
+        The session_uid of the compared scene.
+    f_stops : bool
+        Whether f-numbers were chosen for the comparison; otherwise the camera or the lens sets them.
+    lenses : tuple of ComparedLens
+    """
+
+    path: Path
+    scene_uid: int
+    f_stops: bool
+    lenses: tuple[ComparedLens, ...]
 
 
 @dataclass(frozen=True)
@@ -71,6 +119,7 @@ class Session:
     render : WindowRender or None
         The render that is running in the background.
     last_render : LastRender
+    last_sheet : LastSheet or None
     preview : Preview or None
         The preview, while it is on.
     preview_failure : str
@@ -87,6 +136,7 @@ class Session:
 
     render: Any = None
     last_render: LastRender = LastRender()
+    last_sheet: LastSheet | None = None
     preview: Any = None
     preview_failure: str = ""
     focus_overlay: bool = False

@@ -16,7 +16,7 @@ from ...commands.child import Child
 from ...commands.messages import duration, time_left
 from ...engine.runtime.errors import InputError
 from ..job.animation import frames_of
-from ..job.child import apply_command, render_command, save_copy, work_folder
+from ..job.child import apply_command, compare_command, render_command, save_copy, work_folder
 from ..job.finished_passes import passes_left
 from ..job.job import check_output_folder, job_of
 from ..job.named_files import check_named_files
@@ -34,9 +34,10 @@ from ..scene.compositor import (
     show_file,
 )
 from ..scene.requirements import check_scene
-from .areas import image_editors, redraw_panels, tool_in_use
+from .areas import fit_picture, image_areas, image_editors, redraw_panels, tool_in_use
+from .previews import load_sheet
 from .render_display import open_as_render
-from .session import LastRender, session
+from .session import ComparedLens, LastRender, LastSheet, session
 
 TICK_S = 0.1
 PICTURE = "so_far.png"
@@ -55,6 +56,7 @@ class WindowRender:
     output_folder: Path | None = None  # the folder that stores finished passes
     animation: bool = False
     fingerprint: str | None = None  # of the scene when the render started
+    f_stops: bool = False  # of a comparison: whether its f-numbers were chosen
     laid: list = field(default_factory=list)  # lens images that are in the compositor
     started_s: float = field(default_factory=time.monotonic)
 
@@ -106,9 +108,7 @@ def start(scene, *frames, lens_quality=None):
     check_job(scene, job)
     bpy.context.view_layer.update()  # so that the fingerprint includes the latest changes
     forget_fingerprints()
-    remarks = [f"image {name!r} has unsaved pixels that the render does not include: save or pack it"
-               for name in lost_images()]
-    state_now, source = fingerprint_now(scene), window_digest(scene)
+    remarks, state_now, source = _lost_remarks(), fingerprint_now(scene), window_digest(scene)
     _follow(scene, lambda folder: render_command(scene, save_copy(folder), *frames,
                                                  picture=Path(folder) / PICTURE, state=state_now, source=source),
             remarks, state_now, job.output_folder, bool(frames))
@@ -128,7 +128,35 @@ def start_again(scene):
     _follow(scene, lambda folder: apply_command(radiance, scene), [], laid_fingerprint(scene))
 
 
-def _follow(scene, command_in, remarks, fingerprint, output_folder=None, animation=False):
+def start_comparison(scene, lenses, f_numbers, size, samples):
+    """Start comparing lenses in a scene, in a separate process; arguments as for `compare_command`.
+
+    Returns
+    -------
+    list of str
+        Remarks on what the pictures will lack.
+
+    Raises
+    ------
+    InputError
+        The scene cannot be rendered in the camera's view.
+    """
+    check_named_files()
+    check_output_folder(scene)
+    check_scene(scene, view="camera")
+    remarks = _lost_remarks()
+    _follow(scene, lambda folder: compare_command(scene, save_copy(folder), lenses, f_numbers, size, samples,
+                                                  Path(folder) / PICTURE),
+            remarks, None, f_stops=bool(f_numbers))
+    return remarks
+
+
+def _lost_remarks():
+    return [f"image {name!r} has unsaved pixels that the render does not include: save or pack it"
+            for name in lost_images()]
+
+
+def _follow(scene, command_in, remarks, fingerprint, output_folder=None, animation=False, f_stops=False):
     """Start the command that `command_in` returns for a temporary folder, and register the timer that follows it."""
     folder = work_folder()
     try:
@@ -137,7 +165,7 @@ def _follow(scene, command_in, remarks, fingerprint, output_folder=None, animati
         folder.cleanup()
         raise
     session.render = WindowRender(child, folder, scene.name, scene.session_uid, scene.lensfield.to_compositor, remarks,
-                                  output_folder, animation, fingerprint)
+                                  output_folder, animation, fingerprint, f_stops)
     forget_last()
     bpy.app.timers.register(tick, first_interval=TICK_S, persistent=True)  # also after another file is opened
 
@@ -189,9 +217,10 @@ def _finish(render):
         open_as_render(lambda: show_file(bpy.data.images.get(newest.name), str(newest), newest.name), _show)
     if render.to_compositor and render.child.lens_images and _scene(render) is None:
         render.remarks.append(f"scene {render.scene_name!r} is no longer open: its compositor is unchanged")
+    sheet = _take_sheet(render, outcome) if "sheet" in outcome else None
     with render.folder:
         if "messages" in outcome:
-            _notify("INFO", outcome["messages"] + render.remarks, newest)
+            _notify("INFO", outcome["messages"] + render.remarks, newest, sheet)
         elif "error" in outcome:
             _notify("ERROR", [outcome["error"], *_left(render)], newest)
         else:
@@ -213,8 +242,27 @@ def _scene(render):
     return next((scene for scene in bpy.data.scenes if scene.session_uid == render.scene_uid), None)
 
 
-def _notify(icon, lines, lens_image=None):
-    session.last_render = LastRender(icon, tuple(lines), lens_image)
+def _take_sheet(render, outcome):
+    """Keep a contact sheet for the choice of a lens, and open it as a finished picture; returns its path."""
+    path = Path(outcome["sheet"])
+    lenses = tuple(ComparedLens(**cell | {"box": tuple(cell["box"])}) for cell in outcome["cells"])
+    session.last_sheet = LastSheet(path, render.scene_uid, render.f_stops, lenses)
+    if _scene(render):
+        open_as_render(lambda: load_sheet(path), _show_sheet)
+    return path
+
+
+def _show_sheet(image):
+    """Show a contact sheet in image editors that showed Blender's render."""
+    for window, area in image_areas():
+        if (shown := area.spaces.active.image) and shown.type == "RENDER_RESULT":
+            area.spaces.active.image = image
+            fit_picture(window, area)
+    _remember_for_undo("Contact Sheet")  # undoing the choice of a lens must not remove the sheet
+
+
+def _notify(icon, lines, lens_image=None, sheet=None):
+    session.last_render = LastRender(icon, tuple(lines), lens_image, sheet)
     print("Lensfield:", *lines, sep="\n  ")
 
 
@@ -233,17 +281,17 @@ def _lay(render):
             render.remarks.append(remark)
         return
     if first:  # one undo step for the first of many frames: a step for each would use up the undo history
-        _remember_for_undo()
+        _remember_for_undo("Lens Image to Compositor")
     _show(lens_image(scene))
     if first:
         open_as_render(lambda: lens_image(scene) if (scene := _scene(render)) else None, _show)
 
 
-def _remember_for_undo():
-    """Push an undo step for this change; not during a transform or a stroke, where Blender pushes the steps."""
+def _remember_for_undo(change):
+    """Push an undo step for a change; not during a transform or a stroke, where Blender pushes the steps."""
     if not bpy.app.background and not tool_in_use():
         with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
-            bpy.ops.ed.undo_push(message="Lens Image to Compositor")
+            bpy.ops.ed.undo_push(message=change)
 
 
 def _show(image):

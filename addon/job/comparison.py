@@ -1,0 +1,345 @@
+"""Lenses side by side: one capture, put through each lens at each f-number in the same view, and a contact sheet."""
+
+import re
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...engine import InputError, Report
+from ...engine.depth.depth_range import AUTO, OFF, TRACED
+from ...engine.field.field_map import field_map
+from ...engine.field.overscan import VIEWS
+from ...engine.image.pixel_grid import PixelGrid
+from ...engine.inspection.contact_sheet import write_contact_sheet
+from ...engine.inspection.style import font_path
+from ...engine.library import bundled_names, has_rings, prescription_of
+from ...engine.pictures.preview import auto_exposure, srgb_pixels
+from ...engine.pictures.spectral_exr import read_parts
+from ...engine.rays.rings import AT_REST, Rings
+from ...engine.runtime.files import check_target, discard
+from ...engine.runtime.locks import only_writer
+from ...request import RING_FIELDS, RenderRequest
+from ..scene.camera import frame_px, pitch_um
+from ..scene.lens_facts import lens_facts
+from ..scene.requirements import check_scene
+from ..scene.rings import FIXED, ring_fields, scene_rings
+from .job import Job
+from .pictures import write_radiance
+from .radiance import capture
+from .refilter import apply_lens, check_capture, requested_rings, stored_radiance
+from .render import job_of_frame, run
+from .result import Result
+from .scene_plan import check_job
+from .steps import Work
+from .targets import check_files
+
+VIEW = VIEWS[1]  # of the camera, because lenses of all sizes then show the same
+CAPTURE = "capture"  # the folder of the stored light; the pictures' folders end with an f-number
+CAPTURE_SHARE = 0.5  # of the progress bar
+SHEET = "contact_sheet.png"
+MARKED = re.compile(r"\bf/(\d+(?:\.\d+)?)")  # the f-number in a lens's title
+YEAR = re.compile(r" \(\d{4}\)$")
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A picture of a comparison: a lens at an f-number.
+
+    Attributes
+    ----------
+    lens : str
+        Name or path.
+    rings : Rings
+        Its focus and f-number; at rest for a package.
+    f_number : float
+        The actual f-number, also of a package.
+    words : tuple of str
+        A line for each requested setting that the lens does not have.
+    """
+
+    lens: str
+    rings: Rings
+    f_number: float
+    words: tuple[str, ...]
+
+    @property
+    def folder(self):
+        """The name of the folder with its files."""
+        return f"{_stem(self.lens)}_f{self.f_number:.3g}"
+
+    @property
+    def label(self):
+        """The lens's title and the f-number, as photographers write them."""
+        title, marked = _title(self.lens), MARKED.search(_title(self.lens))
+        wide_open = marked and float(marked[1]) == float(f"{self.f_number:.2g}")
+        return title if wide_open else f"{title} at f/{self.f_number:.3g}"
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """The plan of a comparison.
+
+    Attributes
+    ----------
+    rows : tuple of tuple of Cell
+        As on the sheet: a row for each lens, a column for each f-number.
+    fields : dict of str: dict
+        The arguments of `apply_lens` for each picture, by its folder. Cells with the same folder share a picture.
+    radiance : Path
+        The capture's file.
+    folder : Path
+        The folder of the sheet, and of the pictures' folders.
+    scene, job : bpy.types.Scene and Job, or None
+        The scene to be captured; None if the capture exists.
+    """
+
+    rows: tuple[tuple[Cell, ...], ...]
+    fields: dict[str, dict]
+    radiance: Path
+    folder: Path
+    scene: Any = None
+    job: Job | None = None
+
+    @property
+    def sheet(self):
+        """The path of the contact sheet."""
+        return self.folder / self.radiance.name.replace("radiance.exr", SHEET)
+
+    @property
+    def words(self):
+        """A line for each requested setting that a lens does not have."""
+        return tuple(dict.fromkeys(f"{_title(cell.lens)}: {word}"
+                                   for row in self.rows for cell in row for word in cell.words))
+
+
+@dataclass(frozen=True)
+class ContactSheet:
+    """A finished comparison.
+
+    Attributes
+    ----------
+    path : Path
+    cells : tuple of (Cell, (int, int, int, int))
+        Each with the pixels of the sheet that show it: left, top, right and bottom, from the upper left corner.
+    report : Report
+        Of the capture; without facts about the scene if the capture existed.
+    messages : tuple of str
+        The file, the time, the plan and the remarks.
+    """
+
+    path: Path
+    cells: tuple[tuple[Cell, tuple[int, int, int, int]], ...]
+    report: Report
+    messages: tuple[str, ...]
+
+
+def plan_comparison(source, lenses, f_numbers=(), *, output_folder, progress=None, **given):
+    """Plan a comparison: load all lenses, and check that the capture serves them and that the files can be written.
+
+    Parameters
+    ----------
+    source : bpy.types.Scene or Path
+        The scene to be captured, at its current frame; or the radiance file of a render.
+    lenses : sequence of str
+        Names or paths.
+    f_numbers : sequence of float
+        By default the f-number of a render: the camera's if its depth of field is on, otherwise each lens's widest.
+        Out-of-range f-numbers are clamped.
+    output_folder : path
+    progress : callable (fraction, label), optional
+    given : by name
+        Fields of a `RenderRequest`, except for `view`: the view is the camera's. For a scene as in
+        `render_through_lens`, for a file as in `apply_lens`.
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    InputError
+        Among others, a lens needs more than was captured.
+    """
+    font_path()  # without it, a refusal before the render
+    _check_names(lenses)
+    plan = _plan_of_file if isinstance(source, Path) else _plan_of_scene
+    comparison = plan(source, lenses, tuple(f_numbers) or (None,), Path(output_folder), progress or _silent, given)
+    check = partial(check_files, source) if comparison.job else lambda paths: [check_target(path) for path in paths]
+    check([comparison.sheet, *(file for folder in comparison.fields for file in _result(comparison, folder).files)])
+    return comparison
+
+
+def render_comparison(comparison, progress=None):
+    """Capture the scene unless the capture exists, put it through each lens, and write the sheet.
+
+    Parameters
+    ----------
+    comparison : Comparison
+    progress : callable (fraction, label), optional
+
+    Returns
+    -------
+    ContactSheet
+
+    Raises
+    ------
+    Busy
+        Another process is capturing this scene into this folder.
+    LensError, SceneError, InputError
+        The scene is restored exactly.
+    """
+    on_progress, captured = progress or _silent, Result.from_file(comparison.radiance, "radiance")
+    start = CAPTURE_SHARE if comparison.job else 0.0
+    if comparison.job:
+        with only_writer(captured.record):
+            run(_capture_steps(comparison, captured), _part(on_progress, 0.0, start))
+    count, results = len(comparison.fields), {}
+    for number, (folder, fields) in enumerate(comparison.fields.items()):
+        part = _part(on_progress, start + (1 - start) * number / count, (1 - start) / count,
+                     f"Picture {number + 1} of {count}: ")
+        results[folder] = apply_lens(comparison.radiance, output_folder=comparison.folder / folder, progress=part,
+                                     **fields)
+    with captured.report.stage("contact sheet"):
+        boxes = _write_sheet(comparison, results)
+    cells = [cell for row in comparison.rows for cell in row]
+    return ContactSheet(comparison.sheet, tuple(zip(cells, boxes, strict=True)), captured.report,
+                        tuple(_messages(comparison, captured, results)))
+
+
+def _silent(fraction, label):
+    pass
+
+
+def _part(on_progress, start, share, prefix=""):
+    """The progress function of a part of the work, from `start` on."""
+    return lambda fraction, label: on_progress(start + share * fraction, prefix + label)
+
+
+def _plan_of_file(radiance, lenses, f_numbers, folder, on_progress, given):
+    rings = requested_rings(RenderRequest(**given))
+    given = {name: value for name, value in given.items() if name not in RING_FIELDS}
+    rows = _rows(lenses, [replace(rings, f_number=f_number) for f_number in f_numbers],
+                 stored_radiance(radiance).focal_mm)
+    fields = {name: {"lens": cell.lens, "view": VIEW, **given, **ring_fields(cell.rings)}
+              for name, cell in _by_folder(rows).items()}
+    for name, _ in _announced(rows, on_progress):
+        check_capture(radiance, **fields[name])
+    return Comparison(rows, fields, radiance, folder)
+
+
+def _plan_of_scene(scene, lenses, f_numbers, folder, on_progress, given):
+    given = given | {"view": VIEW, "output_folder": folder / CAPTURE}
+    check_scene(scene, **given)
+    if (given.get("depth") or scene.lensfield.value_of("depth")) == TRACED:
+        raise InputError("options", "depth", TRACED, "expected auto or off: a traced lens stores no light for others")
+    requested = {name: given.pop(name, None) for name in RING_FIELDS}
+    rows = _rows(lenses, [scene_rings(scene, **requested | ({} if f_number is None else {"f_number": f_number}))
+                          for f_number in f_numbers], scene.camera.data.lens)
+    jobs = {name: job_of_frame(scene, scene.frame_current, **given | {"lens": cell.lens, **ring_fields(cell.rings)})
+            for name, cell in _announced(rows, on_progress)}
+    for job in jobs.values():
+        check_job(scene, job)
+    fields = {name: {"lens": cell.lens, "view": VIEW, "options": jobs[name].options, "iris": jobs[name].iris,
+                     "lens_quality": jobs[name].lens_quality or jobs[name].spectral.tier,
+                     "depth": OFF if jobs[name].depth == OFF else AUTO, **ring_fields(cell.rings)}
+              for name, cell in _by_folder(rows).items()}
+    radiance = Result.of(scene, folder / CAPTURE, scene.frame_current).radiance
+    return Comparison(rows, fields, radiance, folder, scene, _shared_job(scene, list(jobs.values())))
+
+
+def _rows(lenses, rings, focal_mm):
+    """The cells of the sheet, for lenses that are scaled to a focal length."""
+    return tuple(tuple(_cell(lens, each, focal_mm) for each in rings) for lens in lenses)
+
+
+def _cell(lens, rings, focal_mm):
+    if not has_rings(lens):
+        return Cell(lens, AT_REST, lens_facts(lens).f_number, (FIXED,) * (rings != AT_REST))
+    facts = lens_facts(lens, rings, focal_mm)
+    return Cell(lens, replace(rings, f_number=facts.f_number), facts.f_number, facts.words)
+
+
+def _by_folder(rows):
+    return {cell.folder: cell for row in rows for cell in row}
+
+
+def _announced(rows, on_progress):
+    """The different cells by their folders, each reported before its lens is baked: generator."""
+    cells = _by_folder(rows)
+    for number, (name, cell) in enumerate(cells.items(), 1):
+        on_progress(0.0, f"Preparing lens {number} of {len(cells)}: {cell.label}")
+        yield name, cell
+
+
+def _shared_job(scene, jobs):
+    """The job that captures the scene for the lenses of all jobs.
+
+    The lens that sees farthest beyond the frame chooses the projection: the others need less overscan in its panorama
+    than on a plane.
+    """
+    def reach_px(job):
+        frame = PixelGrid(frame_px(scene), pitch_um(job.lens, frame_px(scene)))
+        return field_map(job.lens).overscan_px(frame, job.wavelengths_nm, 0)
+
+    first, *others = sorted(jobs, key=reach_px, reverse=True)
+    return replace(first, iris=next((job.iris for job in jobs if job.iris), None), lens_warning="", ring_words=(),
+                   others=tuple(job.lens for job in others))
+
+
+def _capture_steps(comparison, result):
+    captured = yield from capture(comparison.scene, comparison.job, result, 1.0)
+    discard(result.record)  # the files that it describes are about to change
+    yield Work(lambda _: write_radiance(captured, result.radiance), "Writing radiance", 1.0)
+
+
+def _write_sheet(comparison, results):
+    """Write the sheet, with the same exposure for all pictures; returns the boxes of the cells."""
+    pictures = {name: _rec709(result.lens_image) for name, result in results.items()}
+    exposure = auto_exposure(np.concatenate(list(pictures.values())))
+    pixels = {name: srgb_pixels(picture, exposure) for name, picture in pictures.items()}
+    boxes = write_contact_sheet([[pixels[cell.folder] for cell in row] for row in comparison.rows],
+                                [[cell.label for cell in row] for row in comparison.rows], comparison.sheet)
+    return [box for row in boxes for box in row]
+
+
+def _rec709(path):
+    _, planes = read_parts(path)[0]
+    return np.stack([planes[channel] for channel in "RGB"], axis=-1)
+
+
+def _messages(comparison, captured, results):
+    """The file, the time, the plan and the remarks: generator of lines."""
+    seconds = sum(sum(result.report.stages.values()) for result in (captured, *results.values()))
+    yield f"{comparison.sheet} in {seconds:.1f} s"
+    scene = captured.report.scene
+    yield scene.scene_plan if scene else f"from the light in {comparison.radiance}"
+    yield from comparison.words
+    yield from captured.report.remarks()
+    yield from dict.fromkeys(f"{_title(cell.lens)}: {remark}" for name, cell in _by_folder(comparison.rows).items()
+                             for remark in results[name].report.remarks())
+
+
+def _result(comparison, folder):
+    """The Result of a picture."""
+    return Result.from_file(comparison.radiance, "radiance", comparison.folder / folder)
+
+
+def _check_names(lenses):
+    """Raise an InputError unless each lens has a folder of its own."""
+    stems = [_stem(lens).casefold() for lens in lenses]
+    for number, stem in enumerate(stems):
+        if stem in stems[:number]:
+            raise InputError("options", "lens", lenses[number], "named like another lens of the comparison: leave it "
+                                                                "out, or rename its file")
+
+
+def _stem(lens):
+    return lens if lens in bundled_names() else Path(lens).stem
+
+
+def _title(lens):
+    """The title of a lens without its year; of a package, the name of its file."""
+    return YEAR.sub("", prescription_of(lens).title if has_rings(lens) else "") or Path(lens).name

@@ -1,0 +1,124 @@
+"""`lensfield compare`: one capture of a scene through several lenses, as pictures and as a contact sheet."""
+
+import os
+from pathlib import Path
+
+from ..engine import InputError, Options
+from ..engine.library import ALL_LENSES
+from ..engine.plan.options import KNOBS, TIER_ACCURACY
+from ..engine.runtime.setting import option_of, settings_of
+from ..engine.spectral.wavelength_choice import SpectralOptions
+from ..request import RING_FIELDS, RenderRequest
+from .arguments import (
+    LENSES,
+    add_filter_options,
+    add_iris,
+    add_rings,
+    add_untrusted,
+    check_outputs,
+    given_fields,
+    given_settings,
+    iris_option,
+)
+from .blend import import_addon
+from .progress import messages, progress
+from .render import add_followed, scene_and_fields, take_copied
+from .render_options import add_capture_options
+
+TIER = "preview"
+OF_LENSES = "view", "output_folder"  # every lens has the camera's view, and its own folder
+OF_FILES = "tier", "depth", "focus", "focused_wide_open", "lens_quality"  # fields that a radiance file can obey
+
+
+def add_options(compare):
+    compare.description = (
+        "Render a .blend once, put the light through several lenses at several f-numbers, and write the pictures and "
+        "a labelled sheet: a row for each lens, a column for each f-number. Every lens is scaled to the camera's view. "
+        "Other options that you leave out come from the scene's Lensfield settings. The radiance file of an earlier "
+        "render can replace the .blend.")
+    compare.add_argument("scene", type=Path, metavar="SCENE.blend|RADIANCE.exr", help="file to render, or stored light")
+    compare.add_argument("--lens", dest="lenses", action="append", required=True, metavar="NAME|FILE,...",
+                         help=f"lenses, each {LENSES} ({ALL_LENSES}); can be repeated")
+    compare.add_argument("--f-number", dest="f_numbers", metavar="N,...",
+                         help="f-numbers for all lenses (default: the camera's F-Stop if its Depth of Field is on, "
+                              "otherwise each lens's widest)")
+    compare.add_argument("--output", type=Path, required=True, metavar="DIR",
+                         help="folder for the sheet and, in folders, the capture and the pictures")
+    add_capture_options(compare, OF_LENSES, {"tier": TIER})
+    add_filter_options(compare, of_scene=True)
+    add_rings(compare, camera=True, fields=[name for name in RING_FIELDS if name != "f_number"])
+    add_iris(compare, camera=True)
+    add_followed(compare.add_argument_group("for programs that run this command"))
+    add_untrusted(compare)
+    compare.set_defaults(run=_compare, confines=_folders)
+
+
+def _folders(options):
+    """The scene or the radiance file, and the output folder."""
+    return options.scene, options.output
+
+
+def _compare(options):
+    lenses = [lens for text in options.lenses for lens in _lenses(text)]
+    check_outputs([(options.report, ".json"), (options.picture, ".png")], [options.scene, *lenses])
+    with messages(options) as write:
+        f_numbers, of_file = _f_numbers(options.f_numbers), options.scene.suffix.lower() == ".exr"
+        source, given = (_from_file if of_file else _from_scene)(options)
+        addon, folder = import_addon(), options.output.resolve()
+        addon.check_next_to_frames(folder, options.report, options.picture)
+        print(f"output: {folder}", flush=True)
+        with progress(options, write) as on_progress:
+            comparison = addon.plan_comparison(source, lenses, f_numbers, output_folder=folder, progress=on_progress,
+                                               **given)
+        for line in comparison.words:
+            print(line, flush=True)
+        with progress(options, write) as on_progress:
+            sheet = addon.render_comparison(comparison, on_progress)
+        if options.report:
+            sheet.report.write(options.report)
+        print(*(line for line in sheet.messages if line not in comparison.words), sep="\n")
+        write(sheet=str(sheet.path), messages=sheet.messages, cells=[
+            {"lens": cell.lens, "f_number": cell.f_number, "label": cell.label, "box": box}
+            for cell, box in sheet.cells])
+
+
+def _lenses(text):
+    """The lenses of one --lens: a file, whose name may contain commas, or names and files between commas."""
+    lenses = [text] if os.path.exists(text) else [lens.strip() for lens in text.split(",")]
+    if not all(lenses):
+        raise InputError("options", "--lens", text, "expected names or files between commas, as in tessar-50mm,my.zmx")
+    return lenses
+
+
+def _f_numbers(text):
+    try:
+        return [float(word) for word in (text or "").split(",") if text]
+    except ValueError:
+        raise InputError("options", "--f-number", text, "expected numbers such as 2,5.6") from None
+
+
+def _from_scene(options):
+    """The scene, and the fields of a RenderRequest that the command line gives."""
+    if not given_settings(options, SpectralOptions):
+        options.tier = TIER
+    scene, given = scene_and_fields(options)
+    take_copied(options)
+    del given["output_folder"]
+    return scene, given
+
+
+def _from_file(options):
+    """The radiance file, and the fields of a RenderRequest that the command line gives; raises an InputError for an
+    option that only a render obeys."""
+    named = {option_of(name, each): name for owner in (SpectralOptions, RenderRequest)
+             for name, each in settings_of(owner).items()
+             if each.option is not None and name not in (*OF_FILES, *OF_LENSES)}
+    for option in (*named, "samples", "resolution", "scene-name"):
+        if (value := getattr(options, option.replace("-", "_"), None)) is not None:
+            raise InputError("options", f"--{option}", value, "leave it out: the file's light is rendered already")
+    tier, engine = options.tier or TIER, given_settings(options, Options)
+    if not engine.keys() & {"accuracy", "method", *KNOBS}:
+        engine["accuracy"] = TIER_ACCURACY[tier]
+    given = given_fields(options) | {"options": Options(**engine), "iris": iris_option(options)}
+    del given["output_folder"]
+    return options.scene, {"lens_quality": tier} | given
