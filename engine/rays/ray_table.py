@@ -38,6 +38,7 @@ TRUSTED = -0.3  # least margin of blocked rays that are used to extrapolate; ray
 LOST = -1.0  # margin of a ray that does not reach the sensor for other reasons than apertures
 ORDER = 4  # of the differences that extrapolation minimizes; they vanish for cubic polynomials
 FAINT = 1e-5  # weight of first differences relative to these, in case too few rays are known
+MARGIN_TO_WEIGHT = slice(4, 7)  # of the table's quantities
 RIM_RADII, RIM_AZIMUTHS = 48, 64  # samples for the integral of light over half of the stop
 EVEN, ODD, FREE = (1, 0, -1), (1, 0, 1), (1, -4, 6, -4, 1)  # sums of coefficients that vanish at an end of splines
 
@@ -166,8 +167,14 @@ class RayTable(Value):
         SensorRays
             Arrays (wavelength, height, ray).
         """
-        counts, (x, y) = self.coefficients.shape[1:4], stop
-        radius, azimuth = np.hypot(x, y), np.arctan2(x, y)
+        radius, azimuth = np.hypot(*stop), np.arctan2(*stop)
+        values = self._values(heights_mm, radius, azimuth, slice(None))
+        return _sensor_rays(values, np.sign(azimuth), np.zeros_like(radius), radius)
+
+    def _values(self, heights_mm, radius, azimuth, quantities):
+        """Quantities of the table, given as a slice, at sensor points on +y and stop points: array (quantity,
+        wavelength, height, ray)."""
+        counts = self.coefficients.shape[1:4]
         by_height, by_radius, by_azimuth = (
             _splines(share, count) for share, count in zip(
                 (_even(heights_mm / self.last_height_mm), _even(radius / self.reach), np.abs(azimuth) / np.pi), counts,
@@ -176,12 +183,13 @@ class RayTable(Value):
             ((by_radius[1][:, :, None] * by_azimuth[1][:, None, :]).ravel(),
              (by_radius[0][:, :, None] * counts[2] + by_azimuth[0][:, None, :]).ravel(),
              np.arange(0, 16 * radius.size + 1, 16)), shape=(radius.size, counts[1] * counts[2]))
-        values = np.empty((self.coefficients.shape[-1], len(self.wavelengths_nm), len(heights_mm), radius.size))
-        for number, table in enumerate(self.coefficients):
+        coefficients = self.coefficients[..., quantities]
+        values = np.empty((coefficients.shape[-1], len(self.wavelengths_nm), len(heights_mm), radius.size))
+        for number, table in enumerate(coefficients):
             at_heights = np.einsum("ht,htraq->raqh", by_height[1], table[by_height[0]], optimize=True)
             over_stop_values = over_stop @ at_heights.reshape(counts[1] * counts[2], -1)
             values[:, number] = over_stop_values.reshape(radius.size, len(values), -1).transpose(1, 2, 0)
-        return _sensor_rays(values, np.sign(azimuth), np.zeros_like(radius), radius)
+        return values
 
     def irradiance_per_radiance(self, heights_mm: np.ndarray) -> np.ndarray:
         """Irradiance at sensor points under uniform radiance, without the glass's transmittance.
@@ -201,8 +209,9 @@ class RayTable(Value):
         """
         square, azimuth = np.linspace(0, 1, RIM_RADII + 1), np.pi * (np.arange(RIM_AZIMUTHS) + 0.5) / RIM_AZIMUTHS
         radius, azimuth = np.meshgrid(np.sqrt(square), azimuth, indexing="ij")
-        rays = self.bundles(heights_mm, np.stack([radius * np.sin(azimuth), radius * np.cos(azimuth)]).reshape(2, -1))
-        margin, weight = (each.reshape(*each.shape[:2], *radius.shape) for each in (rays.margin, rays.weight))
+        values = self._values(heights_mm, radius.ravel(), azimuth.ravel(), MARGIN_TO_WEIGHT)
+        margin, _, weight = values.reshape(*values.shape[:3], *radius.shape)
+        margin = np.minimum(margin, 1 - radius**2)
         lit, both, light = (values[..., :-1, :] + values[..., 1:, :]
                             for values in (np.maximum(margin, 0), np.abs(margin), weight))
         return np.pi * (lit / np.maximum(both, 1e-30) * light / 2).mean(axis=(-2, -1))
