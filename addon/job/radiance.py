@@ -29,7 +29,7 @@ from .light import GatheredLight
 from .remarks import colour_remarks, scale_remarks, scene_remarks, unlayered_remarks
 from .sampled_passes import CONTROL_CUBES, SampledPasses, WholePasses, detail_times, shares_noise
 from .scene_plan import plan_scene
-from .slabs import cut_steps, single_slab
+from .slabs import cut_steps, finer_region, single_slab
 from .steps import RenderPass, Work
 from .targets import check_files
 
@@ -165,84 +165,197 @@ def capture(scene, job, result, share):
 
     For a traced lens, it contains the film's irradiance on the frame's pixels.
     """
-    grid = job_grid(scene, job)
     with temporary_folder() as folder, Journal() as journal, ExitStack() as alone:
-        go_to_frame(scene, job.frame, journal)
-        turn_on_layer(scene, job.view_layer, journal)
-        remarks = [*scene_remarks(scene, job)]
-        of_capture, empty = [*unlayered_remarks(scene, job, grid)], empty_reasons(scene, job.lens, grid)
-        exposure, film = scene.cycles.film_exposure, scene.render.film_transparent
-        plan, substitution, groups = plan_scene(scene, job, grid, journal)
-        plan.check()
-        room_for_capture(scene, job, grid, plan)
-        check_files(scene, result.files)
-        yield from alone_with_passes(scene, job, alone)
-        passes = FinishedPasses(scene, job, 4 * job.wavelengths_nm.size * math.prod(grid.shape_px))
-        names = groups.part(rendered_layer(scene), journal)
-        region = render_region(scene)
-        rendered = region or tuple(slice(0, n) for n in grid.shape_px)
-        if region and not job.traced:
-            rendered = captured_region(region, job.lens, job.wavelengths_nm, grid, job.options, job.room, job.others)
-        journal.set(scene.render, "use_persistent_data", True)  # from the depth pre-pass on
-        cut = None
-        if job.depth == AUTO:
-            substitution.set_wavelengths(plan.bands[0], plan.dispersive)
-            cut = yield from cut_steps(scene, job, grid, rendered, plan.tinting, empty.sky and not film, passes,
-                                       folder / "look.exr", 0.0, LOOK_SHARE * share)
-        capture_px, slabs = (cut.capture, cut.slabs) if cut else (grid, (single_slab(scene, rendered),))
-        guard_render_state(scene, job, capture_px, folder / "pass.exr", journal)
-        needed_bytes, scratch = room_for_capture(scene, job, capture_px, plan, slabs)
-        peak_mb = (taken_bytes() + needed_bytes) / MEGABYTE
-        lights = [GatheredLight(plan, rendered_layer(scene).name, names, slab, scratch, metres_per_unit(scene))
-                  for slab in slabs]
-        clamps = clamps_of(scene)
-        if shares_noise(scene, job, plan):
-            sampled = SampledPasses(passes, folder / "pass.exr", len(plan.bands), scene, scratch, journal, job.denoises,
-                                    capture_px, detail_times(scene, job, plan, math.prod(capture_px.shape_px)))
-        else:
-            sampled = WholePasses(passes, folder / "pass.exr", len(plan.bands))
-        fraction, share = LOOK_SHARE * share, (1 - LOOK_SHARE) * share / len(lights)
-        for turn, index in enumerate(sampled.order, 1):
-            band = plan.bands[index]
-            substitution.set_wavelengths(band, plan.dispersive)
-            for name, clamp in clamps.items():
-                journal.set(scene.cycles, name, clamp * substitution.brightest(band) if job.clamp else 0.0)
-            if job.traced:
-                trace_lens(scene, job.lens, grid, band[0], journal)
-            step = share * sampled.share(index)
-            for number, light in enumerate(lights, 1):
-                if not light.is_spare(lights):
-                    show_slab(scene, light.slab, capture_px, journal)
-                    of_slabs = f", slab {number} of {len(lights)}" if cut else ""
-                    label = f"Pass {turn} of {len(plan.bands)}{of_slabs}: {_span(band)} nm"
-                    light.add(index, (yield from sampled.light(index, light, RenderPass(scene, label, fraction, step))))
-                fraction += step
-            if job.picture:
-                complete = turn == len(plan.bands)
-                yield Work(lambda _, complete=complete: _show(complete, plan, lights, capture_px, job.picture),
-                           "Updating the picture", fraction)
-    lights = [light for light in lights if not light.is_spare(lights)]
+        ready = yield from ready_steps(scene, job, result.files, share, folder, journal, alone)
+        sampled = _passes(ready, journal)
+        lights = yield from light_steps(ready, sampled, ready.capture_px, ready.slabs, share, journal)
+    captured = captured_from(ready, lights, ready.grid, ready.capture_px)
+    result.report.add(_facts(ready, lights, captured, sampled.text))
+    return captured
+
+
+@dataclass(frozen=True, eq=False)
+class Ready:
+    """A scene that is ready for its passes: planned, substituted, cut into slabs, and guarded by a journal.
+
+    Attributes
+    ----------
+    scene, job, plan, substitution, cut, passes
+    grid, capture_px : PixelGrid
+        The picture's capture; and, with slabs, the larger one that the blur of near objects needs.
+    slabs : tuple of Slab
+    group_names : list of str
+        Of the light groups.
+    clamps : dict
+    path : Path
+        The file that a render writes.
+    scratch : Path or None
+        The folder for the light's scratch files.
+    region, rendered : (slice, slice)
+        Blender's render region in the frame, or None; and the rows and columns of the capture that it takes.
+    empty : EmptyReasons
+    exposure : float
+    film : bool
+        Whether the film is transparent.
+    remarks, of_capture : list
+    peak_mb : float
+    """
+
+    scene: object
+    job: object
+    plan: object
+    substitution: object
+    cut: object
+    passes: FinishedPasses
+    grid: PixelGrid
+    capture_px: PixelGrid
+    slabs: tuple
+    group_names: list
+    clamps: dict
+    path: object
+    scratch: object
+    region: object
+    rendered: tuple
+    empty: object
+    exposure: float
+    film: bool
+    remarks: list
+    of_capture: list
+    peak_mb: float
+
+
+def ready_steps(scene, job, files, share, folder, journal, alone, times=1):
+    """Steps that prepare a scene for its passes; returns a Ready.
+
+    Parameters
+    ----------
+    scene, job
+    files : sequence of Path
+        To be written later.
+    share : float
+        The capture's part of the complete job.
+    folder : Path
+        For the files of renders.
+    journal : Journal
+    alone : ExitStack
+        As for `alone_with_passes`.
+    times : int
+        Parts of a pixel, down and across, in the finest pixels to be captured: the scene is cut for these.
+    """
+    grid = job_grid(scene, job)
+    go_to_frame(scene, job.frame, journal)
+    turn_on_layer(scene, job.view_layer, journal)
+    remarks = [*scene_remarks(scene, job)]
+    of_capture, empty = [*unlayered_remarks(scene, job, grid)], empty_reasons(scene, job.lens, grid)
+    exposure, film = scene.cycles.film_exposure, scene.render.film_transparent
+    plan, substitution, groups = plan_scene(scene, job, grid, journal)
+    plan.check()
+    room_for_capture(scene, job, grid.finer(times), plan)
+    check_files(scene, files)
+    yield from alone_with_passes(scene, job, alone)
+    passes = FinishedPasses(scene, job, 4 * job.wavelengths_nm.size * math.prod(grid.shape_px))
+    names = groups.part(rendered_layer(scene), journal)
+    region = render_region(scene)
+    rendered = region or tuple(slice(0, n) for n in grid.shape_px)
+    if region and not job.traced:
+        rendered = captured_region(region, job.lens, job.wavelengths_nm, grid, job.options, job.room, job.others)
+    journal.set(scene.render, "use_persistent_data", True)  # from the depth pre-pass on
+    cut = None
+    if job.depth == AUTO:
+        substitution.set_wavelengths(plan.bands[0], plan.dispersive)
+        cut = yield from cut_steps(scene, job, grid.finer(times), finer_region(rendered, times), plan.tinting,
+                                   empty.sky and not film, passes, folder / "look.exr", 0.0, LOOK_SHARE * share)
+    cut = cut and cut.coarser(times)
+    capture_px, slabs = (cut.capture, cut.slabs) if cut else (grid, (single_slab(scene, rendered),))
+    guard_render_state(scene, job, capture_px, folder / "pass.exr", journal)
+    needed_bytes, scratch = room_for_capture(scene, job, capture_px.finer(times), plan,
+                                             [slab.finer(times) for slab in slabs])
+    peak_mb = (taken_bytes() + needed_bytes) / MEGABYTE
+    return Ready(scene, job, plan, substitution, cut, passes, grid, capture_px, slabs, names, clamps_of(scene),
+                 folder / "pass.exr", scratch, region, rendered, empty, exposure, film, remarks, of_capture, peak_mb)
+
+
+def _passes(ready, journal):
+    """The passes of a capture, which share their noise if possible."""
+    scene, job, plan, count = ready.scene, ready.job, ready.plan, len(ready.plan.bands)
+    if not shares_noise(scene, job, plan):
+        return WholePasses(ready.passes, ready.path, count)
+    times = detail_times(scene, job, plan, math.prod(ready.capture_px.shape_px))
+    return SampledPasses(ready.passes, ready.path, count, scene, ready.scratch, journal, job.denoises,
+                         ready.capture_px, times)
+
+
+def light_steps(ready, sampled, capture_px, slabs, share, journal):
+    """Steps that render all passes of all slabs; returns a GatheredLight for each slab.
+
+    Parameters
+    ----------
+    ready : Ready
+    sampled : WholePasses
+    capture_px : PixelGrid
+    slabs : sequence of Slab
+        Of these pixels.
+    share : float
+        The capture's part of the complete job.
+    journal : Journal
+    """
+    scene, job, plan, cut = ready.scene, ready.job, ready.plan, ready.cut
+    lights = [GatheredLight(plan, rendered_layer(scene).name, ready.group_names, slab, ready.scratch,
+                            metres_per_unit(scene)) for slab in slabs]
+    fraction, share = LOOK_SHARE * share, (1 - LOOK_SHARE) * share / len(lights)
+    for turn, index in enumerate(sampled.order, 1):
+        band = plan.bands[index]
+        ready.substitution.set_wavelengths(band, plan.dispersive)
+        for name, clamp in ready.clamps.items():
+            journal.set(scene.cycles, name, clamp * ready.substitution.brightest(band) if job.clamp else 0.0)
+        if job.traced:
+            trace_lens(scene, job.lens, ready.grid, band[0], journal)
+        step = share * sampled.share(index)
+        for number, light in enumerate(lights, 1):
+            if not light.is_spare(lights):
+                show_slab(scene, light.slab, capture_px, journal)
+                of_slabs = f", slab {number} of {len(lights)}" if cut else ""
+                label = f"Pass {turn} of {len(plan.bands)}{of_slabs}: {_span(band)} nm"
+                light.add(index, (yield from sampled.light(index, light, RenderPass(scene, label, fraction, step))))
+            fraction += step
+        if job.picture:
+            complete = turn == len(plan.bands)
+            yield Work(lambda _, complete=complete: _show(complete, plan, lights, capture_px, job.picture),
+                       "Updating the picture", fraction)
+    return [light for light in lights if not light.is_spare(lights)]
+
+
+def captured_from(ready, lights, grid, capture_px):
+    """The Captured of the light of all slabs.
+
+    Parameters
+    ----------
+    ready : Ready
+    lights : sequence of GatheredLight
+    grid, capture_px : PixelGrid
+        As in `Ready`, or both finer.
+    """
+    job, times = ready.job, grid.shape_px[0] // ready.grid.shape_px[0]
+    region, rendered = (side and finer_region(side, times) for side in (ready.region, ready.rendered))
     margin = [overscan - n for overscan, n in zip(capture_px.overscan_px, grid.overscan_px, strict=True)]
     inside = tuple(slice(rim, rim + n) for rim, n in zip(margin, grid.shape_px, strict=True))
     depth_mm = planar_depth_mm(_nearest_m(lights, capture_px) * M_TO_MM, job.lens, capture_px)[inside]
-    layers = layered_radiance(lights, job.lens, capture_px, job.wavelengths_nm, exposure, job.others) if cut else None
-    if cut:
+    layers = layered_radiance(lights, job.lens, capture_px, job.wavelengths_nm, ready.exposure,
+                              job.others) if ready.cut else None
+    if layers:
         cropped = layers.cropped(margin)
         radiance, alpha = cropped.flat(), cropped.flat_alpha()
     else:
         cube, alpha = (_placed(planes, rendered, grid) for planes in (lights[0].radiance(), lights[0].alpha))
         detail = lights[0].detail and lights[0].detail.placed(*rendered, grid.shape_px)
         radiance = SpectralImage(cube, job.wavelengths_nm, grid, focal_mm=job.lens.capture_focal_length_mm,
-                                 exposure=exposure, detail=detail)
+                                 exposure=ready.exposure, detail=detail)
     picture = _picture_part(region, grid)
-    of_capture += [*colour_remarks(plan), *empty.after_render(not np.any(radiance.cube[(..., *picture)]),
-                                                       film and not np.any(alpha[picture]))]
-    captured = Captured(radiance, np.where(np.isfinite(depth_mm), depth_mm / M_TO_MM, BACKGROUND_M).astype(np.float32),
-                        alpha if film else None, region and _mask(region, rendered, grid), layers,
-                        tuple(map(str, of_capture)))
-    result.report.add(_facts(plan, lights, job, captured, [*map(str, (*remarks, *of_capture)), *passes.remarks], cut,
-                             sampled.text, peak_mb))
-    return captured
+    remarks = [*ready.of_capture, *colour_remarks(ready.plan), *ready.empty.after_render(
+        not np.any(radiance.cube[(..., *picture)]), ready.film and not np.any(alpha[picture]))]
+    return Captured(radiance, np.where(np.isfinite(depth_mm), depth_mm / M_TO_MM, BACKGROUND_M).astype(np.float32),
+                    alpha if ready.film else None, region and _mask(region, rendered, grid), layers,
+                    tuple(map(str, remarks)))
 
 
 def _nearest_m(lights, capture):
@@ -272,8 +385,9 @@ def _show(complete, plan, lights, capture_px, path):
     write_png(picture, path, auto_exposure(picture))
 
 
-def _facts(plan, lights, job, captured, remarks, cut, samples, peak_mb):
+def _facts(ready, lights, captured, samples):
     """The plan, and results of the passes: how well spectra were predicted, and the frame's depths."""
+    job, plan, cut = ready.job, ready.plan, ready.cut
     choice, far = plan.choice, () if job.traced else captured.scale_remarks(job.lens)
     surprise = choice.surprise(np.concatenate([light.blocks() for light in lights], axis=1))
     foreign = bool(surprise > FOREIGN_SURPRISE)
@@ -286,9 +400,9 @@ def _facts(plan, lights, job, captured, remarks, cut, samples, peak_mb):
         spectral_surprise=float(surprise), foreign_spectra=foreign,
         estimated_colour_error=choice.colour_error * (float(surprise) if foreign else 1),
         rgb_difference=plan.repeated[0].rgb_difference[0] if plan.repeated else 0.0,
-        depth=None if job.traced else captured.depth_check(job.lens),
-        lens_warning=job.lens_warning, scene_remarks=[*remarks, *far],
-        layers=cut.plan.text if cut else "", samples=samples, capture_peak_mb=peak_mb)
+        depth=None if job.traced else captured.depth_check(job.lens), lens_warning=job.lens_warning,
+        scene_remarks=[*map(str, ready.remarks), *captured.remarks, *ready.passes.remarks, *far],
+        layers=cut.plan.text if cut else "", samples=samples, capture_peak_mb=ready.peak_mb)
 
 
 def _picture_part(region, grid):

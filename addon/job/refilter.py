@@ -111,7 +111,8 @@ def _steps(path, request):
     if not isinstance(lens, Lens):
         iris = iris if iris_is_visible(lens, rings) else None
         lens, words = yield Work(lambda _: _turned(request, rings, stored), "Baking the lens", 0.0)
-    lacking = _check_overscan(lens, stored, request, path)
+    _check_overscan(lens, stored, request, path)
+    lacking = _lacking(lens, stored, request)
     with result.report.stage("read radiance"):
         captured = yield Work(lambda _: _read(path, request.depth, result.irradiance.parent),
                               f"Reading radiance{lacking}", 0.05)
@@ -175,13 +176,34 @@ def _read(path, depth, folder):
     return Captured(radiance, planes["Z"], planes.get("A"), planes.get(REGION), layers)
 
 
+def fitted(lens, captured, request, path):
+    """A lens and a Captured that suit each other, as `apply_lens` would use them for radiance from `path`.
+
+    Raises
+    ------
+    ImageError
+        The lens needs more than was captured.
+    """
+    _check_overscan(lens, captured.radiance, request, path)
+    lens, captured, _ = _fitted(lens, captured, request.view)
+    _check_region(lens, captured, request.options, path)
+    return lens, captured
+
+
+def given_rings(request, radiance):
+    """The Rings of a request for the lens of this radiance's view."""
+    rings = _rings(request)
+    if request.view == CAMERA and has_rings(request.lens):
+        return resized_rings(prescription_of(request.lens), rings, radiance.focal_mm)
+    return rings
+
+
 def _turned(request, rings, stored):
     """The lens of a name or path for the stored radiance, and a line for each setting that it does not have."""
     lens = request.lens
     if not has_rings(lens):
         return load_lens(lens, rings), ()
-    if request.view == CAMERA:
-        rings = resized_rings(prescription_of(lens), rings, stored.focal_mm)
+    rings = given_rings(request, stored)
     quality = request.lens_quality or STANDARD
     return load_lens(lens, rings, quality, wavelengths_nm=stored.wavelengths_nm), clamped_rings(lens, rings)
 
@@ -219,22 +241,22 @@ def _sensor_warning(lens, radiance):
 
 
 def _check_overscan(lens, stored, request, path):
-    """Raise an ImageError if the capture's overscan is too small, so that part of a lens's frame would stay black.
-
-    Returns
-    -------
-    str
-        A remark if the overscan lacks light that the lens spreads into the frame; "" otherwise.
-    """
+    """Raise an ImageError if the capture's overscan is too small, so that part of a lens's frame would stay black."""
     lens, radiance = _fit(lens, stored, request.view)
-    grid, nm = radiance.grid, radiance.wavelengths_nm
-    needed = field_map(lens).overscan_px(grid, nm, 0)
+    grid = radiance.grid
+    needed = field_map(lens).overscan_px(grid, radiance.wavelengths_nm, 0)
     if _exceeds(needed, grid.overscan_px):
         raise ImageError(path, "overscan", "{1} x {0} px".format(*grid.overscan_px),
                          "{name} needs {1} x {0} px beyond the frame: render again through it".format(
                              *needed, name=lens.name))
-    plan = cached_plan(request.options, lens, radiance.sampling)
-    lacking = _exceeds(field_map(lens).overscan_px(grid, nm, plan.reach_px), grid.overscan_px)
+
+
+def _lacking(lens, stored, request):
+    """A remark if the overscan lacks light that the lens spreads into the frame; "" otherwise."""
+    lens, radiance = _fit(lens, stored, request.view)
+    reach_px = cached_plan(request.options, lens, radiance.sampling).reach_px
+    needed = field_map(lens).overscan_px(radiance.grid, radiance.wavelengths_nm, reach_px)
+    lacking = _exceeds(needed, radiance.grid.overscan_px)
     return "; the border will lack light from beyond the capture" if lacking else ""
 
 

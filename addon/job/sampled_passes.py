@@ -159,7 +159,7 @@ class SampledPasses(WholePasses):
         for span in pairwise(self._ends):
             parts.append(self._stored((yield from self._range(index, gathered, step, *span))))
         self._controls[gathered] = _Control(gathered.slab, parts)
-        return replace(_mean(parts), detail=parts[-1].light.detail)
+        return replace(mean_light(parts), detail=parts[-1].light.detail)
 
     def _helped_steps(self, index, gathered, step):
         """Steps of a pass with few samples, or with all if these leave too much noise; returns its PassLight."""
@@ -173,10 +173,10 @@ class SampledPasses(WholePasses):
                     self._taken.append((span[1], growth))
                     return light
         self._taken.append((self._samples, 1.0))
-        return _mean(parts)
+        return mean_light(parts)
 
     def _range(self, index, gathered, step, first, last):
-        """Steps that render a range of a pass's samples, counted from the last one; returns _Samples."""
+        """Steps that render a range of a pass's samples, counted from the last one; returns Samples."""
         rest = last == self._samples
         adaptive, times = self._adaptive and rest, self._times if rest else 1
         begin, count = self._samples - last, last - first
@@ -196,7 +196,7 @@ class SampledPasses(WholePasses):
             count *= times**2
         if adaptive:
             count *= planes[self._count_plane]
-        return _Samples(count, replace(gathered.light_of(planes, self._guides), detail=detail))
+        return Samples(count, replace(gathered.light_of(planes, self._guides), detail=detail))
 
     def _picture(self, gathered, planes):
         """The light of all lamps in a pass, denoised if requested: array (channel, row, column)."""
@@ -207,7 +207,7 @@ class SampledPasses(WholePasses):
         return denoised(self._scene, picture[::-1], guides, self._path.parent)[::-1]
 
     def _stored(self, part):
-        """The _Samples, in a scratch file if there is a folder for them."""
+        """The Samples, in a scratch file if there is a folder for them."""
         if self._scratch is None:
             return part
         cube = new_array(part.light.cube.shape, self._scratch)
@@ -245,7 +245,7 @@ def _ends(samples, few):
 
 
 @dataclass(frozen=True, eq=False)
-class _Samples:
+class Samples:
     """The light of a range of a pass's samples.
 
     Attributes
@@ -260,16 +260,16 @@ class _Samples:
 
     def within(self, part):
         """The same samples in a part of the picture, given as slices of rows and columns."""
-        return _Samples(self.count[part] if np.ndim(self.count) else self.count, self.light.within(part))
+        return Samples(self.count[part] if np.ndim(self.count) else self.count, self.light.within(part))
 
 
-def _mean(parts):
-    """The mean light of some _Samples: PassLight."""
+def mean_light(parts):
+    """The mean light of some Samples: PassLight, with the depth of the last."""
     return _planes_with(_weighted([(part.count, part.light.cube) for part in parts]), parts)
 
 
 def _planes_with(cube, parts):
-    """A PassLight of this cube, with the mean alpha and guides of some _Samples, and the depth of those with the first
+    """A PassLight of this cube, with the mean alpha and guides of some Samples, and the depth of those with the first
     sample, which are last."""
     alpha, guides = (_weighted([(part.count, getattr(part.light, name)) for part in parts])
                      for name in ("alpha", "guides"))
@@ -288,7 +288,7 @@ class _Control:
     Parameters
     ----------
     slab : Slab
-    parts : list of _Samples
+    parts : list of Samples
         By ranges of samples, as in `_ends`.
     """
 
@@ -305,7 +305,7 @@ class _Control:
 
         Parameters
         ----------
-        parts : list of _Samples
+        parts : list of Samples
             Its first ranges: all but the last together are as many samples as the last.
 
         Returns

@@ -55,7 +55,7 @@ class Slab:
 
     def finer(self, times):
         """The slab for a capture with each pixel divided into `times` x `times`."""
-        return replace(self, region=tuple(slice(times * side.start, times * side.stop) for side in self.region))
+        return replace(self, region=finer_region(self.region, times))
 
     def within(self, part):
         """The slab, limited to this part of its region."""
@@ -79,6 +79,17 @@ class Cut:
     plan: SlabPlan
     capture: PixelGrid
     slabs: tuple[Slab, ...]
+
+    def coarser(self, times):
+        """The cut for a capture with blocks of `times` x `times` pixels merged, which covers at least the same area."""
+        fine, margin_px = self.capture, [-(-margin // times) for margin in self.capture.overscan_px]
+        capture = PixelGrid.around_frame([n // times for n in fine.frame_px], times * fine.pitch_um, margin_px,
+                                         fine.projection)
+        slabs = [replace(slab, region=tuple(
+            slice((side.start - fine_margin) // times + margin, -(-(side.stop - fine_margin) // times) + margin)
+            for side, fine_margin, margin in zip(slab.region, fine.overscan_px, margin_px, strict=True)))
+            for slab in self.slabs]
+        return Cut(self.plan, capture, tuple(slabs))
 
 
 def cut_steps(scene, job, grid, region, tinting, sky, passes, path, fraction, share):
@@ -175,6 +186,11 @@ def _far_mm(border_mm, volumes_mm, bodies_mm, overlap_per_mm):
     ends_mm = [min(far_mm, behind_mm) for near_mm, far_mm in bodies_mm if near_mm < border_mm < far_mm]
     volumes_begin_mm = [near_mm for near_mm, _ in volumes_mm if near_mm >= border_mm]
     return min([max(ends_mm, default=border_mm), *volumes_begin_mm])
+
+
+def finer_region(region, times):
+    """A region, as slices of rows and columns, with each pixel divided into `times` x `times`."""
+    return tuple(slice(times * side.start, times * side.stop) for side in region)
 
 
 def single_slab(scene, region):
