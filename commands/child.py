@@ -14,7 +14,7 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-from .messages import read_message
+from .messages import STOP, read_message
 
 GRACE_S = 0.7  # for a child to remove half-written files
 CRASH = "Writing: "  # Blender's last line in a crash, with the path of a file that is added to the log
@@ -68,8 +68,15 @@ class Child:
     def ask(self, arguments):
         """Let `lensfield serve` run a command; it reports a status at the end."""
         self.status = {}
+        self._write(arguments)
+
+    def stop(self):
+        """Let `lensfield serve` stop its command, which then reports its status."""
+        self._write(STOP)
+
+    def _write(self, request):
         with suppress(OSError):  # the process has ended, which `ended` shows
-            print(json.dumps(arguments), file=self._process.stdin, flush=True)
+            print(json.dumps(request), file=self._process.stdin, flush=True)
 
     @property
     def ended(self):

@@ -22,7 +22,7 @@ from .arguments import (
 )
 from .blend import import_addon
 from .progress import messages, progress
-from .render import add_followed, scene_and_fields, take_copied
+from .render import add_followed, restore_copied, scene_and_fields
 from .render_options import add_capture_options
 
 TIER = "preview"
@@ -102,7 +102,7 @@ def _from_scene(options):
     if not given_settings(options, SpectralOptions):
         options.tier = TIER
     scene, given = scene_and_fields(options)
-    take_copied(options)
+    restore_copied(options)
     del given["output_folder"]
     return scene, given
 

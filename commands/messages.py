@@ -2,6 +2,7 @@
 
     lensfield> {"fraction": 0.42, "label": "Pass 2 of 3: 500 to 560 nm"}    progress
     lensfield> {"lens_image": "/renders/Scene_0001_lens_image.exr", "frame": 1, "seconds": 61.5}    a finished frame
+    lensfield> {"picture": "/tmp/S_0001_lens_image.exr", "size_px": [480, 270], "samples": 4, "number": 2}    a preview
     lensfield> {"messages": ["...", "..."]}    success, with remarks; from compare also "sheet", the path of the contact
                                                sheet, and "cells": for each picture its lens, f_number, label and box
     lensfield> {"error": "camera 'Camera': type is ORTHO: expected a perspective camera"}    failure, with the reason
@@ -17,6 +18,7 @@ import time
 from contextlib import contextmanager
 
 MARK = "lensfield> "
+STOP = "stop"  # a line to `serve`: stop the running command
 PACE_S = 0.1  # between lines with the same label; a new label is written immediately
 ENOUGH = 0.03  # fraction of the work needed to estimate the remaining time: the first of 31 wavelengths
 

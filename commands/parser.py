@@ -5,6 +5,7 @@ from importlib import import_module
 
 COMMANDS = {
     "render": "render a .blend multispectrally and through a lens",
+    "preview": "show a .blend through a lens, first coarsely, then more and more finely",
     "apply": "apply another lens to a finished render",
     "compare": "put one capture of a .blend through several lenses: a labelled contact sheet",
     "filter": "put an EXR or a sequence of them through a lens: spectral radiance, or any renderer's RGB",

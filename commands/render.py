@@ -51,6 +51,11 @@ def add_followed(group):
     """Add options for programs that render a copy of their file and follow the render."""
     add_progress_options(group)
     add_settings(group, RenderRequest, FOLLOWER_FIELDS)
+    add_copy_options(group)
+
+
+def add_copy_options(group):
+    """Add the arguments for a copy of a .blend."""
     group.add_argument("--blend-folder", type=Path, metavar="DIR",
                        help="folder of the original .blend, for the // paths of the scene's Lensfield settings, if "
                             "SCENE is a copy of it elsewhere")
@@ -83,15 +88,14 @@ def _render_here(options, write):
         requested_frames(options.frames)
     scene, given = scene_and_fields(options)
     given["source"] = _source(options, scene)
-    take_copied(options)
+    restore_copied(options)
     _check_next_to_frames(options, scene)
     print(f"output: {_output_folder(options, scene)}", flush=True)
     return (_render_one if options.frames is None else _render_frames)(options, scene, given, write)
 
 
-def take_copied(options):
-    """Give the open file, a copy, the folder of its original and the state that a .blend cannot contain, if the options
-    name them."""
+def restore_copied(options):
+    """Restore what an open copy of a .blend lacks: the folder of its relative paths, and the window's state."""
     if options.blend_folder:
         from ..addon import set_blend_folder
 

@@ -44,9 +44,10 @@ def add_farm_options(group):
                             "there)")
 
 
-def add_scene_options(render):
+def add_scene_options(render, required=True):
     """Add arguments for the .blend and its render settings."""
-    render.add_argument("scene", type=Path, metavar="SCENE.blend", help="file to render")
+    render.add_argument("scene", type=Path, metavar="SCENE.blend", nargs=None if required else "?",
+                        help="file to render")
     add_capture_options(render)
     add_engine_options(render, of_scene=True)
     add_lens_settings(render, camera=True)

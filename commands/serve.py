@@ -2,17 +2,20 @@
 
 It reads lines from standard input, each a JSON list of the arguments of a command, such as
 `["apply", "Scene_0001_radiance.exr", "--lens", "tessar-50mm", "--progress", "lines"]`, and reports the exit status of
-each in a message (`messages.py`). The message for any other line has an error and status 2, as for a usage error.
+each in a message (`messages.py`). The message for any other line has an error and status 2, as for a usage error. The
+line `"stop"` stops the command of the line before it, if that is `preview`, without an answer.
 `serve` ends when standard input closes.
 """
 
 import json
 import os
 from queue import SimpleQueue
+from threading import Event
 
 from ..engine.runtime.errors import InputError
 from .arguments import add_untrusted
-from .messages import message_lines
+from .messages import STOP, message_lines
+from .stopping import stoppable
 from .task import arguments_of
 from .untrusted import OPTIONS
 
@@ -24,9 +27,27 @@ def add_options(serve):
     serve.description = ("Run commands from standard input, each a line with a JSON list of arguments. End as soon as "
                          "standard input closes.")
     add_untrusted(serve)
-    lines = SimpleQueue()
-    serve.set_defaults(run=lambda options: _serve(lines, options.main, _limits(options)), end_with_stdin=True,
-                       hear=lines.put)
+    requests = Requests()
+    serve.set_defaults(run=lambda options: _serve(requests, options.main, _limits(options)), end_with_stdin=True,
+                       hear=requests.hear)
+
+
+class Requests:
+    """Lines of standard input, each with the event that stops its command. A thread hears them."""
+
+    def __init__(self):
+        self._waiting, self._stop_last = SimpleQueue(), Event()
+
+    def hear(self, line):
+        if line.strip() == json.dumps(STOP).encode():
+            self._stop_last.set()
+        else:
+            self._stop_last = Event()
+            self._waiting.put((line, self._stop_last))
+
+    def next(self):
+        """Wait for a line; returns it and its event."""
+        return self._waiting.get()
 
 
 def _limits(options):
@@ -38,10 +59,12 @@ def _limits(options):
                              for argument in arguments_of(name, value))]
 
 
-def _serve(lines, main, limits):
+def _serve(requests, main, limits):
     while True:
+        line, stop = requests.next()
         try:
-            answer = {"status": main([*_arguments(lines.get()), *limits])}
+            with stoppable(stop):
+                answer = {"status": main([*_arguments(line), *limits])}
         except InputError as error:
             answer = {"error": str(error), "status": USAGE_ERROR}
         with message_lines() as write:

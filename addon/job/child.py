@@ -29,6 +29,8 @@ PREVIEW_ROOM = 0.12  # enough to switch from any bundled lens to any other
 COMPARISON = "comparison"  # the folder of a contact sheet, in the folder of renders
 EXTENSION = __package__.rsplit(".", 2)[0]
 SESSION = "session.npz"  # next to the copy
+CONTINUE = ["preview", "--progress", "lines"]
+"""The arguments of `lensfield` that continue a stopped preview."""
 
 
 def work_folder():
@@ -153,27 +155,25 @@ def apply_command(radiance, scene):
                               *to_arguments(**applied_fields(scene, scene.lensfield.to_request()))])
 
 
-def preview_arguments(scene, key, *, radiance=None, copy=None, size=None, samples=None):
-    """The arguments of `lensfield` for a preview: a small render of a copy of the file, or a preview's stored light.
+def preview_arguments(scene, key, *, copy=None, size=None, samples=None):
+    """The arguments of `lensfield` for a preview: of a copy of the file, or of the scene that its child has loaded.
 
     Parameters
     ----------
     scene : bpy.types.Scene
     key : (str, str, str, Rings, Iris or None)
         Lens, view, treatment of the area outside the field, focus and f-stop, and blades.
-    radiance : path, optional
-        The stored light.
-    copy, size, samples : path, (width, height) and int
-        Required without `radiance`.
+    copy, size, samples : path, (width, height) and int, optional
+        For another scene: with the size of the coarse picture.
     """
     lens, view, out_of_field, rings, iris = key
     given = {"lens": lens, "view": view, "lens_quality": "preview", "iris": iris, **ring_fields(rings),
              "options": Options(accuracy=TIER_ACCURACY["preview"], out_of_field=out_of_field)}
-    if radiance:
-        return ["apply", str(radiance), "--progress", "lines", *to_arguments(**given)]
+    if copy is None:
+        return [*CONTINUE, *to_arguments(**given)]
     nm = scene.lensfield.wavelengths_nm()
     few = np.linspace(nm[0], nm[-1], min(len(nm), PREVIEW_WAVELENGTHS)).tolist()
-    return [*_of_copy("render", scene, copy), "--resolution", "{}x{}".format(*size), "--samples", str(samples),
+    return [*_of_copy("preview", scene, copy), "--resolution", "{}x{}".format(*size), "--samples", str(samples),
             *to_arguments(**given, wavelengths_nm=tuple(few), spectral=SpectralOptions("preview"), denoise=ON,
                           unfit="render", depth=_storing_depth(scene), room=PREVIEW_ROOM,
                           output_folder=Path(copy).parent)]

@@ -8,12 +8,14 @@ from threading import Lock
 import numpy as np
 
 from ...engine import Lens, library
+from ...engine.bake.bake import bake
 from ...engine.library.baked import needed_wavelengths_nm
 from ...engine.prescription.prescription import Prescription
-from ...engine.rays.rings import AT_REST, Rings
+from ...engine.rays.rings import AT_REST, Rings, turned
 from ...engine.runtime.files import stamp_of
 
 MOST_LENSES = 6
+SKETCHED_HEIGHTS, SKETCHED_SAMPLES = 4, 33  # distortion within 0.2 px of 160; relative illumination within 0.04
 
 _lenses: dict[tuple, Lens] = {}  # the newest at the end
 _lock = Lock()  # a thread may bake a lens while the window requests another
@@ -31,6 +33,18 @@ def load_lens(source: library.LensSource, rings: Rings = AT_REST, quality: str =
         if len(_lenses) > MOST_LENSES:
             _lenses.pop(next(iter(_lenses)))
     return lens
+
+
+def sketched_lens(source: library.LensSource, rings: Rings, wavelengths_nm: Sequence[float] | np.ndarray) -> Lens:
+    """A lens with rings, baked at few field heights: for pixels that are larger than its PSFs."""
+    return _sketched(*identity_of(source), rings, tuple(wavelengths_nm))
+
+
+@lru_cache(maxsize=4)
+def _sketched(source, changed, rings, wavelengths_nm):
+    prescription = turned(library.prescription_of(source), rings).prescription
+    return replace(bake(prescription, quality="preview", heights=SKETCHED_HEIGHTS, samples=SKETCHED_SAMPLES,
+                        wavelengths_nm=wavelengths_nm), prescription=prescription)
 
 
 def loaded_lens(source: library.LensSource, rings: Rings, quality: str,
@@ -58,3 +72,4 @@ def forget_lenses() -> None:
     """Clear the cache."""
     _lenses.clear()
     scaled_lens.cache_clear()
+    _sketched.cache_clear()

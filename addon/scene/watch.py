@@ -1,9 +1,11 @@
 """Progress of Blender's current render, from its handlers."""
 
 import re
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import bpy
+
+from ...engine.runtime.errors import Stopped
 
 SAMPLES = re.compile(r"Sample (\d+)/(\d+)")
 
@@ -18,7 +20,8 @@ def samples_watched(on_progress):
     def on_stats(text, *_):
         match = SAMPLES.search(text)
         if match:
-            on_progress(int(match[1]) / max(int(match[2]), 1))
+            with suppress(Stopped):  # a handler cannot stop the render: the next step does
+                on_progress(int(match[1]) / max(int(match[2]), 1))
 
     if bpy.app.background:
         bpy.app.handlers.render_stats.append(on_stats)

@@ -1,8 +1,9 @@
 """The preview: a small, fast picture of the camera's view through the lens, updated when the scene changes.
 
-While it is on, a child process (`lensfield serve`) stays loaded and renders copies of the file, one at a time. Another
-lens is applied to the saved radiance of the last copy. Handlers only record the time of a change; a timer sends the
-request to the child once changes have stopped. Of the file, only names and session_uids are stored.
+While it is on, a child process (`lensfield serve`) stays loaded and renders copies of the file, one at a time: first a
+coarse picture, then finer ones. Another lens is applied to the light of the last copy. Handlers only record the time of
+a change; a timer stops the child's work if its pictures are out of date, and sends the next request once changes have
+stopped. Of the file, only names and session_uids are stored.
 """
 
 import tempfile
@@ -16,7 +17,8 @@ from bpy.app.handlers import persistent
 
 from ...commands.child import Child
 from ...engine.runtime.errors import InputError, one_line
-from ..job.child import lensfield_command, preview_arguments, save_copy, work_folder
+from ..job.child import CONTINUE, lensfield_command, preview_arguments, save_copy, work_folder
+from ..job.growing_capture import FINER
 from ..job.named_files import check_named_files, named_files
 from ..job.result import Result
 from ..scene.camera import frame_px, view_tangents
@@ -35,8 +37,10 @@ from .text_wrap import draw_wrapped
 NAME = "Lensfield Preview"  # image name
 TICK_S = 0.1
 STILL_S = 0.5  # time without a change before the scene is rendered again
-LONG_SIDE_PX = 320
-SAMPLES = 4
+LONG_SIDE_PX = 480  # the finest picture's longer side without a viewport in the camera's view
+VIEWPORT_SIDES_PX = 240, 960  # and its limits in one
+SAMPLES = 64  # of the finest picture
+LEAST_SIDE_PX = 12
 SAME_VIEW = 0.005
 LONGEST_COPY_S = 1.0  # longest automatic copy, as copying blocks the window
 QUIET = {"WINDOWMANAGER", "SCREEN", "WORKSPACE", "BRUSH", "IMAGE"}  # ID types that do not affect the render
@@ -53,11 +57,14 @@ class Preview:
     other_s: float | None = None  # the same, without changes of the lens or of its focus and f-stop
     by_hand: bool = False  # the user has requested a refresh
     job: tuple = ()  # the child's current job: a name, and the lens's key
+    stopping: bool = False  # the job has been stopped, and its next pictures are not wanted
+    paused: str = ""  # name of the last job, if it has been stopped
+    shown: int = 0  # number of the job's last picture that is shown; 0 for none
     started_s: float = 0.0
     copies_s: tuple = ()  # seconds for each of the last two copies
     tangents: tuple = ()  # half the captured view, horizontally and vertically
     lens: tuple = ()  # the key of the last lens that was applied or tried
-    radiance: Path | None = None
+    depth: Path | None = None  # of the picture
     facts: list = field(default_factory=list)
     error: str = ""
     announced: str = ""  # the last `waiting_for` that the windows show
@@ -88,11 +95,6 @@ class Preview:
             return ""
         label, fraction = (self.child.status.get(name) for name in ("label", "fraction"))
         return f"Lensfield Preview: {label} {fraction:.0%}" if label else "Lensfield Preview: starting"
-
-    @property
-    def depth(self):
-        """The path of its depth file, which may not exist yet."""
-        return Result.from_file(self.radiance, "radiance").depth if self.radiance else None
 
 
 def start(scene):
@@ -146,7 +148,7 @@ def switch_off(why=""):
 def tick():
     """Process the child's results and send its next request; returns seconds until the next call, or None."""
     preview = session.preview
-    scene = next((each for each in bpy.data.scenes if each.session_uid == preview.scene_uid), None)
+    scene = _scene_of(preview)
     if scene is None:
         switch_off("its scene no longer exists")
         return None
@@ -154,9 +156,8 @@ def tick():
         preview.child.end()
         switch_off("its process ended unexpectedly ({}); log: {}".format(*preview.child.death()))
         return None
-    if preview.job and "status" in preview.child.status:
+    if preview.job:
         _take_in(preview, scene)
-        _redraw()
     if not preview.job and (shown := _shown_scene(scene)) != scene:
         _turn_to(preview, shown)
     elif not preview.job and _may_work():
@@ -165,6 +166,11 @@ def tick():
         preview.announced = waiting_for
         _redraw()
     return TICK_S
+
+
+def _scene_of(preview):
+    """The scene of a preview, or None if it no longer exists."""
+    return next((scene for scene in bpy.data.scenes if scene.session_uid == preview.scene_uid), None)
 
 
 def lens_key(scene):
@@ -188,8 +194,8 @@ def _shown_scene(scene):
 
 def _turn_to(preview, scene):
     """Preview another scene of the file from now on."""
-    preview.scene_uid, preview.radiance, preview.lens, preview.facts = scene.session_uid, None, (), []
-    preview.changed_s = preview.other_s = 0.0
+    preview.scene_uid, preview.depth, preview.lens, preview.facts = scene.session_uid, None, (), []
+    preview.changed_s, preview.other_s, preview.paused, preview.shown = 0.0, 0.0, "", 0
     preview.picture.unlink(missing_ok=True)
     preview_overlay.forget_picture()
 
@@ -208,11 +214,15 @@ def _ask_next(preview, scene):
         preview.lens = ()  # so that the next valid lens is applied
         _show_error(preview, error)
         return
-    if key != preview.lens and preview.radiance:
-        preview.changed_s = preview.other_s  # choosing a lens does not count as a change of the scene
-        _ask(preview, "lens", key, preview_arguments(scene, key, radiance=preview.radiance))
-    elif preview.by_hand or (preview.changed_s is not None and not preview.slow
-                             and time.monotonic() - preview.changed_s > STILL_S):
+    if preview.by_hand:
+        _ask_render(preview, scene, key)
+    elif preview.same_scene and preview.depth and key != preview.lens:
+        preview.changed_s = None  # choosing a lens does not count as a change of the scene
+        preview.shown = 0
+        _ask(preview, "lens", key, preview_arguments(scene, key))
+    elif preview.fresh and preview.paused:
+        _ask(preview, preview.paused, preview.lens, CONTINUE)  # shows the stopped job's lens
+    elif preview.changed_s is not None and not preview.slow and time.monotonic() - preview.changed_s > STILL_S:
         _ask_render(preview, scene, key)
 
 
@@ -226,7 +236,9 @@ def _ask_render(preview, scene, key):
     except InputError as error:
         _show_error(preview, error)
         return
-    _ask(preview, "render", key, preview_arguments(scene, key, copy=copy, size=size_px(scene), samples=SAMPLES))
+    preview.shown = 0
+    size = tuple(-(-side // FINER) for side in size_px(scene))
+    _ask(preview, "render", key, preview_arguments(scene, key, copy=copy, size=size, samples=SAMPLES))
     preview.started_s = begin_s
 
 
@@ -238,26 +250,50 @@ def _show_error(preview, error):
 
 def _ask(preview, what, key, arguments):
     preview.job, preview.lens, preview.started_s = (what, key), key, time.monotonic()
+    preview.stopping, preview.paused = False, ""
     preview.child.ask(arguments)
 
 
 def size_px(scene):
-    """Width and height of the preview: the scene's resolution, scaled down to LONG_SIDE_PX if larger."""
+    """Width and height of the finest picture: as the camera's frame in the largest viewport that shows it, or of
+    LONG_SIDE_PX; at most the scene's resolution."""
     rows, columns = frame_px(scene)
-    scale = min(1.0, LONG_SIDE_PX / max(rows, columns))
-    return max(4, round(columns * scale)), max(4, round(rows * scale))
+    sides = preview_overlay.frame_sides_px(scene, session.preview.tangents)
+    longest = np.clip(max(sides), *VIEWPORT_SIDES_PX) if sides else LONG_SIDE_PX
+    scale = min(1.0, longest / max(rows, columns))
+    return max(LEAST_SIDE_PX, round(columns * scale)), max(LEAST_SIDE_PX, round(rows * scale))
 
 
 def _take_in(preview, scene):
-    (what, key), outcome = preview.job, preview.child.status
-    preview.job, preview.error = (), ""
-    if outcome["status"] == 0:
-        image_path = Path(outcome["lens_image"])
-        _show(preview, scene, image_path)
-        preview.radiance = Result.from_file(image_path, "lens_image").radiance
-        preview.facts = _facts(scene, time.monotonic() - preview.started_s, key[0])
-    if what == "lens" and (outcome["status"] or not _in_view(preview, scene)):
-        preview.changed_s = 0.0  # the lens shows parts of the scene that were not captured: render again
+    """Show the job's newest picture, stop the job if it is out of date, and note its end."""
+    outcome, current = preview.child.status, preview.same_scene and _shown_scene(scene) == scene
+    if current and outcome.get("number", 0) > preview.shown and not preview.stopping:
+        _show(preview, scene, outcome)
+        _redraw()
+    if "status" in outcome:
+        _note_end(preview, scene, outcome)
+        _redraw()
+    elif not preview.stopping and (not current or preview.by_hand or _lens_is_outdated(preview, scene)
+                                   or not _may_work()):
+        preview.stopping = True
+        preview.child.stop()
+
+
+def _lens_is_outdated(preview, scene):
+    """Whether the lens has changed, or shows more than was captured, since the picture that is shown. Without one, a
+    ring that turns steadily would never show anything."""
+    what, key = preview.job
+    try:
+        return preview.shown > 0 and (lens_key(scene) != key or (what == "lens" and not _in_view(preview, scene)))
+    except InputError:
+        return False  # the next request reports it
+
+
+def _note_end(preview, scene, outcome):
+    (what, _), preview.job, preview.error = preview.job, (), ""
+    preview.paused = what if preview.stopping and not outcome["status"] else ""
+    if what == "lens" and (outcome["status"] or (preview.shown and not _in_view(preview, scene))):
+        preview.changed_s, preview.paused = 0.0, ""  # parts of the scene were not captured: render again
     elif outcome["status"]:
         preview.error = outcome.get("error", "Failed: see the console")
 
@@ -270,20 +306,23 @@ def _in_view(preview, scene):
         return False  # the render will report it
 
 
-def _facts(scene, seconds, lens):
+def _facts(size_px, samples, seconds, lens):
     """Size, samples, time and lens of the preview: list of lines."""
-    return ["{} \u00d7 {} px, {} samples, {:.1f} s".format(*size_px(scene), SAMPLES, seconds),
-            lens_title(lens)]
+    return ["{} \u00d7 {} px, {} samples, {:.1f} s".format(*size_px, samples, seconds), lens_title(lens)]
 
 
-def _show(preview, scene, path):
-    """Show a lens image in the camera's view; show the first one also in image editors with Blender's render."""
+def _show(preview, scene, outcome):
+    """Show a picture in the camera's view; show the first one also in image editors with Blender's render."""
+    path = Path(outcome["picture"])
     image = show_file(bpy.data.images.get(NAME), str(path), NAME)
     image.save_render(str(preview.picture), scene=scene)
     preview_overlay.forget_picture()
-    for editor in () if preview.radiance else image_editors():
+    for editor in () if preview.depth else image_editors():
         if editor.image is None or editor.image.type == "RENDER_RESULT":
             editor.image = image
+    preview.shown, preview.depth = outcome["number"], Result.from_file(path, "lens_image").depth
+    seconds = time.monotonic() - preview.started_s
+    preview.facts = _facts(outcome["size_px"], outcome["samples"], seconds, preview.job[1][0])
 
 
 def _is_visible():
@@ -319,7 +358,16 @@ def on_update(scene, depsgraph):
     """Record the time of a change that affects the render."""
     updates = [update for update in depsgraph.updates if update.id.id_type not in QUIET and _counts(update)]
     if updates:
-        _note(of_lens=all(map(_may_be_of_lens, updates)))
+        _note(of_lens=all(map(_may_be_of_lens, updates)) and _lens_has_changed(session.preview))
+
+
+def _lens_has_changed(preview):
+    """Whether the lens of the preview's scene, its focus or its f-stop differ from the picture's."""
+    scene = preview and _scene_of(preview)
+    try:
+        return scene is not None and lens_key(scene) != preview.lens
+    except InputError:
+        return True
 
 
 def _counts(update):
@@ -394,7 +442,7 @@ def _status(preview):
     if preview.error:
         yield preview.error
     if preview.job:
-        yield "Rendering" if preview.job[0] == "render" else "Applying the lens"
+        yield "Refining" if preview.shown else "Rendering" if preview.job[0] == "render" else "Applying the lens"
     elif preview.slow and not preview.fresh:
         yield f"Out of date: refresh it manually, because copying this file takes {preview.copies_s[-1]:.1f} s"
 

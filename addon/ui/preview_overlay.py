@@ -1,7 +1,8 @@
 """Draws the preview over the camera's view in the 3D viewport, inside the lens's frame, without changing the scene.
 
-The preview is hidden while it is out of date, so that edits are visible, and when overlays are off. The tints of the
-focus overlay are drawn on top of it and remain while only focus and f-stop change.
+The preview is hidden while the scene is newer than it, so that edits are visible, and when overlays are off. While only
+the lens, its focus or its f-stop change, it stays until the next picture arrives. The tints of the focus overlay are
+drawn on top of it.
 """
 
 import bpy
@@ -10,6 +11,7 @@ from bpy_extras.view3d_utils import location_3d_to_region_2d
 from mathutils import Vector
 
 from . import focus_overlay
+from .areas import areas
 from .preferences import IN_CAMERA, preview_place
 from .previews import open_png
 from .session import CameraOverlay, session
@@ -40,8 +42,7 @@ def _draw():
     if (view.view_perspective != "CAMERA" or bpy.context.scene.session_uid != preview.scene_uid
             or space.camera != bpy.context.scene.camera or not space.overlay.show_overlays or not preview.tangents):
         return
-    corners = [location_3d_to_region_2d(bpy.context.region, view, corner)
-               for corner in frame_corners(space.camera, preview.tangents)]
+    corners = _corners_px(bpy.context.region, view, space.camera, preview.tangents)
     if None in corners:
         return
     if preview_place() == IN_CAMERA:
@@ -51,8 +52,8 @@ def _draw():
 
 
 def _draw_preview(corners, preview):
-    """Draw the preview's picture, if it is up to date, and what the first one waits for."""
-    if preview.fresh and preview.picture.is_file():
+    """Draw the preview's picture, unless the scene has changed, and what the first one waits for."""
+    if preview.same_scene and preview.picture.is_file():
         if session.overlay.texture is None:
             session.overlay.texture = _texture(_pixels(preview.picture))
         _draw_between(corners, session.overlay.texture)
@@ -98,6 +99,23 @@ def frame_corners(camera, tangents):
     """The lower left and the upper right corner of a camera's frame with these tangents, in world space."""
     matrix = camera.matrix_world.normalized()
     return [matrix @ Vector((sign * tangents[0], sign * tangents[1], -1.0)) for sign in (-1, 1)]
+
+
+def _corners_px(region, view, camera, tangents):
+    """The `frame_corners` in a region of a 3D viewport: vectors, or None for a corner behind the view."""
+    return [location_3d_to_region_2d(region, view, corner) for corner in frame_corners(camera, tangents)]
+
+
+def frame_sides_px(scene, tangents):
+    """The longer side of the camera's frame with these tangents in each viewport that shows it, in pixels: list."""
+    sides = []
+    for area in areas("VIEW_3D"):
+        space, region = area.spaces.active, next(each for each in area.regions if each.type == "WINDOW")
+        if space.region_3d.view_perspective == "CAMERA":
+            corners = _corners_px(region, space.region_3d, scene.camera, tangents)
+            if None not in corners:
+                sides.append(round(max(corners[1] - corners[0])))
+    return sides
 
 
 def _pixels(path):

@@ -51,6 +51,10 @@ def printable(text: str) -> str:
                    for letter in text)
 
 
+class Stopped(Exception):
+    """Raised by a progress function to end the work, because its result would be out of date."""
+
+
 class InputError(ValueError):
     """Bad input, reported in one line of limited length and printable characters.
 

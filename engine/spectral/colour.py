@@ -30,6 +30,21 @@ def rec709_weights(wavelengths_nm: np.ndarray) -> np.ndarray:
     return np.divide(rec709, white_at, out=np.zeros_like(rec709), where=white_at > 0)  # outside the band: invisible
 
 
+def metamer_weights(wavelengths_nm: np.ndarray, few_nm: np.ndarray) -> np.ndarray:
+    """Weight of each wavelength's light in light of three wavelengths that has the same colour by `rec709_weights`.
+
+    Parameters
+    ----------
+    wavelengths_nm : array (wavelength,)
+    few_nm : array (3,)
+
+    Returns
+    -------
+    array (wavelength, 3)
+    """
+    return rec709_weights(wavelengths_nm) @ np.linalg.inv(rec709_weights(np.asarray(few_nm)))
+
+
 def light_basis(wavelengths_nm: np.ndarray) -> np.ndarray:
     """Spectral density per nm of each linear Rec. 709 primary: `spectra.emission_basis`, corrected for few wavelengths.
 

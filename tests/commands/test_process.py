@@ -9,6 +9,7 @@ import sys
 import pytest
 
 from lensfield.commands.messages import read_message
+from lensfield.commands.serve import Requests
 from signalled import signalled
 
 SERVE = [sys.executable, "-c", "from lensfield.cli import console; console()", "serve"]
@@ -51,6 +52,16 @@ def test_a_malformed_line_gets_an_error_and_the_process_continues(server, line, 
     (["lens", "info", "n" * 10**5], 1), (["lens", "list", "--end-with-stdin"], 2)])
 def test_an_invalid_command_returns_its_status(server, arguments, status):
     assert answers(server, json.dumps(arguments).encode()) == [{"status": status}]
+
+
+def test_a_stop_has_no_answer_and_concerns_only_the_request_before_it(server):
+    assert answers(server, b'"stop"') == []
+    assert answers(server, json.dumps(["preview"]).encode()) == [{"status": 1}]
+    requests = Requests()
+    for line in (b'"stop"\n', b"[1]\n", b"[2]\n", b'"stop"\n', b"[3]\n"):
+        requests.hear(line)
+    assert [(line, stop.is_set()) for line, stop in (requests.next() for _ in range(3))] == [
+        (b"[1]\n", False), (b"[2]\n", True), (b"[3]\n", False)]
 
 
 @pytest.mark.skipif(os.name != "posix", reason="Windows ends a process by Ctrl-C itself")

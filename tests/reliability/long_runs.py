@@ -76,7 +76,7 @@ def renders(count):
 
 def previews(count):
     """A preview after each change of the scene; the memory is that of the rendering process."""
-    preview.STILL_S = 0.0
+    preview.STILL_S, preview.SAMPLES = 0.0, 16
     preview.start(bpy.context.scene)
     scene = bpy.context.scene
 

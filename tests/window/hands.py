@@ -157,11 +157,11 @@ def preview_under_way():
 
 
 def preview_is_fresh():
-    """Whether the preview shows the current scene through the chosen lens."""
+    """Whether the preview shows the current scene through the chosen lens; it may still be refined."""
     preview = preview_under_way()
     assert preview and not preview.error, preview and preview.error
     key = sys.modules[f"{MODULE}.addon.ui.preview"].lens_key(bpy.context.scene)
-    return preview.picture.is_file() and preview.fresh and not preview.job and preview.lens == key
+    return preview.picture.is_file() and preview.fresh and preview.shown > 0 and preview.lens == key
 
 
 def session():

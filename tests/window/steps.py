@@ -120,7 +120,7 @@ def guide_pictures():
     shoot("find")
     yield from press("ESC", panel)
     yield from start("preview")
-    yield from until(preview_is_fresh)
+    yield from until(lambda: preview_is_fresh() and not preview_under_way().job)  # its finest picture
     yield 1
     shoot("preview", region(view))
     yield from start("preview")
@@ -170,6 +170,33 @@ def preview():
     yield from start("preview")
     assert "Lensfield Preview" not in bpy.data.images
     return [number, folder]
+
+
+def preview_grows():
+    """A coarse picture is refined; it stays while a ring turns, and disappears when the scene changes."""
+    yield from open_sample(samples=64, percentage=100)
+    choose_petzval()
+    turn(f_stop=2.8, distance=0.2)
+    yield from start("preview")
+    yield from until(preview_is_fresh)
+    yield DRAW_S
+    shoot("coarse")
+    yield from until(lambda: preview_under_way().child.status.get("samples", 0) > 4)
+    yield DRAW_S
+    shoot("fine")
+    for distance in (0.22, 0.25, 0.34):
+        turn(f_stop=2.8, distance=distance)
+        yield DRAW_S
+        assert preview_under_way().same_scene
+    shoot("turning")
+    yield from until(preview_is_fresh)
+    yield DRAW_S
+    shoot("turned")
+    raise_vase()
+    yield DRAW_S
+    assert not preview_under_way().same_scene
+    shoot("changed")
+    yield from start("preview")
 
 
 def preview_from_any_view():

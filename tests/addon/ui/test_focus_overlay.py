@@ -32,7 +32,7 @@ def test_near_and_far_colours_differ_in_lightness():
 
 
 @pytest.fixture
-def on(scene):
+def on(scene, monkeypatch):
     """A scene with an active preview: a wall at 2 m, in focus, on the left, and one at 6 m on the right."""
     light(scene, "POINT", 20.0)
     paint = material("Paint", "ShaderNodeBsdfDiffuse")[0]
@@ -43,6 +43,8 @@ def on(scene):
     dof = scene.camera.data.dof
     dof.use_dof, dof.focus_distance, dof.aperture_fstop = True, 2.0, 1.5
     bpy.context.view_layer.update()
+    monkeypatch.setattr(preview, "VIEWPORT_SIDES_PX", (96, 96))
+    monkeypatch.setattr(preview, "SAMPLES", 4)
     preview.start(scene)
     follow()
     assert not session.preview.error

@@ -25,18 +25,26 @@ from waiting import wait_until
 
 
 @pytest.fixture
-def ready_scene(scene):
+def ready_scene(scene, monkeypatch):
     light(scene, "POINT", 20.0)
     wall(scene, material("Paint", "ShaderNodeBsdfDiffuse", (0.7, 0.3, 0.05))[0])
     scene.lensfield.lens = "tessar-50mm"
     scene.render.resolution_x, scene.render.resolution_y = 800, 600
     bpy.context.view_layer.update()
+    monkeypatch.setattr(preview, "LONG_SIDE_PX", 96)
+    monkeypatch.setattr(preview, "VIEWPORT_SIDES_PX", (96, 96))
+    monkeypatch.setattr(preview, "SAMPLES", 4)
     yield scene
     preview.end()
 
 
 def on():
     return session.preview
+
+
+def copied_ns():
+    """Time of the last copy of the file."""
+    return next(Path(on().folder.name).glob("*.blend")).stat().st_mtime_ns
 
 
 def follow():
@@ -63,9 +71,9 @@ def test_the_preview_shows_the_scene_without_changing_it(ready_scene):
     assert bpy.ops.lensfield.preview() == {"FINISHED"}
     follow()
     assert not [line for line in differences(before, snapshot()) if preview.NAME not in line]
-    assert tuple(bpy.data.images[preview.NAME].size) == (320, 240) and red(ready_scene) > 0
+    assert tuple(bpy.data.images[preview.NAME].size) == (96, 72) and red(ready_scene) > 0
     assert on().picture.is_file() and not on().error
-    assert "320 \u00d7 240 px, 4 samples" in shown() and "Zeiss Tessar" in shown()
+    assert "96 \u00d7 72 px, 4 samples" in shown() and "Zeiss Tessar" in shown()
     child, folder = on().child, Path(on().folder.name)
     assert bpy.ops.lensfield.preview() == {"FINISHED"}
     assert child.ended and not folder.exists() and not bpy.app.timers.is_registered(preview.tick)
@@ -108,7 +116,7 @@ def test_an_edit_refreshes_the_preview_and_a_selection_does_not(ready_scene):
     bpy.context.view_layer.update()
     preview.start(ready_scene)
     follow()
-    first, radiance = red(ready_scene), on().radiance.stat().st_mtime_ns
+    first, radiance = red(ready_scene), copied_ns()
     bpy.data.objects["Wall"].select_set(True)
     bpy.context.view_layer.update()
     assert on().fresh
@@ -119,7 +127,7 @@ def test_an_edit_refreshes_the_preview_and_a_selection_does_not(ready_scene):
     bpy.context.view_layer.update()
     assert not on().fresh
     follow()
-    assert on().radiance.stat().st_mtime_ns > radiance
+    assert copied_ns() > radiance
     assert red(ready_scene) == pytest.approx(2 * first, rel=0.01)
 
 
@@ -158,12 +166,12 @@ def test_another_lens_in_the_camera_view_needs_no_render(ready_scene):
     ready_scene.lensfield.view = "CAMERA"
     preview.start(ready_scene)
     follow()
-    rendered_ns = on().radiance.stat().st_mtime_ns
+    rendered_ns = copied_ns()
     for lens in ("edmund-54852", "cooke-triplet-50mm"):  # the first uses much more than the render's lens
         ready_scene.lensfield.lens = lens
         bpy.context.view_layer.update()
         follow()
-        assert on().radiance.stat().st_mtime_ns == rendered_ns and not on().error and lens_title(lens) in shown()
+        assert copied_ns() == rendered_ns and not on().error and lens_title(lens) in shown()
 
 
 @pytest.mark.one_blender
@@ -174,13 +182,84 @@ def test_turning_a_ring_needs_no_render(ready_scene):
     bpy.context.view_layer.update()
     preview.start(ready_scene)
     follow()
-    rendered_ns = on().radiance.stat().st_mtime_ns
+    rendered_ns = copied_ns()
     for name, value in (("aperture_fstop", 11.0), ("focus_distance", 2.0)):
         setattr(dof, name, value)
         bpy.context.view_layer.update()
         follow()
-        assert on().radiance.stat().st_mtime_ns == rendered_ns and not on().error
+        assert copied_ns() == rendered_ns and not on().error
     assert (on().lens[3].f_number, on().lens[3].focus_mm) == (11.0, 2000.0)
+
+
+@pytest.fixture
+def endless(ready_scene, monkeypatch):
+    """A preview with rings that is refined until something stops it."""
+    monkeypatch.setattr(preview, "SAMPLES", 1 << 20)
+    ready_scene.lensfield.view = "CAMERA"
+    dof = ready_scene.camera.data.dof
+    dof.use_dof, dof.focus_distance, dof.aperture_fstop = True, 3.0, 8.0
+    bpy.context.view_layer.update()
+    preview.start(ready_scene)
+    wait_until(lambda: preview.tick() and on().shown > 2)
+    assert on().job and "Refining" in shown()
+    return dof
+
+
+@pytest.mark.one_blender
+def test_a_change_of_the_scene_stops_the_refinement(endless):
+    first, count = red(endless), on().shown
+    bpy.data.lights["Light"].energy *= 2
+    bpy.context.view_layer.update()
+    assert not on().same_scene  # so the picture is hidden
+    wait_until(lambda: preview.tick() and not on().job)
+    assert on().shown == count  # no picture of the scene before the change
+    wait_until(lambda: preview.tick() and on().same_scene and on().shown)
+    assert red(endless) == pytest.approx(2 * first, rel=0.2)
+
+
+@pytest.mark.one_blender
+def test_the_picture_stays_while_a_ring_turns_and_is_refined_afterwards(endless):
+    copied, before = copied_ns(), on().depth
+    for f_stop in (11.0, 16.0):
+        endless.aperture_fstop = f_stop
+        bpy.context.view_layer.update()
+        assert on().same_scene and not on().fresh
+        wait_until(lambda: preview.tick() and on().fresh and on().shown)
+        assert on().lens[3].f_number == f_stop
+    number = on().shown
+    wait_until(lambda: preview.tick() and on().shown > number)
+    assert on().child.status["size_px"] == [96, 72] and on().job and on().depth.name == before.name
+    assert copied_ns() == copied and not on().error
+
+
+@pytest.mark.one_blender
+def test_a_setting_of_the_scene_that_is_not_the_lens_makes_the_picture_outdated(endless, ready_scene):
+    ready_scene.cycles.film_exposure = 3.0
+    ready_scene.update_tag()
+    bpy.context.view_layer.update()
+    assert not on().same_scene
+
+
+@pytest.mark.one_blender
+def test_another_scene_in_the_window_stops_the_refinement(endless, ready_scene):
+    other = bpy.data.scenes.new("Other")
+    other.render.engine, other.camera = "CYCLES", ready_scene.camera
+    bpy.context.window.scene = other
+    wait_until(lambda: preview.tick() and on().scene_uid == other.session_uid)
+    assert not on().picture.is_file() and not on().shown
+    wait_until(lambda: preview.tick() and on().shown)
+    assert on().picture.is_file() and not on().error
+
+
+@pytest.mark.one_blender
+def test_the_refinement_pauses_during_a_render(endless, monkeypatch):
+    monkeypatch.setattr(session, "render", object())
+    wait_until(lambda: preview.tick() and not on().job)
+    assert on().fresh
+    monkeypatch.setattr(session, "render", None)
+    count, samples = on().shown, int(on().facts[0].split(" px, ")[1].split()[0])
+    wait_until(lambda: preview.tick() and on().shown > count)
+    assert on().job and not on().error and int(on().facts[0].split(" px, ")[1].split()[0]) > samples
 
 
 @pytest.mark.one_blender
@@ -192,11 +271,11 @@ def test_a_moving_focus_object_refocuses_and_renders_again(ready_scene):
     bpy.context.view_layer.update()
     preview.start(ready_scene)
     follow()
-    rendered_ns, focus_mm = on().radiance.stat().st_mtime_ns, on().lens[3].focus_mm
+    rendered_ns, focus_mm = copied_ns(), on().lens[3].focus_mm
     obj.location.z -= 0.5
     bpy.context.view_layer.update()
     follow()
-    assert on().radiance.stat().st_mtime_ns > rendered_ns
+    assert copied_ns() > rendered_ns
     assert on().lens[3].focus_mm == pytest.approx(focus_mm + 500)
 
 
@@ -261,14 +340,14 @@ def test_a_file_that_is_slow_to_copy_is_refreshed_manually(ready_scene, monkeypa
     for _ in range(2):  # once may be coincidence
         preview.on_frame(ready_scene)
         follow()
-    radiance = on().radiance.stat().st_mtime_ns
+    radiance = copied_ns()
     preview.on_frame(ready_scene)
     on().changed_s = 0.0
     preview.tick()
     assert not on().job and "refresh it manually" in shown()
     assert bpy.ops.lensfield.refresh_preview() == {"FINISHED"}
     follow()
-    assert on().radiance.stat().st_mtime_ns > radiance
+    assert copied_ns() > radiance
 
 
 def test_the_preview_waits_for_a_lens_render(ready_scene, monkeypatch):

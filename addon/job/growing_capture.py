@@ -1,0 +1,138 @@
+"""A capture that grows, for the preview: first coarse pixels with few samples, then fine ones with more and more.
+
+Each range of a pixel's samples is rendered once and added to those before it.
+"""
+
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from math import prod
+from time import monotonic
+
+from ...engine.runtime.files import temporary_folder
+from ..scene.denoise import can_denoise, denoise_quickly, denoised, guide_planes, render_with_guides
+from ..scene.render_state import rendered_layer, show_samples, show_slab
+from ..scene.undo import Journal
+from .light import place_in
+from .radiance import Captured, captured_from, light_steps, ready_steps
+from .sampled_passes import Samples, WholePasses, mean_light
+
+FINER = 3  # fine pixels in a coarse one, down and across
+LONGEST_S, SHORTEST_S = 0.4, 1e-3  # of a render, which cannot be stopped; and of a sample
+FIRST_SAMPLES, GROWTH = 4, 4  # the first number of samples, and the factor from each to the next
+
+
+@dataclass(frozen=True, eq=False)
+class Grown:
+    """A stage of a growing capture.
+
+    Attributes
+    ----------
+    captured : Captured
+    samples : int
+        Of each pixel.
+    times : int
+        1 for coarse pixels, FINER for fine ones.
+    """
+
+    captured: Captured
+    samples: int
+    times: int
+
+
+def growing_capture(scene, job):
+    """Generator of steps, and of a Grown after each stage; send it the return value of each step's call.
+
+    The first stage has the scene's pixels; the others have pixels of a third of their side, and up to the scene's
+    samples. Closing it at any time restores the scene.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+    job : Job
+    """
+    ends = sample_ends(scene.cycles.samples)
+    with temporary_folder() as folder, Journal() as journal, ExitStack() as alone:
+        ready = yield from ready_steps(scene, job, (), 1.0, folder, journal, alone, FINER)
+        passes = _GrowingPasses(ready, journal)
+        for times, stages in ((1, ends[:1]), (FINER, ends)):
+            grid, capture_px = ready.grid.finer(times), ready.capture_px.finer(times)
+            slabs = [slab.finer(times) for slab in ready.slabs]
+            passes.begin(capture_px)
+            for samples in stages:
+                passes.last = samples
+                lights = yield from light_steps(ready, passes, capture_px, slabs, 1.0, journal)
+                yield Grown(captured_from(ready, lights, grid, capture_px), samples, times)
+                slabs = [replace(light.slab, narrows=False) for light in lights]
+
+
+def sample_ends(samples):
+    """The numbers of samples after each stage, up to the given one: list."""
+    ends = [min(samples, FIRST_SAMPLES)]
+    while ends[-1] < samples:
+        ends.append(min(samples, GROWTH * ends[-1]))
+    return ends
+
+
+class _GrowingPasses(WholePasses):
+    """The passes of a capture, which each stage adds samples to.
+
+    A pass is rendered in as many parts as are needed to stop within about LONGEST_S.
+
+    Parameters
+    ----------
+    ready : Ready
+    journal : Journal
+
+    Attributes
+    ----------
+    last : int
+        Samples after the current stage.
+    """
+
+    def __init__(self, ready, journal):
+        super().__init__(ready.passes, ready.path, len(ready.plan.bands))
+        self._scene, self._journal = ready.scene, journal
+        self._guides = guide_planes(ready.scene) if ready.job.denoises and can_denoise() else []
+        self._capture_px, self._parts, self._sample_s = None, {}, 0.0
+        if self._guides:
+            render_with_guides(self._scene, journal)
+            denoise_quickly(self._scene, journal)
+        journal.set(rendered_layer(self._scene), "samples", 0)  # no override of the scene's samples
+        journal.set(self._scene.cycles, "time_limit", 0.0)
+
+    def begin(self, capture_px):
+        """Begin anew, with the pixels of this PixelGrid."""
+        if self._capture_px:
+            self._sample_s *= prod(capture_px.shape_px) / prod(self._capture_px.shape_px)
+        self._capture_px, self._parts = capture_px, {}
+
+    def light(self, index, gathered, step):
+        """Steps that render the stage's samples; returns the PassLight of all samples so far."""
+        needed, slab = [*gathered.planes, *self._guides], gathered.slab
+        part = self._before(index, slab)
+        while (first := part.count if part else 0) < self.last:
+            count = min(self.last - first, max(1, round(LONGEST_S / max(self._sample_s, SHORTEST_S))))
+            show_slab(self._scene, slab, self._capture_px, self._journal)
+            show_samples(self._scene, first, first + count, False, self._journal)
+            begin_s = monotonic()
+            planes = yield from self._passes.planes(step, self._path, needed, index, first, count, *slab.facts)
+            self._sample_s = (monotonic() - begin_s) / count
+            part = _sum(part, Samples(count, gathered.light_of(planes, self._guides)))
+        self._parts[index, slab.near_m] = slab.region, part
+        if not self._guides:
+            return part.light
+        picture = denoised(self._scene, part.light.cube[0, ::-1], part.light.guides, self._path.parent)
+        return replace(part.light, cube=picture[None, ::-1])
+
+    def _before(self, index, slab):
+        """The Samples of the earlier stages, in the slab's region; None at first."""
+        region, part = self._parts.get((index, slab.near_m), (None, None))
+        return part and part.within(place_in(region, slab.region))
+
+
+def _sum(before, part):
+    """The Samples of both, with the depth of the first, which Cycles takes from the first sample."""
+    if before is None:
+        return part
+    light = replace(mean_light([before, part]), depth_m=before.light.depth_m)
+    return Samples(before.count + part.count, light)

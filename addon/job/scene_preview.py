@@ -1,0 +1,226 @@
+"""The preview of a loaded scene: its growing capture, cast through any lens as soon as there is more of it.
+
+It runs in the child of a window (`child.py`), which stops it between two steps for another lens; the capture then
+continues to grow. Another scene begins a new one.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+from time import monotonic, sleep
+
+import bpy
+import numpy as np
+import scipy
+from bpy.app.handlers import persistent
+
+from ...engine import ChannelCache, simulate
+from ...engine.field.frame_planes import nearest_samples
+from ...engine.inspection.curves import reference_nm
+from ...engine.library import has_rings, iris_is_visible
+from ...engine.pictures.preview import to_rec709
+from ...engine.pictures.spectral_exr import write_plane_exr, write_rgb_exr
+from ...engine.runtime.errors import InputError
+from ...engine.spectral.colour import metamer_weights
+from ...request import RenderRequest
+from ..scene.lens_cache import load_lens, sketched_lens
+from .growing_capture import FINER, Grown, growing_capture
+from .pictures import alpha_through_lens
+from .refilter import fitted, given_rings
+from .render import job_of_frame, run
+from .result import Result
+from .steps import Work
+
+CACHE_MB = 256  # for the lens at each size
+REST_S, POLL_S = 0.25, 0.02
+COARSE_NM = 450.0, 550.0, 610.0  # mixtures of these have nearly all colours
+_open = []
+
+
+class ScenePreview:
+    """The preview of a scene at its current frame.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+        Its resolution is the coarse picture's.
+    given : by name
+        Fields of a `RenderRequest`, as in `render_through_lens`.
+    """
+
+    def __init__(self, scene, **given):
+        self._job = job_of_frame(scene, scene.frame_current, **given, state="preview")
+        self._folder = Path(self._job.output_folder)
+        self._result = Result.of(scene, self._folder, self._job.frame)
+        self._capture = growing_capture(scene, self._job)
+        self._step = next(self._capture)  # not executed yet; None once the capture is complete
+        self._grown, self._waiting, self._number = {}, [], 0  # newest stages; those to be shown; of the last picture
+        self._caches = {times: ChannelCache(limit_mb=CACHE_MB) for times in (1, FINER)}
+        self._request = None
+
+    def look_through(self, **given):
+        """Use another lens, or other settings of it, from now on.
+
+        Parameters
+        ----------
+        given : by name
+            Fields of a `RenderRequest`, as for `apply_lens`.
+        """
+        self._request, self._waiting = RenderRequest(**given), list(self._grown.values())
+
+    def run(self, show, progress):
+        """Show the captured light through the lens, and then each stage of the capture until it is complete.
+
+        Parameters
+        ----------
+        show : callable (dict)
+            Called with each picture: `picture`, the path of a lens image, an EXR of the fine size; `size_px`, width and
+            height as captured; `samples`; `number`.
+        progress : callable (fraction, label)
+            May raise an exception to stop; another `run` continues.
+        """
+        run(self._steps(show), progress)
+
+    def close(self):
+        """Restore the scene."""
+        self._capture.close()
+        self._step = None
+
+    def _steps(self, show):
+        for grown in list(self._waiting):
+            yield from self._picture_steps(grown, show)
+            yield Work(_rest, "Resting", 0.0)
+        while True:
+            yield from self._growing_steps()
+            if self._step is None:
+                return
+            grown = self._step
+            if grown.times == 1:
+                grown = replace(grown, captured=metameric(grown.captured))
+            self._grown[grown.times] = grown
+            self._waiting.append(grown)
+            self._advance(None)
+            yield from self._picture_steps(grown, show)
+
+    def _growing_steps(self):
+        """Steps of the capture up to its next stage, or its end. If they are stopped, the same step comes again."""
+        while not (self._step is None or isinstance(self._step, Grown)):
+            self._advance((yield self._step))
+
+    def _advance(self, answer):
+        try:
+            self._step = self._capture.send(answer)
+        except StopIteration:
+            self._step = None
+
+    def _picture_steps(self, grown, show):
+        """Steps that show a stage through the lens."""
+        lens, iris, captured = yield Work(lambda _: self._lens_for(grown), "Preparing the lens", 0.5)
+        picture, alpha, depth_m = yield Work(lambda on_progress: self._cast(grown.times, captured, lens, iris,
+                                                                            on_progress),
+                                             f"Through {lens.name}", 0.5, 0.5)
+        path = self._written(picture, alpha, depth_m)
+        self._waiting.remove(grown)
+        rows, columns = captured.radiance.frame_px
+        show({"picture": str(path), "size_px": (columns, rows), "samples": grown.samples, "number": self._number})
+
+    def _lens_for(self, grown):
+        """The lens, its iris, and the Captured that suits it; for coarse pixels, a new lens is baked coarsely."""
+        if self._request is None:
+            return self._job.lens, self._job.iris, grown.captured
+        request, radiance = self._request, grown.captured.radiance
+        rings = given_rings(request, radiance)
+        if grown.times == 1 and has_rings(request.lens):
+            lens = sketched_lens(request.lens, rings, radiance.wavelengths_nm)
+        else:
+            lens = load_lens(request.lens, rings, request.lens_quality, wavelengths_nm=radiance.wavelengths_nm)
+        lens, captured = fitted(lens, grown.captured, request, self._result.radiance)
+        return lens, request.iris if request.iris and iris_is_visible(request.lens, rings) else None, captured
+
+    def _cast(self, times, captured, lens, iris, progress):
+        """The lens image: Rec. 709 and alpha; and the depth."""
+        light, options = captured.layers or captured.radiance, (self._request or self._job).options
+        irradiance = simulate(light, lens, options, iris=iris, progress=progress, cache=self._caches[times])
+        irradiance = replace(irradiance, cube=captured.cut(irradiance.cube))
+        picture = to_rec709(irradiance)
+        alpha = None if captured.alpha is None else captured.cut(alpha_through_lens(captured, lens, options, iris))
+        depth_m = nearest_samples(captured.depth_m, lens, captured.radiance.grid, reference_nm(lens))
+        if times == 1:
+            picture, alpha = (plane if plane is None else enlarged(plane, FINER) for plane in (picture, alpha))
+        return picture, np.ones(picture.shape[:2]) if alpha is None else alpha, depth_m
+
+    def _written(self, picture, alpha, depth_m):
+        """The path of the lens image. Two folders alternate, so that a file is not replaced while it is read."""
+        self._number += 1
+        folder = self._folder / f"picture-{self._number % 2}"
+        folder.mkdir(parents=True, exist_ok=True)
+        result = Result.from_file(self._result.lens_image, "lens_image", folder)
+        write_plane_exr(depth_m, result.depth)
+        write_rgb_exr(picture, result.lens_image, alpha)
+        return result.lens_image
+
+
+def _rest(progress):
+    """Wait for REST_S, so that a ring that is still turning can stop the work on finer pictures before it begins."""
+    end_s = monotonic() + REST_S
+    while monotonic() < end_s:
+        sleep(POLL_S)
+        progress(0.0)
+
+
+def coarse_nm(wavelengths_nm):
+    """The wavelengths of coarse pictures: three, or all if these are as few, or do not enclose the three."""
+    enclosed = wavelengths_nm[0] <= COARSE_NM[0] and COARSE_NM[-1] <= wavelengths_nm[-1]
+    return COARSE_NM if enclosed and len(wavelengths_nm) > len(COARSE_NM) else wavelengths_nm
+
+
+def metameric(captured):
+    """A Captured of the same colours, at the `coarse_nm` alone."""
+    radiance, layers = captured.radiance, captured.layers
+    nm, few_nm = radiance.wavelengths_nm, coarse_nm(radiance.wavelengths_nm)
+    if len(few_nm) == len(nm):
+        return captured
+    weights = metamer_weights(nm, few_nm).T.astype(np.float32)
+
+    def mixed(light):
+        return np.tensordot(weights, light.cube, axes=1)
+
+    if layers:
+        layers = replace(layers, wavelengths_nm=few_nm,
+                         layers=tuple(replace(layer, cube=mixed(layer)) for layer in layers.layers))
+    return replace(captured, radiance=replace(radiance, wavelengths_nm=few_nm, cube=mixed(radiance)), layers=layers)
+
+
+def enlarged(plane, times):
+    """A plane (row, column, ...) with `times` x `times` pixels for each of its own, interpolated linearly."""
+    zoom = (times, times, *[1] * (plane.ndim - 2))
+    return scipy.ndimage.zoom(plane, zoom, order=1, mode="nearest", grid_mode=True)
+
+
+def open_preview(scene, **given):
+    """Begin the ScenePreview of a scene; another file's ends it."""
+    close_preview()
+    preview = ScenePreview(scene, **given)
+    _open.append(preview)
+    if close_preview not in bpy.app.handlers.load_pre:
+        bpy.app.handlers.load_pre.append(close_preview)
+    return preview
+
+
+def opened_preview():
+    """The ScenePreview of `open_preview`.
+
+    Raises
+    ------
+    InputError
+        No scene has been opened.
+    """
+    if not _open:
+        raise InputError("preview", "scene", "not open", "give the .blend first")
+    return _open[0]
+
+
+@persistent
+def close_preview(*_):
+    """End the preview, if there is one, while its scene is still open."""
+    while _open:
+        _open.pop().close()
