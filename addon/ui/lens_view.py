@@ -137,7 +137,7 @@ def draw(framebuffer, textures: Textures, view: View, frame_px, defocus: Defocus
     with framebuffer.bind():
         left, bottom, across, up = frame_px
         corners = [(2 * x / width - 1, 2 * y / height - 1)
-                   for x, y in ((left, bottom), (left + across, bottom), (left, bottom + up), (left + across, bottom + up))]
+                   for y in (bottom, bottom + up) for x in (left, left + across)]
         inputs = {name: steps[name][0] for name in ("light", "reaches")}
         for side in SIDES_PX:
             inputs |= {f"{name}_{side}": texture for name, texture in zip(HALVES, steps[side], strict=True)}

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lenses import tinted
 from lensfield.engine import load_lens
 from lensfield.engine.depth.iris import Iris, opening
 from lensfield.engine.depth.lens_tables import BOKEH_NODES, COLOURS_NM, NODES, lens_tables
@@ -12,12 +13,12 @@ from lensfield.engine.field.field_map import field_map
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.library.rays import lens_rays
 from lensfield.engine.rays.rings import Rings
-from lenses import tinted
 
 MIDDLE = BOKEH_NODES // 2
+NEAR = Rings(2000.0)
 
 
-def tables_of(name, rings=Rings(2000.0), iris=None, **options):
+def tables_of(name, rings=NEAR, iris=None, **options):
     """A lens, a frame of 1080 rows, and its tables."""
     lens = load_lens(name, rings, "preview", wavelengths_nm=COLOURS_NM)
     width_mm, height_mm = lens.sensor_mm
