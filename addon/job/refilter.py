@@ -190,9 +190,9 @@ def fitted(lens, captured, request, path):
     return lens, captured
 
 
-def given_rings(request, radiance):
+def rings_in_view(request, radiance):
     """The Rings of a request for the lens of this radiance's view."""
-    rings = _rings(request)
+    rings = requested_rings(request)
     if request.view == CAMERA and has_rings(request.lens):
         return resized_rings(prescription_of(request.lens), rings, radiance.focal_mm)
     return rings
@@ -203,7 +203,7 @@ def _turned(request, rings, stored):
     lens = request.lens
     if not has_rings(lens):
         return load_lens(lens, rings), ()
-    rings = given_rings(request, stored)
+    rings = rings_in_view(request, stored)
     quality = request.lens_quality or STANDARD
     return load_lens(lens, rings, quality, wavelengths_nm=stored.wavelengths_nm), clamped_rings(lens, rings)
 

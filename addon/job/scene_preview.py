@@ -25,7 +25,7 @@ from ...request import RenderRequest
 from ..scene.lens_cache import load_lens, sketched_lens
 from .growing_capture import FINER, Grown, growing_capture
 from .pictures import alpha_through_lens
-from .refilter import fitted, given_rings
+from .refilter import fitted, rings_in_view
 from .render import job_of_frame, run
 from .result import Result
 from .steps import Work
@@ -128,7 +128,7 @@ class ScenePreview:
         if self._request is None:
             return self._job.lens, self._job.iris, grown.captured
         request, radiance = self._request, grown.captured.radiance
-        rings = given_rings(request, radiance)
+        rings = rings_in_view(request, radiance)
         if grown.times == 1 and has_rings(request.lens):
             lens = sketched_lens(request.lens, rings, radiance.wavelengths_nm)
         else:
