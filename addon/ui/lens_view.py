@@ -14,27 +14,28 @@ import gpu
 import numpy as np
 from gpu_extras.batch import batch_for_shader
 
-from ...engine.depth.lens_tables import BOKEH_NODES, RAYS, LensTables
+from ...engine.depth.lens_tables import BOKEH_NODES, NODES, RAYS, LensTables
 from ...engine.rays.stop_places import cell_size
 
 SOURCES = Path(__file__).parent / "shaders"
 TILE_PX, REACH_TILES = 16, 6  # blur reaches at most their product from its middle
 SHARP_PX, BLURRED_PX = 0.8, 2.0  # diameters of blur that is not drawn, and that is drawn alone
 STEEPEST_RAD = 1.55
+FARTHEST_DEPTH = 1.0  # normalised, also of viewports without depth
 SIDES_PX = 2, 4, 8, 16  # of the pixels of smaller copies of the light
 HALVES = "nearer", "farther", "blurs"
 FINER_HALVES = tuple(f"finer_{name}" for name in HALVES)
 MOST_SIZES = 2  # viewports of different sizes that are drawn in turn
 CONSTANTS = {"TILE": TILE_PX, "REACH": REACH_TILES, "SHARP_PX": SHARP_PX, "BLURRED_PX": BLURRED_PX,
              "CELL": cell_size(RAYS) / 2, "STEEPEST": STEEPEST_RAD, "FARTHEST": 1e30,
-             "BOKEH_NODES": BOKEH_NODES, "RAYS": RAYS}
+             "NODES": NODES, "BOKEH_NODES": BOKEH_NODES, "RAYS": RAYS}
 
 SAMPLERS = {"blur": ("colours", "depths"), "split": ("light",), "halve": FINER_HALVES, "tiles": ("light",),
             "reach": ("tiles",),
-            "lens": ("colours", "light", "reaches", *(f"{name}_{side}" for side in SIDES_PX for name in HALVES),
-                     "red_green_angles", "blue_angles", "bokeh")}
+            "lens": ("colours", "tables", "light", "reaches",
+                     *(f"{name}_{side}" for side in SIDES_PX for name in HALVES))}
 VALUES = {"blur": {"focus": "VEC4", "most_px": "FLOAT"}, "reach": {"widest": "FLOAT"},
-          "lens": {"frame": "VEC4", "view": "VEC4", "focus_shows": "FLOAT", "shows_through": "FLOAT"}}
+          "lens": {"frame": "VEC4", "view": "VEC4", "has_depth": "FLOAT", "shows_through": "FLOAT"}}
 """The textures and the values of each shader."""
 
 
@@ -85,8 +86,8 @@ class Defocus:
     metres_per_unit: float
 
 
-class Textures:
-    """The tables of a lens on the graphics processor.
+class Tables:
+    """The tables of a lens on the graphics processor, in one texture: few processors accept more than 16 in a shader.
 
     Parameters
     ----------
@@ -96,55 +97,61 @@ class Textures:
     def __init__(self, tables: LensTables) -> None:
         red, green, blue = np.moveaxis(tables.angle_rad, 2, 0)
         light = np.stack([tables.illumination, np.zeros_like(tables.illumination)], axis=-1)
-        rows, columns, rays, _ = tables.shifts.shape
         radius = np.broadcast_to(tables.stop_radius, tables.light.shape)
-        bokeh = np.stack([np.concatenate([tables.shifts, tables.aberrations], axis=-1),
-                          np.stack([tables.light, radius, *np.zeros((2, *radius.shape))], axis=-1)], axis=-2)
-        self.red_green = _texture(np.concatenate([red, green], axis=-1))
-        self.blue = _texture(np.concatenate([blue, light], axis=-1))
-        self.bokeh = _texture(bokeh.reshape(rows, columns * rays * 2, 4))
-        self.widest = float(np.hypot(*np.moveaxis(tables.shifts, -1, 0)).max(initial=0, where=tables.light > 0))
+        rays = np.stack([np.concatenate([tables.shifts, tables.aberrations], axis=-1),
+                         np.stack([tables.light, radius, *np.zeros((2, *radius.shape))], axis=-1)], axis=-2)
+        values = np.zeros((BOKEH_NODES + NODES, max(2 * NODES, 2 * BOKEH_NODES * RAYS), 4))
+        values[:BOKEH_NODES, :2 * BOKEH_NODES * RAYS] = rays.reshape(BOKEH_NODES, -1, 4)
+        values[BOKEH_NODES:, :NODES] = np.concatenate([red, green], axis=-1)
+        values[BOKEH_NODES:, NODES:2 * NODES] = np.concatenate([blue, light], axis=-1)
+        self.texture = _texture(values)
+        self.widest = float(np.hypot(*np.moveaxis(tables.shifts, -1, 0)).max(initial=1, where=tables.light > 0))
 
 
-def draw(framebuffer, textures: Textures, view: View, frame_px, defocus: Defocus | None, *, transparent: bool) -> None:
+def draw(framebuffer, tables: Tables, view: View, frame_px, defocus: Defocus, *, transparent: bool) -> bool:
     """Replace a frame in a viewport by its view through a lens.
 
     Parameters
     ----------
     framebuffer : gpu.types.GPUFrameBuffer
         With the viewport's light and depth.
-    textures : Textures
+    tables : Tables
     view : View
     frame_px : (float, float, float, float)
         Left, bottom, width and height of the lens's frame in the region.
-    defocus : Defocus or None
-        None leaves everything in focus.
+    defocus : Defocus
     transparent : bool
         Whether the viewport's background shows through.
+
+    Returns
+    -------
+    bool
+        Whether the viewport has depth: without it, everything is in focus.
     """
     _, _, width, height = framebuffer.viewport_get()
     with framebuffer.bind():
         light = framebuffer.read_color(0, 0, width, height, 4, 0, "FLOAT")
-        depth = framebuffer.read_depth(0, 0, width, height)
-    colours = gpu.types.GPUTexture((width, height), format="RGBA16F", data=light)
-    depths = gpu.types.GPUTexture((width, height), format="R32F", data=_flat(depth))
-    steps = _steps(width, height)
+        depth = np.asarray(memoryview(framebuffer.read_depth(0, 0, width, height)), dtype=np.float32)
+    colours, steps = gpu.types.GPUTexture((width, height), format="RGBA16F", data=light), _steps(width, height)
+    has_depth = bool(depth.min() < FARTHEST_DEPTH)
     gpu.state.blend_set("NONE")
     gpu.state.depth_test_set("NONE")
     gpu.state.depth_mask_set(False)
-    if defocus:
-        _split_by_depth(steps, {"colours": colours, "depths": depths}, view, defocus, max(textures.widest, 1))
+    if has_depth:
+        depths = gpu.types.GPUTexture((width, height), format="R32F",
+                                      data=gpu.types.Buffer("FLOAT", depth.size, depth.ravel()))
+        _split_by_depth(steps, {"colours": colours, "depths": depths}, view, defocus, tables.widest)
     with framebuffer.bind():
         left, bottom, across, up = frame_px
         corners = [(2 * x / width - 1, 2 * y / height - 1)
                    for y in (bottom, bottom + up) for x in (left, left + across)]
-        inputs = {name: steps[name][0] for name in ("light", "reaches")}
+        inputs = {"colours": colours, "tables": tables.texture}
+        inputs |= {name: steps[name][0] for name in ("light", "reaches")}
         for side in SIDES_PX:
             inputs |= {f"{name}_{side}": texture for name, texture in zip(HALVES, steps[side], strict=True)}
-        inputs |= {"colours": colours, "red_green_angles": textures.red_green, "blue_angles": textures.blue,
-                   "bokeh": textures.bokeh}
         _fill("lens", corners, inputs, frame=frame_px, view=(*view.px_per_tangent, *view.middle_px),
-              focus_shows=float(defocus is not None), shows_through=float(transparent))
+              has_depth=float(has_depth), shows_through=float(transparent))
+    return has_depth
 
 
 def _split_by_depth(steps, viewport, view, defocus, widest):
@@ -159,11 +166,6 @@ def _split_by_depth(steps, viewport, view, defocus, widest):
         _run("halve", steps[coarser], dict(zip(FINER_HALVES, steps[finer], strict=True)))
     _run("tiles", steps["tiles"], {"light": light})
     _run("reach", steps["reaches"], {"tiles": steps["tiles"][0]}, widest=widest)
-
-
-def _flat(depth):
-    values = np.asarray(memoryview(depth), dtype=np.float32)
-    return gpu.types.Buffer("FLOAT", values.size, values.ravel())
 
 
 def _texture(values):

@@ -33,13 +33,14 @@ from ..scene.rings import rings_for, scene_iris
 from ..scene.units import metres_per_unit
 from . import lens_view
 from .areas import areas
-from .focus_overlay import facts_at_rest
+from .lens_at_rest import facts_at_rest
 from .session import session
 from .text_wrap import draw_wrapped
 
 TICK_S = 0.05
 QUALITY = "preview"
 ONLY_SOLID = "Live shows a panoramic camera in Solid viewports only"
+NO_DEPTH = "Live shows no defocus: this viewport has no depth"
 
 _worker = ThreadPoolExecutor(1, "Lensfield live")
 
@@ -71,7 +72,7 @@ class Live:
         Everything that the requested frame depends on.
     answer : Future or None
         Of its Frame.
-    shown : (Frame, lens_view.Textures) or None
+    shown : (Frame, lens_view.Tables) or None
         The newest frame, on the graphics processor.
     framebuffer : gpu.types.GPUFrameBuffer or None
         The viewport's light, before Blender draws it.
@@ -102,7 +103,7 @@ def start(scene):
         getattr(bpy.app.handlers, name).append(handler)
     if not bpy.app.background:
         session.live.handlers = [bpy.types.SpaceView3D.draw_handler_add(handler, (), "WINDOW", when)
-                                 for handler, when in ((_note_framebuffer, "PRE_VIEW"), (_draw, "POST_VIEW"))]
+                                 for handler, when in ((_remember_framebuffer, "PRE_VIEW"), (_draw, "POST_VIEW"))]
     _evaluate_cameras()
     _redraw()
 
@@ -202,7 +203,7 @@ def read_frame(name, stamp, rings, focal_mm, sensor_mm, shape_px, iris, vignette
     return Frame(tables, tuple(half_mm))
 
 
-def _note_framebuffer():
+def _remember_framebuffer():
     import gpu
 
     if session.live:
@@ -241,9 +242,10 @@ def _draw_frame(live, scene, space, view, region):
     half = [tangent * scale for tangent, scale in zip(frame.tangents, seen.px_per_tangent, strict=True)]
     frame_rectangle = (*(middle - side for middle, side in zip(seen.middle_px, half, strict=True)),
                        *(2 * side for side in half))
-    lens_view.draw(live.framebuffer, live.shown[1], seen, frame_rectangle,
-                   _defocus(scene, at_rest, frame_rectangle),
-                   transparent=space.shading.type == "SOLID" or scene.render.film_transparent)
+    has_depth = lens_view.draw(live.framebuffer, live.shown[1], seen, frame_rectangle,
+                               _defocus(scene, at_rest, frame_rectangle),
+                               transparent=space.shading.type == "SOLID" or scene.render.film_transparent)
+    live.note = "" if has_depth else NO_DEPTH
 
 
 def _newest(live, question):
@@ -256,7 +258,7 @@ def _newest(live, question):
     if live.answer.done():
         frame = live.answer.result()
         if live.shown is None or live.shown[0] is not frame:
-            live.shown = frame, lens_view.Textures(frame.tables)
+            live.shown = frame, lens_view.Tables(frame.tables)
     return live.shown[0] if live.shown else None
 
 

@@ -1,14 +1,14 @@
 // The viewport through the lens: each pixel of the frame gathers the light that the lens's rays bring there.
 
-// A value between the nodes of a table that extends over the frame.
-vec4 between(sampler2D table, vec2 place)
+// A value between the nodes of a table that extends over the frame; its first node's column.
+vec4 between(vec2 place, int column)
 {
-  ivec2 last = textureSize(table, 0) - 1;
-  vec2 node = place * vec2(last);
-  ivec2 first = clamp(ivec2(floor(node)), ivec2(0), last - 1);
+  vec2 node = place * float(NODES - 1);
+  ivec2 first = clamp(ivec2(floor(node)), ivec2(0), ivec2(NODES - 2));
   vec2 share = node - vec2(first);
-  return mix(mix(texelFetch(table, first, 0), texelFetch(table, first + ivec2(1, 0), 0), share.x),
-             mix(texelFetch(table, first + ivec2(0, 1), 0), texelFetch(table, first + 1, 0), share.x), share.y);
+  first += ivec2(column, BOKEH_NODES);
+  return mix(mix(texelFetch(tables, first, 0), texelFetch(tables, first + ivec2(1, 0), 0), share.x),
+             mix(texelFetch(tables, first + ivec2(0, 1), 0), texelFetch(tables, first + 1, 0), share.x), share.y);
 }
 
 // Where the viewport shows light from a direction, in pixels.
@@ -100,8 +100,8 @@ void gather(vec2 middle, ivec2 node, float widest, bool look_behind, out vec4 bl
   float least = CELL * abs(widest); // the distance between rays
   for (int ray = 0; ray < RAYS; ray++) {
     ivec2 entry = ivec2(2 * (node.x * RAYS + ray), node.y);
-    vec4 bends = texelFetch(bokeh, entry, 0);
-    vec2 light_radius = texelFetch(bokeh, entry + ivec2(1, 0), 0).xy;
+    vec4 bends = texelFetch(tables, entry, 0);
+    vec2 light_radius = texelFetch(tables, entry + ivec2(1, 0), 0).xy;
     vec2 place = middle + bends.xy * widest / 2.0 + bends.zw * view.xy;
     if (outside(place)) {
       continue;
@@ -143,11 +143,11 @@ vec3 all_depths(vec2 red, vec2 middle, vec2 blue, ivec2 node, vec3 picture)
 void main()
 {
   vec2 place = (gl_FragCoord.xy - frame.xy) / frame.zw;
-  vec4 red_green = between(red_green_angles, place), blue_light = between(blue_angles, place);
+  vec4 red_green = between(place, 0), blue_light = between(place, NODES);
   vec2 red = position(red_green.xy), middle = position(red_green.zw), blue = position(blue_light.xy);
   vec4 green_light = light_at(middle);
   vec3 picture = vec3(light_at(red).r, green_light.g, light_at(blue).b);
-  if (focus_shows > 0.5 && !outside(middle)) {
+  if (has_depth > 0.5 && !outside(middle)) {
     picture = all_depths(red, middle, blue, ivec2(place * float(BOKEH_NODES - 1) + 0.5), picture);
   }
   result = vec4(picture * blue_light.z, shows_through > 0.5 ? green_light.a : 1.0);
