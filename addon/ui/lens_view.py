@@ -20,6 +20,7 @@ from ...engine.rays.stop_places import cell_size
 SOURCES = Path(__file__).parent / "shaders"
 TILE_PX, REACH_TILES = 16, 6  # blur reaches at most their product from its middle
 SHARP_PX, BLURRED_PX = 0.8, 2.0  # diameters of blur that is not drawn, and that is drawn alone
+FEW_RAYS_PX = 6.0  # a quarter of the rays suffices for smaller blur
 STEEPEST_RAD = 1.55
 FARTHEST_DEPTH = 1.0  # normalised, also of viewports without depth
 SIDES_PX = 2, 4, 8, 16  # of the pixels of smaller copies of the light
@@ -28,7 +29,7 @@ FINER_HALVES = tuple(f"finer_{name}" for name in HALVES)
 MOST_SIZES = 2  # viewports of different sizes that are drawn in turn
 CONSTANTS = {"TILE": TILE_PX, "REACH": REACH_TILES, "SHARP_PX": SHARP_PX, "BLURRED_PX": BLURRED_PX,
              "CELL": cell_size(RAYS) / 2, "STEEPEST": STEEPEST_RAD, "FARTHEST": 1e30,
-             "NODES": NODES, "BOKEH_NODES": BOKEH_NODES, "RAYS": RAYS}
+             "FEW_RAYS_PX": FEW_RAYS_PX, "FEWER": 4, "NODES": NODES, "BOKEH_NODES": BOKEH_NODES, "RAYS": RAYS}
 
 SAMPLERS = {"blur": ("colours", "depths"), "split": ("light",), "halve": FINER_HALVES, "tiles": ("light",),
             "reach": ("tiles",),

@@ -40,7 +40,7 @@ from .text_wrap import draw_wrapped
 TICK_S = 0.05
 QUALITY = "preview"
 ONLY_SOLID = "Live shows a panoramic camera in Solid viewports only"
-NO_DEPTH = "Live shows no defocus: this viewport has no depth"
+NO_DEPTH = "Live shows no defocus: turn on Viewport Overlays, without which this viewport has no depth"
 
 _worker = ThreadPoolExecutor(1, "Lensfield live")
 
@@ -218,7 +218,7 @@ def _draw():
     try:
         _draw_frame(live, bpy.context.scene, space, view, bpy.context.region)
     except InputError as error:  # of the scene, which the user can mend
-        live.note = one_line(error)
+        _report(live, one_line(error))
     except Exception as error:  # each redraw would fail again
         traceback.print_exc()
         bpy.app.timers.register(partial(end, one_line(error)))
@@ -228,8 +228,8 @@ def _draw():
 
 def _draw_frame(live, scene, space, view, region):
     check_camera(scene, scene.lensfield.view.lower())
-    live.note = ONLY_SOLID if space.camera.data.type == "PANO" and space.shading.type != "SOLID" else ""
-    if live.note:
+    if space.camera.data.type == "PANO" and space.shading.type != "SOLID":
+        _report(live, ONLY_SOLID)
         return
     at_rest = facts_at_rest(scene)
     if at_rest is None:
@@ -245,7 +245,15 @@ def _draw_frame(live, scene, space, view, region):
     has_depth = lens_view.draw(live.framebuffer, live.shown[1], seen, frame_rectangle,
                                _defocus(scene, at_rest, frame_rectangle),
                                transparent=space.shading.type == "SOLID" or scene.render.film_transparent)
-    live.note = "" if has_depth else NO_DEPTH
+    _report(live, "" if has_depth else NO_DEPTH)
+
+
+def _report(live, note):
+    """Show a note in the panels, or none."""
+    if note != live.note:
+        live.note = note
+        for area in areas("PROPERTIES"):  # in viewports, the panel is being drawn
+            area.tag_redraw()
 
 
 def _newest(live, question):

@@ -97,13 +97,15 @@ vec4 side_at(vec2 place, float width, bool nearer, out float blur)
 void gather(vec2 middle, ivec2 node, float widest, bool look_behind, out vec4 blurred, out vec4 others)
 {
   blurred = others = vec4(0.0);
-  float least = CELL * abs(widest); // the distance between rays
-  for (int ray = 0; ray < RAYS; ray++) {
+  int step = abs(widest) < FEW_RAYS_PX ? FEWER : 1;
+  float least = CELL * abs(widest) * sqrt(float(step)); // the distance between rays
+  float total = 0.0;
+  for (int ray = 0; ray < RAYS; ray += step) {
     ivec2 entry = ivec2(2 * (node.x * RAYS + ray), node.y);
     vec4 bends = texelFetch(tables, entry, 0);
     vec2 light_radius = texelFetch(tables, entry + ivec2(1, 0), 0).xy;
     vec2 place = middle + bends.xy * widest / 2.0 + bends.zw * view.xy;
-    if (outside(place)) {
+    if (light_radius.x == 0.0 || outside(place)) {
       continue;
     }
     float blur;
@@ -111,11 +113,13 @@ void gather(vec2 middle, ivec2 node, float widest, bool look_behind, out vec4 bl
     float own = max(min(blur, abs(widest)), least);
     float reaches = clamp((own - light_radius.y * abs(widest)) / least + 1.0, 0.0, 1.0);
     blurred += reaches * light_radius.x * (widest * widest) / (own * own) * found;
+    total += light_radius.x;
     if (look_behind) {
       vec4 here = pixel_at(light, ivec2(floor(place)));
       others += here.a < SHARP_PX ? light_radius.x * vec4(here.rgb, 1.0) : vec4(0.0);
     }
   }
+  blurred /= max(total, 1e-6);
 }
 
 // Light that reaches a pixel from all depths, where `middle` shows its green light.
