@@ -106,7 +106,7 @@ class Tables:
         values[BOKEH_NODES:, :NODES] = np.concatenate([red, green], axis=-1)
         values[BOKEH_NODES:, NODES:2 * NODES] = np.concatenate([blue, light], axis=-1)
         self.texture = _texture(values)
-        self.widest = float(np.hypot(*np.moveaxis(tables.shifts, -1, 0)).max(initial=1, where=tables.light > 0))
+        self.widest = float(np.linalg.norm(tables.shifts, axis=-1).max(initial=1, where=tables.light > 0))
 
 
 def draw(framebuffer, tables: Tables, view: View, frame_px, defocus: Defocus, *, transparent: bool) -> bool:

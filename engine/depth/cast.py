@@ -29,7 +29,7 @@ LEVELS_PX = 1.6  # pixels of a layer's levels, relative to the layer's
 SAMPLE_RAYS = 256  # for the reach of all
 SUMMABLE = 2.0**88  # radiance whose sums over rays stay within float32
 DIMMED = 2.0**-40  # brighter light is multiplied by this first; for a power of two, this is exact
-RAY_PLANES, TABLE_VALUES = 6, 1.0e7  # planes, and additional values, for the irradiance of a wavelength's rays
+RAY_PLANES, TABLE_VALUES = 6, 3.5e6  # planes, and additional values, for the irradiance of a wavelength's rays
 
 
 @dataclass(frozen=True, eq=False)

@@ -107,5 +107,5 @@ def _bokeh(lens, rays, frame, iris):
     light = light * stop.open_share(place, cell_size(RAYS) * stop.reach)
     total = np.maximum(light.sum(axis=-1, keepdims=True), np.finfo(np.float32).tiny)
     tables = (moved_px / per_nearness_px, aberrations_px * pitch_mm / lens.capture_focal_length_mm, light / total,
-              np.hypot(*place[:, 0, 0]) / stop.reach)
+              np.linalg.norm(place[:, 0, 0], axis=0) / stop.reach)
     return [each.astype(np.float32) for each in tables]
