@@ -94,7 +94,8 @@ def test_the_overlay_ends_with_the_preview(on):
 
 def test_the_overlay_waits_for_its_lens_only_when_it_is_enabled(scene, monkeypatch):
     waits = []
-    monkeypatch.setattr(focus_overlay, "wait", lambda *_: waits.append(session.focus_overlay))
+    monkeypatch.setattr(focus_overlay, "facts_at_rest",
+                        lambda scene, longest_s: waits.append(session.focus_overlay and longest_s > 0))
     for _ in range(4):
         focus_overlay.switch(scene)
     assert waits == [True, True]
