@@ -192,14 +192,14 @@ def _traced(path, prescription, needed) -> Traced | None:
 def _mismatches(prescription, f_number, traced) -> Iterator[tuple[str, str]]:
     """(field, both values) of each stated figure that the surfaces contradict."""
     stated_mm, efl_mm = prescription.focal_length_mm, traced.system.efl_mm
-    if stated_mm is not None and not abs(efl_mm / stated_mm - 1) <= TOLERANCE:
+    if stated_mm is not None and not abs(efl_mm - stated_mm) <= TOLERANCE * abs(stated_mm):
         yield FOCAL_LENGTH, f"{stated_mm:g} mm, and its surfaces give {efl_mm:.4g} mm"
     if f_number is None:
         return
     actual, slack = traced.f_number, 1 + TOLERANCE
     if prescription.aperture[0] == "f_number":  # this sets the stop; the diameter in its row is a clear diameter
         actual, slack = traced.row_f_number, THIRD_OF_A_STOP
-    if actual is not None and not max(actual / f_number, f_number / actual) <= slack:
+    if actual is not None and not max(actual, f_number) <= slack * min(actual, f_number):
         yield F_NUMBER, f"{f_number:.4g}, and the diameter of its stop gives {actual:.4g}"
 
 
