@@ -11,21 +11,24 @@ import traceback
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
+from math import inf
 from typing import Any
 
 import bpy
 from bpy.app.handlers import persistent
 
+from ...engine.depth.depth_range import blur_per_nearness_px
 from ...engine.depth.iris import opening
 from ...engine.depth.lens_tables import COLOURS_NM, LensTables, lens_tables
 from ...engine.image.pixel_grid import PixelGrid
+from ...engine.lens.entrance_pupil import focus_nearness
 from ...engine.lens.pinhole import fitting_pitch_um
 from ...engine.library.rays import lens_rays
 from ...engine.runtime.errors import InputError, one_line
 from ...engine.runtime.files import stamp_of
 from ..job.named_files import check_named_files
 from ..scene.camera import check_camera, frame_px, size_for_view
-from ..scene.focus import focus_now
+from ..scene.focus import Focus, focus_now
 from ..scene.lens_cache import load_lens, scaled_lens
 from ..scene.lens_facts import lens_facts
 from ..scene.requirements import check_scene
@@ -54,10 +57,13 @@ class Frame:
     tables : LensTables
     tangents : (float, float)
         Of half the frame's angles of view, across and up.
+    focus : Focus
+        Of the lens, in pixels of the scene's render.
     """
 
     tables: LensTables
     tangents: tuple[float, float]
+    focus: Focus
 
 
 @dataclass
@@ -200,7 +206,8 @@ def read_frame(name, stamp, rings, focal_mm, sensor_mm, shape_px, iris, vignette
     grid = PixelGrid(shape_px, fitting_pitch_um(lens, shape_px))
     tables = lens_tables(lens, lens_rays(lens, opening(iris, lens).reach), grid, iris, vignette)
     half_mm = [n * grid.pitch_um * 1e-3 / 2 / lens.capture_focal_length_mm for n in reversed(shape_px)]
-    return Frame(tables, tuple(half_mm))
+    per_nearness_px_m, nearness_per_m = blur_per_nearness_px(lens, grid.pitch_um) / 1e3, focus_nearness(lens) * 1e3
+    return Frame(tables, tuple(half_mm), Focus(1 / nearness_per_m if nearness_per_m else inf, per_nearness_px_m))
 
 
 def _remember_framebuffer():
@@ -243,7 +250,7 @@ def _draw_frame(live, scene, space, view, region):
     frame_rectangle = (*(middle - side for middle, side in zip(seen.middle_px, half, strict=True)),
                        *(2 * side for side in half))
     has_depth = lens_view.draw(live.framebuffer, live.shown[1], seen, frame_rectangle,
-                               _defocus(scene, at_rest, frame_rectangle),
+                               _defocus(scene, live, frame, at_rest, frame_rectangle),
                                transparent=space.shading.type == "SOLID" or scene.render.film_transparent)
     _report(live, "" if has_depth else NO_DEPTH)
 
@@ -275,8 +282,9 @@ def _wait(live):
         bpy.app.timers.register(_tick, first_interval=TICK_S, persistent=True)
 
 
-def _defocus(scene, at_rest, frame_rectangle):
-    focus, (_, columns) = focus_now(scene, at_rest), frame_px(scene)
+def _defocus(scene, live, frame, at_rest, frame_rectangle):
+    """The Defocus of the newest frame's lens; while a ring turns, to first order."""
+    focus, (_, columns) = frame.focus if live.answer.done() else focus_now(scene, at_rest), frame_px(scene)
     _, _, width_px, _ = frame_rectangle
     return lens_view.Defocus(focus.blur_px_m * width_px / columns, 1 / focus.focus_m, metres_per_unit(scene))
 

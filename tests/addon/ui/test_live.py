@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from layouts import Layout
+from lensfield.addon.scene.focus import focus_now
 from lensfield.addon.ui import live
 from lensfield.addon.ui.lens_at_rest import facts_at_rest
 from lensfield.addon.ui.lens_view import SAMPLERS, SOURCES, VALUES, View
@@ -93,6 +94,16 @@ def test_the_frame_follows_focus_f_stop_blades_and_field(live_scene):
     assert corner[0] > 0 and corner[1] > 0
     live_scene.lensfield.out_of_field = "VIGNETTE"
     assert live.frame_question(live_scene, facts_at_rest(live_scene, LAST_RESORT_S))[-1] is True
+
+
+def test_the_blur_is_that_of_the_lens_at_its_focus(live_scene):
+    """A lens that focuses internally blurs less than a thin lens of its focal length."""
+    dof = live_scene.camera.data.dof
+    live_scene.lensfield.lens, live_scene.lensfield.view = "nikkor-z-135mm-plena", "LENS"
+    dof.use_dof, dof.focus_distance, dof.aperture_fstop = True, 1.5, 1.8
+    focus, first = frame_of(live_scene).focus, focus_now(live_scene, facts_at_rest(live_scene, LAST_RESORT_S))
+    assert focus.focus_m == pytest.approx(1.5, rel=1e-3)
+    assert 0.85 * first.blur_px_m < focus.blur_px_m < 0.97 * first.blur_px_m
 
 
 def test_the_view_maps_camera_space_to_pixels():
