@@ -43,7 +43,7 @@ from .text_wrap import draw_wrapped
 TICK_S = 0.05
 QUALITY = "preview"
 ONLY_SOLID = "Live shows a panoramic camera in Solid viewports only"
-NO_DEPTH = "Live shows no defocus: turn on Viewport Overlays, without which this viewport has no depth"
+NO_DEPTH = "Live shows no defocus: turn on Viewport Overlays to give this viewport its depth"
 
 _worker = ThreadPoolExecutor(1, "Lensfield live")
 
@@ -295,7 +295,7 @@ def draw_live(layout):
 
 
 def draw_live_status(layout):
-    """Draw why the live view is off, if it failed, or what it does not show."""
+    """Draw the reason for a failure of the live view, or its note."""
     text = session.live.note if session.live else session.live_failure and f"Live switched off: {session.live_failure}"
     if text:
         draw_wrapped(layout, text, "ERROR" if session.live is None else "INFO")
@@ -303,7 +303,7 @@ def draw_live_status(layout):
 
 class LENSFIELD_OT_live(bpy.types.Operator):
     """Show the camera's view through the lens in 3D viewports while you work: distortion, lateral colour, relative
-    illumination, and defocus by depth. It needs no render, in any shading"""
+    illumination, and defocus by depth, in any shading and without a render"""
 
     bl_idname = "lensfield.live"
     bl_label = "Live"

@@ -1,4 +1,4 @@
-"""A lens in small tables, by which a graphics processor shows it while an artist works.
+"""A lens in small tables, for a graphics processor that shows it while an artist works.
 
 Light comes from a direction, is dimmed by the relative illumination, and spreads over the picture by the lens's rays.
 The tables have nodes at even distances over the frame, from edge to edge, and are interpolated between them.

@@ -16,7 +16,7 @@ DOT_PX, LAMP_PX = 9.0, 2.5  # sides of dots in focus and of blurred ones, in the
 GRID = np.linspace(-0.83, 0.89, 7), np.linspace(-0.91, 0.77, 5)  # of the dots, in half sides of the frame: lopsided
 LAMPS = (0.03, -0.04), (0.44, 0.52)
 LIMITS = {"place": 0.3, "illumination": 0.02, "disc": 0.10}  # px of 1080 rows; of the light; of the radius
-BLUR_PX, LEAST_BLUR_PX = 32.0, 8.0  # diameters of discs, as far as points behind the focus are blurred
+BLUR_PX, LEAST_BLUR_PX = 32.0, 8.0  # diameters of discs; the least that is measured
 REDRAWS = 5
 FRAME_PX = 900, 1200  # rows and columns of the render
 
