@@ -2,7 +2,7 @@
 
 The viewport's picture is read when Blender has drawn the scene and its overlays, which stay undistorted on top. Each
 pixel of the lens's frame then gathers the light of a few rays: by the lens's tables, where the rays come from; by the
-viewport's depth, how far out of focus things are. Light from outside the viewport, and from hidden surfaces, is unknown.
+viewport's depth, how far out of focus things are. Light from outside the viewport and from hidden surfaces is unknown.
 """
 
 from dataclasses import dataclass
