@@ -14,7 +14,8 @@ from .engine import Lens, Options
 from .engine.bake.quality import QUALITIES
 from .engine.depth.depth_range import AUTO, OFF, TRACED
 from .engine.depth.iris import Iris
-from .engine.field.overscan import VIEWS
+from .engine.field.overscan import CAMERA_VIEW, LENS_VIEW, VIEWS
+from .engine.lens.formats import FORMATS, format_mm
 from .engine.library import LensSource
 from .engine.runtime.setting import check_choices, documented, option_of, setting, settings_of
 from .engine.spectral.spectra import parse_wavelengths
@@ -42,11 +43,15 @@ class RenderRequest:
         "", name="Lens", metavar="NAME|FILE", recorded=False,
         text="A bundled lens, a lens package, or a prescription")
     view: str = setting(
-        VIEWS[0], name="Field of View", text="Field of view of the lens image", panel="", recorded=False,
-        choices={VIEWS[0]: ("Lens", "The lens's field of view on its own sensor; Match Camera to Lens shows it "
-                                    "beforehand"),
-                 VIEWS[1]: ("Camera", "The field of view of the scene's camera. The lens and its blur are scaled to "
-                                      "it, as is the focus distance if the camera does not set it")})
+        LENS_VIEW, name="Field of View", metavar="VIEW", panel="", recorded=False,
+        text="Field of view of the lens image: the lens's, the camera's, or the lens's on another sensor, also given "
+             "as WIDTHxHEIGHT in mm",
+        choices={LENS_VIEW: ("Lens", "The lens's field of view on its own sensor; Match Camera to Lens shows it "
+                                     "beforehand"),
+                 CAMERA_VIEW: ("Camera", "The field of view of the scene's camera. The lens and its blur are scaled to "
+                                         "it, as is the focus distance if the camera does not set it"),
+                 **{name: (title, "On {:g} \u00d7 {:g} mm".format(*sensor_mm))
+                    for name, (title, sensor_mm) in FORMATS.items()}})
     depth: str = setting(
         AUTO, name="Depth", text="How out-of-focus light is blurred", panel="",
         choices={AUTO: ("As Needed", "In layers of depth that are rendered separately, if the scene is deeper than "
@@ -128,6 +133,8 @@ class RenderRequest:
 
     def __post_init__(self) -> None:
         check_choices(self)
+        if self.view not in VIEWS:
+            format_mm(self.view, "view", VIEWS)
 
     @property
     def traced(self) -> bool:

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from ..engine.depth.depth_range import AUTO, OFF
-from ..engine.field.overscan import VIEWS
+from ..engine.field.overscan import LENS_VIEW
 from .arguments import (
     add_engine_options,
     add_iris,
@@ -27,10 +27,11 @@ def add_options(apply):
         "keeps its field of view, and the output states the lens's sensor size or scale. All files that depend on the "
         "lens are written again.")
     apply.add_argument("radiance", type=Path, metavar="SCENE_0001_radiance.exr", help="radiance file of the render")
-    apply.add_argument("--view", choices=VIEWS, default=VIEWS[0],
+    apply.add_argument("--view", metavar="VIEW", default=LENS_VIEW,
                        help="how the lens covers the picture's field of view: in its own size, on another sensor size "
-                            "(lens), or scaled to the render's sensor (camera). The picture is the same (default: "
-                            f"{VIEWS[0]})")
+                            "(lens), or scaled to the render's sensor (camera). The picture is the same. A sensor, as "
+                            "for lensfield render, means lens, but the report compares with this sensor (default: "
+                            f"{LENS_VIEW})")
     apply.add_argument("--depth", choices=(AUTO, OFF), default=AUTO,
                        help="auto: blur out-of-focus light if the file has layers of depth; any focus and f-stop then "
                             "looks as if rendered with it. off: everything is as sharp as in focus (default: auto)")

@@ -41,7 +41,7 @@ def add_settings(group, owner, names, unset=None):
         applies = (unset or {}).get(name, each.unset) or (each.default if each.choices else "")
         text = ". ".join(filter(None, (each.text, each.choices_text))) + (f" (default: {applies})" if applies else "")
         kind = {"action": BooleanOptionalAction} if each.kind is bool else {
-            "type": each.kind, "metavar": each.metavar, "choices": tuple(each.choices) or None}
+            "type": each.kind, "metavar": each.metavar, "choices": (not each.metavar and tuple(each.choices)) or None}
         group.add_argument(f"--{option_of(name, each)}", default=None, help=text.replace("%", "%%"), **kind)
 
 

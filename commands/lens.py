@@ -15,6 +15,7 @@ from ..engine.inspection.finding import SEVERITIES
 from ..engine.inspection.info import lens_info, lens_text
 from ..engine.inspection.screen import check_prescription
 from ..engine.lens.conventions import WAVELENGTHS
+from ..engine.lens.formats import format_mm
 from ..engine.lens.pinhole import fitting_pitch_um
 from ..engine.lens_files import IMPORTABLE, import_lens
 from ..engine.lens_files.export_macro import PROGRAMS, ExportOptions, export_macro
@@ -29,7 +30,7 @@ from ..engine.runtime.values import json_value
 from ..engine.spectral.spectra import parse_wavelengths
 from . import bake
 from .arguments import LENSES, add_lens_settings, check_outputs, chosen_lens, distance_mm, resolution
-from .prescription_file import add_reading, lens_source, reading_options_for, sides_mm
+from .prescription_file import add_reading, lens_source, reading_options_for
 
 MACRO_SUFFIXES = {"zemax": ".zpl", "codev": ".seq", "zospy": ".py"}
 
@@ -207,7 +208,7 @@ def _export_macro(options):
     macro = export_macro(options.program, ExportOptions(
         options.heights, options.last_height, tuple(parse_wavelengths(options.wavelengths).tolist()),
         options.psf_samples, options.psf_pitch_um, options.pupil_samples,
-        options.sensor and sides_mm(options.sensor)))
+        options.sensor and format_mm(options.sensor)))
     if options.output is None:
         print(macro, end="")
         return

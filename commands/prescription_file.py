@@ -3,6 +3,7 @@
 from contextlib import contextmanager
 
 from ..engine import InputError, LensError
+from ..engine.lens.formats import FORMATS, format_mm
 from ..engine.library import bundled_names, has_rings
 from ..engine.prescription.prescription import FOCUSES
 from ..engine.prescription.readers import AS_IT_IS, SEMI_DIAMETERS, ReadingOptions, read_prescription
@@ -28,7 +29,7 @@ def add_reading(command):
     group.add_argument("--stop", type=int, metavar="N",
                        help="number of the surface that is the aperture stop, from 1")
     group.add_argument("--image-plane", choices=FOCUSES, help="position of the image plane")
-    group.add_argument("--sensor", metavar="WIDTHxHEIGHT", help="sensor size in mm")
+    group.add_argument("--sensor", metavar="WIDTHxHEIGHT", help=f"sensor size in mm, or one of {', '.join(FORMATS)}")
     group.add_argument("--semi-diameters", choices=SEMI_DIAMETERS,
                        help="whether fixed semi-diameters of Zemax surfaces without CLAP or FLAP are clear apertures "
                             f"or stop no light (default: {SEMI_DIAMETERS[0]})")
@@ -44,7 +45,7 @@ def given_reading(options):
 
 def reading_options(options):
     """The ReadingOptions of the command line."""
-    sensor_mm = None if options.sensor is None else sides_mm(options.sensor)
+    sensor_mm = None if options.sensor is None else format_mm(options.sensor)
     return ReadingOptions(_field(options), options.which, options.semi_diameters, tuple(options.glass or ()),
                           options.stop, options.image_plane, sensor_mm, bool(options.allow_mismatch))
 
@@ -78,15 +79,6 @@ def reading_options_for(name_or_path, options):
         raise InputError(name_or_path, f"--{given[0].replace('_', '-')}", value[0] if given[0] == "glass" else value,
                          "applies to prescription files only: leave it out")
     return reading_options(options)
-
-
-def sides_mm(text):
-    """Parse a sensor size such as 36x24; returns width and height."""
-    try:
-        width, height = (float(side) for side in text.lower().split("x"))
-    except ValueError:
-        raise InputError("options", "--sensor", text, "expected WIDTHxHEIGHT in mm, such as 36x24") from None
-    return width, height
 
 
 @contextmanager

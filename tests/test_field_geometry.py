@@ -23,6 +23,7 @@ OTHER_GEOMETRY = {
     "engine.spectral.colour_difference": "chroma",
     "addon.scene.camera": "the projection of a panoramic capture",
     "addon.scene.depth": "the projection of a panoramic capture",
+    "addon.scene.lens_facts": "the angles of a field from the axis to its end",
     "addon.ui.open_lens": "the end of a prescription's field",
 }
 KNOB = re.compile("azimuths", re.IGNORECASE)

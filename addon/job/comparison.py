@@ -11,7 +11,7 @@ import numpy as np
 from ...engine import InputError, Report
 from ...engine.depth.depth_range import AUTO, OFF, TRACED
 from ...engine.field.field_map import field_map
-from ...engine.field.overscan import VIEWS
+from ...engine.field.overscan import CAMERA_VIEW
 from ...engine.image.pixel_grid import PixelGrid
 from ...engine.inspection.contact_sheet import write_contact_sheet
 from ...engine.inspection.style import font_path
@@ -36,7 +36,6 @@ from .scene_plan import check_job
 from .steps import Work
 from .targets import check_files
 
-VIEW = VIEWS[1]  # of the camera, because lenses of all sizes then show the same
 CAPTURE = "capture"  # the folder of the stored light; the pictures' folders end with an f-number
 CAPTURE_SHARE = 0.5  # of the progress bar
 SHEET = "contact_sheet.png"
@@ -223,7 +222,7 @@ def _plan_of_file(radiance, lenses, f_numbers, folder, on_progress, given):
     given = {name: value for name, value in given.items() if name not in RING_FIELDS}
     rows = _rows(lenses, [replace(rings, f_number=f_number) for f_number in f_numbers],
                  stored_radiance(radiance).focal_mm)
-    fields = {name: {"lens": cell.lens, "view": VIEW, **given, **ring_fields(cell.rings)}
+    fields = {name: {"lens": cell.lens, "view": CAMERA_VIEW, **given, **ring_fields(cell.rings)}
               for name, cell in _by_folder(rows).items()}
     for name, _ in _announced(rows, on_progress):
         check_capture(radiance, **fields[name])
@@ -231,7 +230,7 @@ def _plan_of_file(radiance, lenses, f_numbers, folder, on_progress, given):
 
 
 def _plan_of_scene(scene, lenses, f_numbers, folder, on_progress, given):
-    given = given | {"view": VIEW, "output_folder": folder / CAPTURE}
+    given = given | {"view": CAMERA_VIEW, "output_folder": folder / CAPTURE}
     check_scene(scene, **given)
     if (given.get("depth") or scene.lensfield.value_of("depth")) == TRACED:
         raise InputError("options", "depth", TRACED, "expected auto or off: a traced lens stores no light for others")
@@ -242,7 +241,7 @@ def _plan_of_scene(scene, lenses, f_numbers, folder, on_progress, given):
             for name, cell in _announced(rows, on_progress)}
     for job in jobs.values():
         check_job(scene, job)
-    fields = {name: {"lens": cell.lens, "view": VIEW, "options": jobs[name].options, "iris": jobs[name].iris,
+    fields = {name: {"lens": cell.lens, "view": CAMERA_VIEW, "options": jobs[name].options, "iris": jobs[name].iris,
                      "lens_quality": jobs[name].lens_quality or jobs[name].spectral.tier,
                      "depth": OFF if jobs[name].depth == OFF else AUTO, **ring_fields(cell.rings)}
               for name, cell in _by_folder(rows).items()}

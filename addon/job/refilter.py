@@ -13,7 +13,9 @@ from ...engine import ImageError, InputError, Lens
 from ...engine.depth.depth_range import AUTO, OFF, blur_px
 from ...engine.depth.iris import opening
 from ...engine.field.field_map import field_map
+from ...engine.field.overscan import CAMERA_VIEW, LENS_VIEW
 from ...engine.image.layers import covered
+from ...engine.lens.formats import format_mm
 from ...engine.lens.pinhole import fitting_pitch_um
 from ...engine.library import clamped_rings, has_rings, iris_is_visible, prescription_of
 from ...engine.pictures.spectral_exr import read_header, read_parts, read_with_layers, read_with_planes
@@ -23,8 +25,8 @@ from ...engine.runtime.errors import absence
 from ...engine.runtime.files import check_target, discard, file_status
 from ...engine.simulation.report_parts import FileFacts
 from ...request import CAMERA, RING_FIELDS, RenderRequest
-from ..scene.camera import captured_region, frame_px, size_warning
-from ..scene.lens_cache import load_lens, scaled_lens
+from ..scene.camera import captured_region, frame_px, sensor_warning, size_warning
+from ..scene.lens_cache import lens_on_sensor, load_lens, scaled_lens
 from ..scene.rings import ring_fields, rings_for, scene_iris
 from .job import check_output_folder, folder_for
 from .pictures import REGION
@@ -193,7 +195,7 @@ def fitted(lens, captured, request, path):
 def rings_in_view(request, radiance):
     """The Rings of a request for the lens of this radiance's view."""
     rings = requested_rings(request)
-    if request.view == CAMERA and has_rings(request.lens):
+    if request.view == CAMERA_VIEW and has_rings(request.lens):
         return resized_rings(prescription_of(request.lens), rings, radiance.focal_mm)
     return rings
 
@@ -212,27 +214,28 @@ def _fitted(lens, captured, view):
     """The lens, the radiance scaled to its sensor, so that each pixel has the same direction as in the capture, and a
     line about the difference."""
     fitted, radiance = _fit(lens, captured.radiance, view)
-    if view == CAMERA:
+    if view == CAMERA_VIEW:
         factor = captured.radiance.focal_mm / lens.capture_focal_length_mm
         return fitted, captured, size_warning(lens, fitted, factor)
     layers = captured.layers and _fit(lens, captured.layers, view)[1]
-    return fitted, replace(captured, radiance=radiance, layers=layers), _sensor_warning(lens, radiance)
+    return fitted, replace(captured, radiance=radiance, layers=layers), _sensor_warning(lens, radiance, view)
 
 
 def _fit(lens, light, view):
     """A lens scaled to the sensor of a SpectralImage or LayeredRadiance; or the lens, and this light scaled to it."""
     factor = light.focal_mm / lens.capture_focal_length_mm
-    if view == CAMERA:
+    if view == CAMERA_VIEW:
         rows_mm, columns_mm = (n * light.grid.pitch_um * 1e-3 for n in light.grid.frame_px)
         return scaled_lens(lens, factor, (columns_mm, rows_mm)), light
     grid = replace(light.grid, pitch_um=light.grid.pitch_um / factor)
     return lens, replace(light, grid=grid, focal_mm=lens.capture_focal_length_mm)
 
 
-def _sensor_warning(lens, radiance):
-    """The consequences of the stored field of view for a lens, in one line; "" if it is the lens's own."""
-    if abs(radiance.pitch_um / fitting_pitch_um(lens, radiance.frame_px) - 1) < SAME:
-        return ""
+def _sensor_warning(lens, radiance, view):
+    """The consequences of the stored field of view for a lens, in one line; "" if it is the requested one."""
+    requested = lens if view == LENS_VIEW else lens_on_sensor(lens, format_mm(view))
+    if abs(radiance.pitch_um / fitting_pitch_um(requested, radiance.frame_px) - 1) < SAME:
+        return "" if view == LENS_VIEW else sensor_warning(requested)
     rows_mm, columns_mm = (n * radiance.pitch_um * 1e-3 for n in radiance.frame_px)
     covered = field_map(lens).covered_diagonal((columns_mm, rows_mm))
     return (f"with {lens.name}, the captured view takes a sensor of {columns_mm:.3g} x {rows_mm:.3g} mm instead of the "

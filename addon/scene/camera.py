@@ -6,10 +6,11 @@ import numpy as np
 from mathutils import Euler, Vector
 
 from ...engine.field.field_map import field_map
-from ...engine.field.overscan import VIEWS, choose_capture, lens_projection
+from ...engine.field.overscan import CAMERA_VIEW, LENS_VIEW, choose_capture, lens_projection
 from ...engine.image.pixel_grid import PixelGrid
 from ...engine.image.sampling import Sampling
 from ...engine.inspection.curves import reference_nm
+from ...engine.lens.formats import format_mm
 from ...engine.lens.pinhole import fitting_pitch_um as pitch_um
 from ...engine.plan.options import Options
 from ...engine.plan.plan_cache import cached_plan
@@ -17,11 +18,12 @@ from ...engine.rays.rings import AT_REST, in_metres
 from ...engine.runtime.errors import InputError
 from .errors import SceneError
 from .instances import rendered_instances
-from .lens_cache import scaled_lens
+from .lens_cache import lens_on_sensor, scaled_lens
 from .lens_facts import lens_facts
 from .units import metres_per_unit
 
 BY_RESULT = Options()
+COMPLETE = 0.999  # of the diagonal: less is beyond a lens's field
 FARTHEST_M, NEAREST_M = 1e4, 0.01  # for `aim_camera`: bound on coordinates, and least radius of the framed sphere
 NEW_FILES_ROTATION = Euler((1.1093, 0.0, 0.8149))
 CAMERA_SENSOR_MM = 36.0  # suits Blender's limits on focal lengths; only the ratio to it counts
@@ -151,7 +153,8 @@ def view_tangents(scene, lens, view, rings=AT_REST):
     check_camera(scene)
     facts, (rows, columns) = lens_facts(lens, rings), frame_px(scene)
     factor, sensor_mm = size_for_view(scene, facts, view)
-    half_pixel = min(sensor_mm[0] / columns, sensor_mm[1] / rows) / 2 / (factor * facts.capture_focal_length_mm)
+    pixel_mm = pitch_um(replace(facts, sensor_mm=sensor_mm), (rows, columns)) * 1e-3
+    half_pixel = pixel_mm / 2 / (factor * facts.capture_focal_length_mm)
     return columns * half_pixel, rows * half_pixel
 
 
@@ -187,13 +190,13 @@ def _edge_tangents(lens, capture):
             for side_mm, angle_rad, radius_mm in zip(half_mm, angles_rad, edges_mm, strict=True)]
 
 
-def check_camera(scene, view="lens", camera=None):
+def check_camera(scene, view=LENS_VIEW, camera=None):
     """Raise a SceneError unless a lens can replace the camera.
 
     Parameters
     ----------
     scene : bpy.types.Scene
-    view : "lens" or "camera"
+    view : str
         As for `lens_for_view`.
     camera : bpy.types.Object, optional
         One of the scene's cameras; the active one by default.
@@ -206,14 +209,14 @@ def check_camera(scene, view="lens", camera=None):
         kind = camera.data.panorama_type
         if kind != FISHEYE_TYPE:  # the type that match_camera_to_lens sets
             raise SceneError(where, "panorama type", kind, TO_PERSPECTIVE)
-        if view == "camera":
+        if view == CAMERA_VIEW:
             raise SceneError(where, "type", "PANO", TO_PERSPECTIVE)
     elif camera.data.type != "PERSP":
         raise SceneError(where, "type", camera.data.type, TO_PERSPECTIVE)
     if camera.data.shift_x or camera.data.shift_y:
         raise SceneError(where, "shift", f"{camera.data.shift_x:g}, {camera.data.shift_y:g}",
                          "set the shift to 0: the lens is always centred")
-    if view == "camera":
+    if view == CAMERA_VIEW:
         _check_view(camera.data, where)
     _check_pose(camera, where)
     if not camera.data.clip_start < camera.data.clip_end:
@@ -303,14 +306,15 @@ def lens_for_view(scene, lens, view):
     ----------
     scene : bpy.types.Scene
     lens : Lens
-    view : "lens" or "camera"
-        The lens on its own sensor; or scaled to the view of the scene's camera, on the camera's sensor.
+    view : str
+        "lens": the lens on its own sensor. A sensor, as for `format_mm`: the lens on this one. "camera": the lens
+        scaled to the view of the scene's camera, on the camera's sensor.
 
     Returns
     -------
     Lens
     warning : str
-        The consequences of the scaling in one line; "" without scaling.
+        The consequences of the scaling, or of a sensor beyond the lens's field, in one line; "" without any.
 
     Raises
     ------
@@ -318,10 +322,13 @@ def lens_for_view(scene, lens, view):
         The camera is missing, or lacks a focal length.
     """
     factor, sensor_mm = size_for_view(scene, lens, view)
-    if view == "lens":
+    if view == CAMERA_VIEW:
+        adapted = scaled_lens(lens, factor, sensor_mm)
+        return adapted, size_warning(lens, adapted, factor)
+    if view == LENS_VIEW:
         return lens, ""
-    adapted = scaled_lens(lens, factor, sensor_mm)
-    return adapted, size_warning(lens, adapted, factor)
+    adapted = lens_on_sensor(lens, sensor_mm)
+    return adapted, sensor_warning(adapted)
 
 
 def size_for_view(scene, lens, view):
@@ -332,10 +339,8 @@ def size_for_view(scene, lens, view):
     SceneError
         As in `lens_for_view`.
     """
-    if view not in VIEWS:
-        raise InputError("options", "view", view, f"expected {' or '.join(VIEWS)}")
-    if view == "lens":
-        return 1.0, lens.sensor_mm
+    if view != CAMERA_VIEW:
+        return 1.0, lens.sensor_mm if view == LENS_VIEW else format_mm(view)
     check_camera(scene, view)
     camera, frame = scene.camera.data, frame_px(scene)
     pixel_mm = _pixel_mm(camera, frame)
@@ -364,6 +369,15 @@ def size_warning(lens, adapted, factor):
     focus = in_metres(adapted.object_distance_mm)
     return (f"{lens.name} scaled by {factor:.3g}: f = {adapted.efl_mm:.3g} mm, focused at {focus}; its field "
             f"covers {covered:.0%} of the frame's diagonal; all blur scales with it, though diffraction would not")
+
+
+def sensor_warning(lens):
+    """A line if a lens's field does not cover its sensor; "" otherwise."""
+    covered = field_map(lens).covered_diagonal(lens.sensor_mm)
+    if covered > COMPLETE:
+        return ""
+    return (f"the field of {lens.name} covers {covered:.0%} of the diagonal of a sensor of "
+            "{:g} x {:g} mm: the picture darkens or ends beyond it".format(*lens.sensor_mm))
 
 
 def _make_perspective(camera, focal_length_mm, width_mm):

@@ -49,7 +49,7 @@ def focus_now(scene, at_rest):
         The lens cannot replace the scene's camera.
     """
     rings = rings_for(scene, scene.lensfield.lens_name_or_path())
-    size, sensor_mm = size_for_view(scene, at_rest, scene.lensfield.view.lower())
+    size, sensor_mm = size_for_view(scene, at_rest, scene.lensfield.view_text())
     f_number, focus_mm = at_rest.f_number, at_rest.focus_mm * size
     if at_rest.reach:
         widest, highest, closest_mm = at_rest.reach

@@ -68,8 +68,15 @@ def scaled_lens(lens: Lens, factor: float, sensor_mm: tuple[float, float]) -> Le
     return replace(lens.scaled(factor), sensor_mm=sensor_mm)
 
 
+@lru_cache(maxsize=4)
+def lens_on_sensor(lens: Lens, sensor_mm: tuple[float, float]) -> Lens:
+    """The lens in its own size, on a sensor of these sides in mm (width, height)."""
+    return replace(lens, sensor_mm=sensor_mm)
+
+
 def forget_lenses() -> None:
     """Clear the cache."""
     _lenses.clear()
+    lens_on_sensor.cache_clear()
     scaled_lens.cache_clear()
     _sketched.cache_clear()

@@ -3,10 +3,13 @@
 from dataclasses import dataclass
 from functools import lru_cache
 
+import numpy as np
+
+from ...engine.inspection.curves import field_angle_rad, reference_nm
 from ...engine.lens.conventions import four_by_three
 from ...engine.library import LensSource, has_rings, prescription_of
 from ...engine.prescription.system import system_of
-from ...engine.rays.field_heights import image_radius_mm
+from ...engine.rays.field_heights import chief_ray_curve
 from ...engine.rays.rings import AT_REST, Rings, resized_rings, ring_ends, turned
 from .lens_cache import identity_of, load_lens
 
@@ -29,6 +32,8 @@ class LensFacts:
         The widest and the highest f-number, and the closest focus in mm; None for a package, which has no rings.
     words : tuple of str
         A line for each requested setting that its rings do not have.
+    field : tuple of (float, float)
+        From the axis to the end of the field: distances in the picture in mm, and their angles to the axis in radians.
     """
 
     rings: Rings
@@ -39,6 +44,15 @@ class LensFacts:
     focus_mm: float
     reach: tuple[float, float, float] | None
     words: tuple[str, ...]
+    field: tuple[tuple[float, float], ...]
+
+    def field_on(self, sides_mm):
+        """Angles of view in degrees across and up a picture of these sides in mm, and the share of its diagonal that
+        the field covers."""
+        radius_mm, angle_rad = np.array(self.field).T
+        half_mm = np.array([*sides_mm, np.hypot(*sides_mm)]) / 2
+        across_deg, up_deg, _ = 2 * np.degrees(np.interp(half_mm, radius_mm, angle_rad))
+        return across_deg, up_deg, min(1.0, radius_mm[-1] / half_mm[-1])
 
 
 def lens_facts(source: LensSource, rings: Rings = AT_REST, focal_mm: float | None = None) -> LensFacts:
@@ -70,10 +84,11 @@ def _facts(source, changed, rings, focal_mm):
     lens = turned(prescription, rings)
     system = system_of(lens.prescription)
     pupil_mm = lens.prescription.object_distance_mm + system.entrance_pupil_mm
+    radii_mm, angles_rad = chief_ray_curve(system)
     return LensFacts(
         rings, system.efl_mm, system.efl_mm if system.object_at_infinity else abs(system.magnification) * pupil_mm,
-        lens.prescription.sensor_mm or four_by_three(image_radius_mm(system)), lens.f_number, lens.focus_mm,
-        _reach(source, changed), lens.words)
+        lens.prescription.sensor_mm or four_by_three(radii_mm[-1]), lens.f_number, lens.focus_mm,
+        _reach(source, changed), lens.words, _pairs(radii_mm, angles_rad))
 
 
 @lru_cache(maxsize=MOST_FACTS)
@@ -84,4 +99,9 @@ def _reach(source, changed):
 
 def _of_package(lens):
     return LensFacts(AT_REST, lens.efl_mm, lens.capture_focal_length_mm, lens.sensor_mm, lens.f_number_effective,
-                     lens.object_distance_mm + lens.entrance_pupil_mm, None, ())
+                     lens.object_distance_mm + lens.entrance_pupil_mm, None, (),
+                     _pairs(lens.real_height_at(reference_nm(lens)), field_angle_rad(lens, lens.heights_mm)))
+
+
+def _pairs(*columns):
+    return tuple(zip(*map(np.ndarray.tolist, columns), strict=True))

@@ -32,7 +32,7 @@ def check_scene(scene, *, frames=(), view_layer=None, view=None, output_folder=N
         _check_file_names(scene)
     cameras = dict.fromkeys(camera_at(scene, frame) for frame in frames) or [scene.camera]
     for camera in cameras:
-        check_camera(scene, settings.view.lower() if view is None else view, camera)
+        check_camera(scene, settings.view_text() if view is None else view, camera)
     if not 0 < scene.unit_settings.scale_length < inf:
         raise SceneError(f"scene {scene.name!r}", "unit scale", f"{scene.unit_settings.scale_length:g}",
                          "expected a positive number: set it in the scene properties, under Units")

@@ -29,7 +29,7 @@ from ...engine.runtime.files import stamp_of
 from ..job.named_files import check_named_files
 from ..scene.camera import check_camera, frame_px, size_for_view
 from ..scene.focus import Focus, focus_now
-from ..scene.lens_cache import load_lens, scaled_lens
+from ..scene.lens_cache import lens_on_sensor, load_lens, scaled_lens
 from ..scene.lens_facts import lens_facts
 from ..scene.requirements import check_scene
 from ..scene.rings import rings_for, scene_iris
@@ -187,7 +187,9 @@ def frame_question(scene, at_rest):
     """
     settings, name = scene.lensfield, scene.lensfield.lens_name_or_path()
     focal_mm = scene.camera.data.lens if settings.view == "CAMERA" else None
-    _, sensor_mm = size_for_view(scene, at_rest, settings.view.lower())
+    _, sensor_mm = size_for_view(scene, at_rest, settings.view_text())
+    if settings.view == "LENS":
+        sensor_mm = None  # at another focus, a lens that states no sensor has another one
     return (name, stamp_of(name), rings_for(scene, name), focal_mm, sensor_mm, frame_px(scene),
             scene_iris(scene, name), settings.out_of_field == "VIGNETTE")
 
@@ -203,6 +205,8 @@ def read_frame(name, stamp, rings, focal_mm, sensor_mm, shape_px, iris, vignette
     lens = load_lens(name, lens_facts(name, rings, focal_mm).rings, QUALITY, wavelengths_nm=COLOURS_NM)
     if focal_mm is not None:
         lens = scaled_lens(lens, focal_mm / lens.capture_focal_length_mm, sensor_mm)
+    elif sensor_mm:
+        lens = lens_on_sensor(lens, sensor_mm)
     grid = PixelGrid(shape_px, fitting_pitch_um(lens, shape_px))
     tables = lens_tables(lens, lens_rays(lens, opening(iris, lens).reach), grid, iris, vignette)
     half_mm = [n * grid.pitch_um * 1e-3 / 2 / lens.capture_focal_length_mm for n in reversed(shape_px)]
@@ -234,7 +238,7 @@ def _draw():
 
 
 def _draw_frame(live, scene, space, view, region):
-    check_camera(scene, scene.lensfield.view.lower())
+    check_camera(scene, scene.lensfield.view_text())
     if space.camera.data.type == "PANO" and space.shading.type != "SOLID":
         _report(live, ONLY_SOLID)
         return

@@ -5,17 +5,19 @@ is in subpanels, closed by default.
 """
 
 import os
+from dataclasses import replace
 from math import isinf
 
 import bpy
 
+from ...engine.lens.formats import crop_factor
 from ...engine.library import has_rings
 from ...engine.runtime.errors import InputError
 from ..job.job import folder_for, is_temporary
 from ..job.named_files import FROM_FILE, named_files
 from ..job.remarks import MANY_SAMPLES, SAME_VIEW
 from ..job.result import Result
-from ..scene.camera import frame_px, matching_focal_length_mm, pitch_um, size_for_view
+from ..scene.camera import COMPLETE, frame_px, matching_focal_length_mm, pitch_um, size_for_view
 from ..scene.requirements import check_scene
 from ..scene.rings import FEWEST_BLADES
 from .animation import draw_animation
@@ -91,7 +93,7 @@ def _facts(scene):
     """LensFacts, their scale in this scene, and the sensor's sides in mm; None without them."""
     facts = lens_request(scene).facts if scene.camera and scene.lensfield.lens_text() else None
     try:
-        return facts and (facts, *size_for_view(scene, facts, scene.lensfield.view.lower()))
+        return facts and (facts, *size_for_view(scene, facts, scene.lensfield.view_text()))
     except InputError:  # `_draw_status` shows it
         return None
 
@@ -165,7 +167,7 @@ def _draw_notes(layout, scene):
     if facts := _facts(scene):
         for word in facts[0].words:
             draw_wrapped(column, word, "INFO")
-        if scene.lensfield.view == "LENS" and not _sees_alike(scene, facts[0]):
+        if scene.lensfield.view != "CAMERA" and not _sees_alike(scene, replace(facts[0], sensor_mm=facts[2])):
             draw_wrapped(column, "Your camera has a different field of view", "INFO")
             column.operator("lensfield.match_camera", icon="CAMERA_DATA")
     if scene.cycles.samples >= MANY_SAMPLES:
@@ -178,8 +180,10 @@ def _draw_view(layout, scene):
     """Draw the lens's view, its limits, the treatment of depth, and the iris."""
     settings, camera = scene.lensfield, scene.camera
     layout.prop(settings, "view")
+    if settings.view == "SENSOR":
+        layout.prop(settings, "sensor_mm", text="Width")
     if facts := _facts(scene):
-        for line in _limits(*facts):
+        for line in (*_field_of_view(scene, facts), *_limits(*facts)):
             draw_wrapped(layout, line)
     layout.prop(settings, "depth")
     if camera is None or camera.type != "CAMERA" or not has_rings(settings.lens_name_or_path()):
@@ -191,6 +195,22 @@ def _draw_view(layout, scene):
     if dof.aperture_blades >= FEWEST_BLADES:
         blades.prop(dof, "aperture_rotation", text="Rotation")
         blades.prop(settings, "iris_roundness")
+
+
+def _pitch_um(scene, facts):
+    """Pixel pitch, given what `_facts` returns."""
+    lens, _, sensor_mm = facts
+    return pitch_um(replace(lens, sensor_mm=sensor_mm), frame_px(scene))
+
+
+def _field_of_view(scene, facts):
+    """Lines on the picture's field of view, and on what the lens does not cover of it, given what `_facts` returns."""
+    lens, factor, sensor_mm = facts
+    lens_mm = _pitch_um(scene, facts) * 1e-3 / factor  # of a pixel, in the lens's own size
+    across_deg, up_deg, covered = lens.field_on([side * lens_mm for side in reversed(frame_px(scene))])
+    yield f"{across_deg:.3g}\u00b0 \u00d7 {up_deg:.3g}\u00b0, crop factor {crop_factor(sensor_mm):.3g}"
+    if covered < COMPLETE:
+        yield f"The lens covers {covered:.0%} of the picture's diagonal: the corners are dark"
 
 
 def _limits(facts, factor, _):
@@ -312,10 +332,9 @@ def _draw_output(layout, scene):
     layout.prop(settings, "output_folder")
     if is_temporary(settings.output_folder):
         draw_wrapped(layout.column(align=True), f"File not saved: pictures go to {folder_for(scene)}", "INFO")
-    facts = lens_request(scene).facts if settings.lens_text() else None
-    if facts:
-        frame = frame_px(scene)
-        layout.label(text=f"{frame[1]} \u00d7 {frame[0]} px, pixel pitch {pitch_um(facts, frame):.2f} \u00b5m")
+    if facts := _facts(scene):
+        rows, columns = frame_px(scene)
+        layout.label(text=f"{columns} \u00d7 {rows} px, pixel pitch {_pitch_um(scene, facts):.2f} \u00b5m")
     layout.prop_search(settings, "view_layer", scene, "view_layers")
     draw_compositor(layout, scene)
 

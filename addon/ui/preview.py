@@ -177,7 +177,7 @@ def lens_key(scene):
     """Everything that changes the lens but not the scene: name or path, view, out-of-field treatment, focus and f-stop,
     and blades."""
     settings, lens = scene.lensfield, scene.lensfield.lens_name_or_path()
-    return lens, settings.view.lower(), settings.out_of_field.lower(), rings_for(scene, lens), scene_iris(scene, lens)
+    return lens, settings.view_text(), settings.out_of_field.lower(), rings_for(scene, lens), scene_iris(scene, lens)
 
 
 def shown_tangents(scene, key):

@@ -8,11 +8,20 @@ from pathlib import Path
 from zlib import crc32
 
 import bpy
-from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
+from bpy.props import (
+    BoolProperty,
+    EnumProperty,
+    FloatProperty,
+    FloatVectorProperty,
+    IntProperty,
+    PointerProperty,
+    StringProperty,
+)
 
 from ...engine import Options
 from ...engine.blur import METHODS
 from ...engine.depth.iris import Iris
+from ...engine.lens.formats import FORMATS
 from ...engine.library import bundled_lenses
 from ...engine.plan.options import AUTO, KNOBS, TIER_ACCURACY
 from ...engine.prescription.readers import READERS
@@ -34,7 +43,8 @@ FIRST_NM, LAST_NM, NUMBER = (int(word) for word in IMAGE_WAVELENGTHS.split(":"))
 PANEL_KNOBS = "section_size", "azimuths"  # the knobs of methods that the panel shows
 NOT_OFFERED = {"method": AUTO}
 """Choices without an item: the user sets an accuracy instead."""
-MORE_ITEMS = {"tier": [("RESULT", "Custom", "Set the accuracy of colours and blur, or the size of sections")]}
+MORE_ITEMS = {"tier": [("RESULT", "Custom", "Set the accuracy of colours and blur, or the size of sections")],
+              "view": [("SENSOR", "Custom Sensor", "The lens's field of view on a sensor of your size")]}
 """Items that only the panel has."""
 OWN_LENS = f"Your own prescription ({', '.join(READERS)}), with adjustable focus and f-stop, or a lens package (.npz)"
 BLEND_RELATIVE = {"PATH_SUPPORTS_BLEND_RELATIVE"}  # paths that start with // are relative to the .blend
@@ -184,6 +194,8 @@ class LensfieldSettings(bpy.types.PropertyGroup):
     lens_file: StringProperty(name="Lens File", description=OWN_LENS, subtype="FILE_PATH", options=BLEND_RELATIVE,
                               update=_choose_path("lens_file"))
     iris_roundness: _property("iris_roundness", settings_of(Iris)["roundness"])
+    sensor_mm: FloatVectorProperty(name="Sensor", description="Width and height of the sensor, in mm", size=2,
+                                   default=FORMATS["fullframe"][1], min=0.1, max=1000, precision=2)
     wavelength_mode: EnumProperty(
         name="Wavelengths", description="How the wavelengths of the lens image are specified", default="RANGE",
         items=[("RANGE", "Range", "Evenly spaced wavelengths"), ("LIST", "List", "Individual wavelengths")])
@@ -220,6 +232,10 @@ class LensfieldSettings(bpy.types.PropertyGroup):
         """The name or the path, as entered."""
         return self.lens_file if self.lens == FROM_FILE else self.lens
 
+    def view_text(self):
+        """The field of view in the syntax of `lensfield render --view`."""
+        return "{:.6g}x{:.6g}".format(*self.sensor_mm) if self.view == "SENSOR" else self.view.lower()
+
     def wavelengths_text(self):
         """The wavelengths in the syntax of `lensfield render --wavelengths`."""
         if self.wavelength_mode == "LIST":
@@ -242,8 +258,8 @@ class LensfieldSettings(bpy.types.PropertyGroup):
         """
         given = {name: value for name, value in given.items() if value is not None}
         readers = {name: partial(self.value_of, name) for name in settings_of(RenderRequest) if name in SETTINGS} | {
-            "lens": self.lens_name_or_path, "wavelengths_nm": self.wavelengths_nm, "options": self.to_options,
-            "spectral": self.to_spectral_options, "output_folder": lambda: None}
+            "lens": self.lens_name_or_path, "view": self.view_text, "wavelengths_nm": self.wavelengths_nm,
+            "options": self.to_options, "spectral": self.to_spectral_options, "output_folder": lambda: None}
         request = RenderRequest(**{name: read() for name, read in readers.items() if name not in given} | given)
         return replace(request, wavelengths_nm=tuple(map(float, request.wavelengths_nm)),
                        output_folder=folder_for(self.id_data, request.output_folder))

@@ -14,7 +14,7 @@ from ..image.projection import PLANE, Projection, fitted_projection
 from ..lens import Lens
 from .field_map import field_map
 
-VIEWS = "lens", "camera"  # a capture shows the lens's view, or the view of the scene's camera
+VIEWS = LENS_VIEW, CAMERA_VIEW = "lens", "camera"  # the field of view on the lens's own sensor, or the scene's camera's
 MOST_PLANE = 1.15  # times the pixels of a panorama, whose samples take Cycles about 1.15 times as long
 FIT_SAMPLES = 257
 FARTHEST = 4.0  # half diagonals of the frame: no capture extends farther

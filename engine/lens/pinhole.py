@@ -7,8 +7,10 @@ from .lens import Lens
 
 
 def fitting_pitch_um(lens: Lens, frame_px: tuple[int, int]) -> float:
-    """Pixel pitch at which the frame, in rows and columns, exactly fits in the lens's sensor."""
-    return min(1e3 * lens.sensor_mm[0] / frame_px[1], 1e3 * lens.sensor_mm[1] / frame_px[0])
+    """Pixel pitch at which the frame, in rows and columns, exactly fits in the lens's sensor, which is turned with it:
+    for a portrait picture, its longer side is upright."""
+    return 1e3 * min(side_mm / side_px for side_mm, side_px in zip(sorted(lens.sensor_mm), sorted(frame_px),
+                                                                  strict=True))
 
 
 def field_of_view_deg(focal_mm: float, side_mm: float) -> float:

@@ -1,4 +1,4 @@
-"""Field heights at equal distances in the picture, and the last one."""
+"""Field heights at equal distances in the picture, and where their chief rays meet it."""
 
 import numpy as np
 import scipy
@@ -18,16 +18,30 @@ def even_heights_mm(system: System, number: int) -> np.ndarray:
     LensError
         The chief ray's height does not increase with the field: the picture folds back on itself.
     """
-    last_field, = system.fields_of([system.last_height_mm])
-    paraxial_mm = system.heights_of(np.linspace(0, 1, CHIEF_RAYS) * last_field)  # at equal angles, for wide lenses
-    rays = trace_pupil(system, paraxial_mm, [system.prescription.reference_wavelength_nm], HalfPupil(1, 1))
-    real_mm = rays.chief_height_mm[0]
+    fields, real_mm = _chief_rays(system)
+    paraxial_mm = system.heights_of(fields)
     if np.any(np.diff(real_mm) <= 0):
         raise LensError(system.prescription.name, "field",
                         f"folding back at an image height of {real_mm[np.argmin(np.diff(real_mm) > 0)]:.4g} mm",
                         "reduce the field")
     heights_mm = scipy.interpolate.PchipInterpolator(real_mm, paraxial_mm)(np.linspace(0, real_mm[-1], number))
     return np.concatenate([[0.0], heights_mm[1:-1], [system.last_height_mm]])
+
+
+def chief_ray_curve(system: System) -> tuple[np.ndarray, np.ndarray]:
+    """Distances from the axis at which chief rays meet the image plane, in mm, and their angles to the axis at the
+    entrance pupil, in radians, at the reference wavelength: arrays (CHIEF_RAYS,) from the axis to the last field."""
+    fields, real_mm = _chief_rays(system)
+    pupil_mm = system.prescription.object_distance_mm + system.entrance_pupil_mm
+    return real_mm, abs(fields if system.object_at_infinity else np.arctan(fields / pupil_mm))
+
+
+def _chief_rays(system):
+    """Fields at equal angles, for wide lenses, and the distances in mm at which their chief rays meet the image."""
+    last_field, = system.fields_of([system.last_height_mm])
+    fields = np.linspace(0, 1, CHIEF_RAYS) * last_field
+    nm = system.prescription.reference_wavelength_nm
+    return fields, trace_pupil(system, system.heights_of(fields), [nm], HalfPupil(1, 1)).chief_height_mm[0]
 
 
 def image_radius_mm(system: System) -> float:

@@ -43,7 +43,8 @@ class Setting:
     option : str or None
         Its option on the command line without the dashes; "" for the field's name, None without an option.
     metavar : str or None
-        Placeholder for the value in the help of the command line.
+        Placeholder for the value in the help of the command line. With choices, it means that other values can be
+        valid, too.
     unset : str
         The value that applies without the option, in words for its help.
     recorded : bool
@@ -92,7 +93,7 @@ def check_choices(value: Any) -> None:
     """Raise an InputError for the first setting of a dataclass value that is neither its default nor a choice."""
     for name, each in settings_of(value).items():
         chosen = getattr(value, name)
-        if each.choices and chosen not in (*each.choices, each.default):
+        if each.choices and not each.metavar and chosen not in (*each.choices, each.default):
             raise InputError("options", name, chosen, f"expected {' or '.join(each.choices)}")
 
 

@@ -199,10 +199,10 @@ def test_the_camera_settings_give_the_pitch(tmp_path, view, pitch_um):
     assert read_exr(tmp_path / "out.exr").pitch_um == pytest.approx(wanted, rel=1e-7)
 
 
-def test_a_tall_picture_fits_the_sensor_by_its_height(tmp_path):
+def test_a_tall_picture_turns_the_sensor(tmp_path):
     source = colours(tmp_path / "a.exr", (1, 1, 1), (24, 18))
     assert run("filter", source, *QUICK, "--output", tmp_path / "out.exr") == 0
-    assert read_exr(tmp_path / "out.exr").pitch_um == pytest.approx(3600 / 24)
+    assert read_exr(tmp_path / "out.exr").pitch_um == pytest.approx(4800 / 24)
 
 
 @pytest.mark.parametrize("arguments, message", [

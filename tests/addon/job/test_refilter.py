@@ -121,6 +121,15 @@ def test_the_field_of_view_of_the_first_lens_is_preserved_and_reported(window, t
     assert "nikkor-28mm scaled by 1.75" in "".join(scaled.messages)
 
 
+def test_a_lens_on_the_sensor_of_the_render_is_no_surprise(window, tmp_path):
+    original = rendered(window, tmp_path, "tessar-50mm", view="mft")
+    applied = apply_lens(original.radiance, "tessar-50mm", tmp_path / "applied", view="mft")
+    assert [line for line in (*original.messages, *applied.messages) if "sensor of" in line] == []
+    assert np.array_equal(*(read_exr(result.irradiance).cube for result in (original, applied)))
+    own = apply_lens(original.radiance, "tessar-50mm", tmp_path / "own")
+    assert any("takes a sensor of 17.3 x 13 mm instead" in line for line in own.messages)
+
+
 def test_a_lens_that_needs_more_than_was_captured_is_refused_and_changes_no_file(window, tmp_path):
     window.render.resolution_x, window.render.resolution_y, window.cycles.samples = 192, 144, 1
     original = rendered(window, tmp_path, "tessar-50mm")
@@ -186,7 +195,7 @@ def test_bad_input_names_the_remedy(window, tmp_path):
                         (original.irradiance, "such as Scene_0001_radiance.exr")):
         with pytest.raises(InputError, match=words):
             apply_lens(path, "tessar-50mm")
-    with pytest.raises(InputError, match="expected lens or camera"):
+    with pytest.raises(InputError, match="one of lens, camera, phone"):
         apply_lens(original.radiance, "tessar-50mm", view="mine")
 
 

@@ -7,9 +7,10 @@ import pytest
 from lensfield.addon.job.job import job_of
 from lensfield.addon.job.record import recorded_fields
 from lensfield.addon.ui.properties import SETTINGS, LensfieldSettings
-from lensfield.engine import Options
+from lensfield.cli import _parser
+from lensfield.engine import InputError, Options
 from lensfield.engine.runtime.setting import settings_of
-from lensfield.request import RenderRequest
+from lensfield.request import RenderRequest, to_arguments
 
 
 @pytest.mark.parametrize("name", SETTINGS)
@@ -40,6 +41,21 @@ def test_given_fields_override_settings_unless_they_are_none(scene, tmp_path):
     assert request.output_folder == Path(tmp_path).resolve()
     with pytest.raises(TypeError, match="sharpness"):
         scene.lensfield.to_request(sharpness=1, wavelengths_nm=[550])
+
+
+@pytest.mark.parametrize("view, expected", [("SENSOR", "24.89x18.66"), ("SUPER35", "super35"), ("LENS", "lens")])
+def test_a_custom_sensor_is_a_size(scene, view, expected):
+    scene.lensfield.view, scene.lensfield.sensor_mm = view, (24.89, 18.66)
+    request = scene.lensfield.to_request()
+    assert request.view == expected
+    for command in ("apply a_radiance.exr --lens x", "render a.blend --output a", "preview a.blend --output a"):
+        assert _parser().parse_args([*command.split(), *to_arguments(view=request.view)]).view == expected
+
+
+@pytest.mark.parametrize("view", ["full frame", "36", "36x0", "infx24", "SUPER35"])
+def test_an_unknown_view_is_refused_with_the_choices(view):
+    with pytest.raises(InputError, match=f"view is {view}: expected WIDTHxHEIGHT in mm, .* lens, camera, phone"):
+        RenderRequest(view=view)
 
 
 def test_a_record_contains_the_fields_on_which_a_frame_depends(scene):

@@ -104,7 +104,8 @@ def test_uniform_world_gives_the_irradiance_of_equation_2_across_the_frame(scene
 def test_frame_just_fits_the_sensor(scene):
     assert pitch_um(LENS, (576, 768)) == pytest.approx(6.25)
     assert pitch_um(LENS, (1080, 1920)) == pytest.approx(2.5)
-    assert pitch_um(LENS, (768, 576)) == pytest.approx(3600 / 768)
+    assert pitch_um(LENS, (768, 576)) == pytest.approx(6.25)  # the sensor is turned for a portrait
+    assert pitch_um(LENS, (600, 600)) == pytest.approx(6)
 
 
 def test_overscan_covers_blur_and_little_else(scene):
@@ -328,3 +329,23 @@ def test_a_lens_is_not_adapted_to_a_fisheye(scene, wide):
 def test_the_lens_view_needs_no_camera(scene):
     scene.camera = None
     assert lens_for_view(scene, LENS, "lens") == (LENS, "")
+    assert lens_for_view(scene, LENS, "4x3") == (replace(LENS, sensor_mm=(4, 3)), "")
+
+
+def test_beads_land_at_the_same_place_in_mm_on_another_sensor(scene, tmp_path):
+    scene.render.resolution_x, scene.render.resolution_y = 180, 256  # a portrait, on 2.5 mm of the 2.7 x 3.84 mm
+    scene.cycles.samples = SAMPLES
+    direction, height_index = np.array([-0.6, 0.8]), 11
+    height_mm = direction * LENS.heights_mm[height_index] / abs(LENS.magnification)
+    bead(scene, *height_mm, -LENS.object_distance_mm - LENS.entrance_pupil_mm, radius_mm=2.0)
+    image = read_exr(render(scene, tmp_path, [WAVELENGTH_NM], depth="off", view="3.84x2.7").irradiance)
+    assert image.pitch_um == pytest.approx(15)
+    assert_centroid(image, LENS.real_height_mm[COLUMN, height_index] * direction, 0.3 * 15e-3)
+
+
+def test_a_sensor_beyond_the_field_is_reported(scene):
+    adapted, warning = lens_for_view(scene, LENS, "phone")
+    assert adapted is lens_for_view(scene, LENS, "phone")[0]
+    assert replace(adapted, sensor_mm=LENS.sensor_mm) == LENS and adapted.digest != LENS.digest
+    # 3 mm minus 8.4 % are 2.75 mm of the 6.125 mm of half the diagonal
+    assert "covers 45% of the diagonal of a sensor of 9.8 x 7.35 mm" in warning

@@ -13,6 +13,7 @@ from lensfield.addon.scene.lens_facts import lens_facts
 from lensfield.addon.ui import lens_worker
 from lensfield.addon.ui.panels import draw_settings
 from lensfield.engine import LensError
+from lensfield.engine.field.field_map import field_map
 from lensfield.engine.library import BUNDLED
 from lensfield.engine.rays.rings import Rings
 from waiting import LAST_RESORT_S
@@ -159,6 +160,8 @@ def test_facts_known_before_the_bake_match_the_baked_lens(name, rings):
     facts, lens = lens_facts(name, rings), load_lens(name, rings, "preview")
     for field in ("efl_mm", "capture_focal_length_mm", "sensor_mm"):
         np.testing.assert_allclose(getattr(facts, field), getattr(lens, field), rtol=1e-6)
+    covered = field_map(lens).covered_diagonal(lens.sensor_mm)
+    assert facts.field_on(lens.sensor_mm)[2] == pytest.approx(covered, rel=1e-4)
     assert facts.focus_mm == pytest.approx(lens.object_distance_mm + lens.entrance_pupil_mm)
 
 

@@ -173,6 +173,22 @@ def test_figures_are_written_as_photographers_write_them(lit_scene):
     assert "Focused at infinity" in text and "f/5 to f/" in text and ", closest focus " in text
 
 
+def test_a_sensor_shows_its_crop_and_field_of_view(lit_scene):
+    lit_scene.render.resolution_x, lit_scene.render.resolution_y = 1600, 1200
+    lit_scene.lensfield.lens, lit_scene.lensfield.view = "zeiss-planar-50mm-f1.4", "MFT"
+    text = panel_text(lit_scene)
+    # atan(8.65 / 50) and atan(6.4875 / 50), doubled; the lens distorts by 0.5 % there
+    assert "\u00b7 17.3 \u00d7 13 mm" in text and "19.7\u00b0 \u00d7 14.8\u00b0, crop factor 2" in text
+    assert "pixel pitch 10.81 \u00b5m" in text
+    assert "corners are dark" not in text and "Your camera has a different field of view" in text
+    bpy.ops.lensfield.match_camera()
+    camera = lit_scene.camera.data
+    assert camera.lens / camera.sensor_width == pytest.approx(50 / 17.3, rel=0.01)
+    assert "Your camera has" not in panel_text(lit_scene)
+    lit_scene.lensfield.view = "FILM66"  # 56 x 42 mm of it, for a field of 43.3 mm
+    assert "The lens covers 62%" in panel_text(lit_scene)
+
+
 def test_too_many_samples_are_reported_and_can_be_fixed(lit_scene):
     lit_scene.cycles.samples, lit_scene.cycles.use_denoising = 4096, False
     assert "4096 samples" in panel_text(lit_scene) and "lensfield.sensible_samples" in drawn(lit_scene).shown
