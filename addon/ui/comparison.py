@@ -15,13 +15,13 @@ from ..scene.camera import frame_px
 from ..scene.linked import check_editable
 from . import window_render
 from .operators import LensRender
-from .properties import lens_title, offered_lenses
+from .properties import found_lenses, lens_title, offered_lenses
 from .session import session
 
 F_STOPS = "1", "1.4", "2", "2.8", "4", "5.6", "8", "11", "16"
 F_STOPS_TEXT = "F-stops; without any, the camera's if its Depth of Field is on, otherwise each lens's widest"
 SIDE_PX, SAMPLES = 640, 64  # of each picture, the longer side
-DIALOG_WIDTH, COLUMNS = 900, 3
+DIALOG_WIDTH, COLUMNS, MOST_OFFERED = 900, 3, 90
 LEAST_PX = 4
 CHOOSE = "Click a picture on the contact sheet to choose its lens"
 OUTLINE_PX, OUTLINE = 3.0, (1.0, 0.6, 0.1, 1.0)
@@ -41,6 +41,8 @@ class LENSFIELD_OT_compare(LensRender, bpy.types.Operator):
     bl_label = "Compare Lenses"
 
     lenses: bpy.props.CollectionProperty(type=LensfieldTick)
+    search: bpy.props.StringProperty(name="Search", options={"TEXTEDIT_UPDATE", "SKIP_SAVE"},
+                                     description="Offer only lenses with these words in their name, maker or character")
     f_stops: bpy.props.EnumProperty(
         name="F-Stops", options={"ENUM_FLAG"}, items=[(stop, f"f/{stop}", f"Compare at f/{stop}") for stop in F_STOPS],
         description=F_STOPS_TEXT)
@@ -61,9 +63,13 @@ class LENSFIELD_OT_compare(LensRender, bpy.types.Operator):
         return context.window_manager.invoke_props_dialog(self, width=DIALOG_WIDTH, confirm_text="Compare")
 
     def draw(self, context):
+        self.layout.prop(self, "search", text="", icon="VIEWZOOM")
         flow = self.layout.column_flow(columns=COLUMNS, align=True)
-        for lens in self.lenses:
+        offered, others = _offered(self.lenses, self.search)
+        for lens in offered:
             flow.prop(lens, "ticked", text=_offered_title(context.scene, lens.name))
+        if others:
+            self.layout.label(text=f"{others} more: search for them")
         self.layout.separator()
         self.layout.label(text=F_STOPS_TEXT)
         self.layout.row(align=True).prop(self, "f_stops")
@@ -85,6 +91,14 @@ class LENSFIELD_OT_compare(LensRender, bpy.types.Operator):
         lenses = [scene.lensfield.lens_name_or_path() if name == FROM_FILE else name for name in names]
         stops = [float(stop) for stop in F_STOPS if stop in self.f_stops]
         return window_render.start_comparison(scene, lenses, stops, _size_px(scene, self.side_px), self.samples)
+
+
+def _offered(lenses, search):
+    """The ticked lenses and those that match a search, and the number of matches for which there is no room."""
+    found = found_lenses(search)
+    matches = [lens.name for lens in lenses if lens.name in found and not lens.ticked]
+    shown = matches[:max(0, MOST_OFFERED - sum(lens.ticked for lens in lenses))]
+    return [lens for lens in lenses if lens.ticked or lens.name in shown], len(matches) - len(shown)
 
 
 def _offered_title(scene, name):

@@ -167,6 +167,9 @@ def _draw_notes(layout, scene):
     if facts := _facts(scene):
         for word in facts[0].words:
             draw_wrapped(column, word, "INFO")
+        covered = _field_of_view(scene, facts)[2]
+        if scene.lensfield.view != "LENS" and covered < COMPLETE:
+            draw_wrapped(column, f"The lens covers {covered:.0%} of the picture's diagonal", "INFO")
         if scene.lensfield.view != "CAMERA" and not _sees_alike(scene, replace(facts[0], sensor_mm=facts[2])):
             draw_wrapped(column, "Your camera has a different field of view", "INFO")
             column.operator("lensfield.match_camera", icon="CAMERA_DATA")
@@ -183,7 +186,9 @@ def _draw_view(layout, scene):
     if settings.view == "SENSOR":
         layout.prop(settings, "sensor_mm", text="Width")
     if facts := _facts(scene):
-        for line in (*_field_of_view(scene, facts), *_limits(*facts)):
+        across_deg, up_deg, _ = _field_of_view(scene, facts)
+        view = f"{across_deg:.3g}\u00b0 \u00d7 {up_deg:.3g}\u00b0, crop factor {crop_factor(facts[2]):.3g}"
+        for line in (view, *_limits(*facts)):
             draw_wrapped(layout, line)
     layout.prop(settings, "depth")
     if camera is None or camera.type != "CAMERA" or not has_rings(settings.lens_name_or_path()):
@@ -204,13 +209,11 @@ def _pitch_um(scene, facts):
 
 
 def _field_of_view(scene, facts):
-    """Lines on the picture's field of view, and on what the lens does not cover of it, given what `_facts` returns."""
+    """Angles of view in degrees across and up the picture, and the share of its diagonal that the lens covers, given
+    what `_facts` returns."""
     lens, factor, sensor_mm = facts
     lens_mm = _pitch_um(scene, facts) * 1e-3 / factor  # of a pixel, in the lens's own size
-    across_deg, up_deg, covered = lens.field_on([side * lens_mm for side in reversed(frame_px(scene))])
-    yield f"{across_deg:.3g}\u00b0 \u00d7 {up_deg:.3g}\u00b0, crop factor {crop_factor(sensor_mm):.3g}"
-    if covered < COMPLETE:
-        yield f"The lens covers {covered:.0%} of the picture's diagonal: the corners are dark"
+    return lens.field_on([side * lens_mm for side in reversed(frame_px(scene))])
 
 
 def _limits(facts, factor, _):

@@ -132,6 +132,12 @@ def _searched_lenses():
     return [(name, ", ".join((title, *facts.get(name, ()))), *rest) for name, title, *rest in offered_lenses()]
 
 
+def found_lenses(words):
+    """The names of all lenses whose searchable text contains these words."""
+    return {name for name, text, *_ in _searched_lenses()
+            if all(word in text.lower() for word in words.lower().split())}
+
+
 def forget_items():
     """Clear the cached items, which refer to icons."""
     for items in (offered_lenses, _searched_lenses):

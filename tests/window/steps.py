@@ -44,6 +44,7 @@ from hands import (
     render_window,
     rendering,
     report,
+    session,
     shoot,
     show_tab,
     start,
@@ -56,6 +57,20 @@ from hands import (
 LIVE_LENSES = ("olympus-fisheye-8mm", "muller-fisheye-25mm", "zeiss-hologon-15mm", "zeiss-flektogon-20mm",
                "nikkor-28mm", "edmund-54852", "tessar-50mm", "nikkor-58mm-f1.4", "canon-50mm-f0.95",
                "kodak-petzval-100mm", "nikkor-z-135mm-plena", "canon-fd-500mm-f4.5")
+COMPARED_LENSES = "edmund-54852", "zeiss-biotar-50mm"
+DOT_LENS = """# A Cooke triplet, without its field
+name: Triplet 50mm f/5
+focal_length: 50.00
+surfaces:
+# radius    thickness    ior     abbe   semi_ap  coating
+  22.01359  3.25895583   1.62041 60.32  19.0     1
+  -435.7604 6.0075511    1.00000 0.00   19.0     1
+  -22.21328 0.999974567  1.62004 36.37  10.0     1
+  20.29192  2.3752       1.00000 0.00   10.0     1
+  stop      2.37520893   1.00000 0.00   8.0      0
+  79.6836   2.95207564   1.62041 60.32  15.0     1
+  -18.39533 42.2077801   1.00000 0.00   15.0     1
+"""
 
 
 def install():
@@ -145,6 +160,80 @@ def another_lens():
     shoot("applied")
     assert second.shape == first.shape and not alike(first, second)
     assert alike((yield from render_in_blender()), second)
+
+
+def compare():
+    """The dialog ticks lenses; a click on a picture of the contact sheet chooses its lens and f-stop, and one undo
+    reverts it."""
+    yield from open_sample()
+    bpy.context.preferences.view.render_display_type = "SCREEN"
+    with over():
+        bpy.ops.lensfield.compare("INVOKE_DEFAULT")
+    yield 1
+    shoot("dialog")
+    yield from press("ESC", area("VIEW_3D"))
+    lenses = [{"name": name, "ticked": True} for name in COMPARED_LENSES]
+    with over():
+        assert bpy.ops.lensfield.compare("EXEC_DEFAULT", lenses=lenses, f_stops={"2.8", "5.6"}, side_px=160,
+                                         samples=4) == {"FINISHED"}
+    yield from until(lambda: not rendering())
+    yield 1
+    sheet = session().last_sheet
+    editor = area("IMAGE_EDITOR")
+    assert bpy.path.abspath(editor.spaces.active.image.filepath) == str(sheet.path) and len(sheet.lenses) == 4
+    place, compared = region(editor), sheet.lenses[2]
+    left, top, right, bottom = compared.box
+    width, height = editor.spaces.active.image.size
+    across, up = place.view2d.view_to_region((left + right) / 2 / width, 1 - (top + bottom) / 2 / height, clip=False)
+    before = bpy.context.scene.lensfield.lens
+    yield from press("LEFTMOUSE", place, across=across / place.width, up=up / place.height)
+    yield 0.5
+    shoot("chosen")
+    scene = bpy.context.scene
+    assert scene.lensfield.lens == compared.lens == COMPARED_LENSES[1] != before
+    assert abs(scene.camera.data.dof.aperture_fstop / compared.f_number - 1) < 1e-6
+    yield from press("Z", place, ctrl=True)
+    assert bpy.context.scene.lensfield.lens == before
+
+
+def own_lens():
+    """A file with a lens that does not state its field opens a dialog; its answers are stored with the lens, and the
+    panel and the preview use it."""
+    yield from open_sample()
+    path = FOLDER / "own_lens.lens"
+    path.write_text(DOT_LENS)
+    with over():
+        bpy.ops.lensfield.open_lens("INVOKE_DEFAULT", filepath=str(path))
+    yield 2  # for the drawing
+    shoot("dialog")
+    yield from press("RET", area("VIEW_3D"))
+    settings = bpy.context.scene.lensfield
+    assert (settings.lens, settings.lens_file) == ("FILE", "//lenses/own_lens.toml")
+    yield from until(lambda: lens_request().facts)
+    assert abs(lens_request().facts.efl_mm - 50) < 1
+    yield from start("preview")
+    yield from until(preview_is_fresh)
+    yield DRAW_S
+    shoot("preview")
+    yield from start("preview")
+
+
+def sensors():
+    """The lens in front of other sensors, in the panel, after Match Camera to Lens, and in renders."""
+    yield from open_sample()
+    scene = bpy.context.scene
+    scene.lensfield.lens, shares = "tessar-50mm", {}
+    for view in ("LENS", "MFT", "FILM66", "SENSOR"):
+        scene.lensfield.view, scene.lensfield.sensor_mm = view, (18, 12)
+        yield from until(lambda: lens_request().lens)
+        with over():
+            assert bpy.ops.lensfield.match_camera() == {"FINISHED"}
+        yield DRAW_S
+        shoot(view.lower())
+        shares[view] = scene.camera.data.lens / scene.camera.data.sensor_width
+    assert abs(shares["SENSOR"] / shares["LENS"] - 2) < 1e-3  # of 36 x 24 mm
+    image = yield from render()
+    assert image.mean() > 1e-3
 
 
 def preview():

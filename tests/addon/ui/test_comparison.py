@@ -10,6 +10,7 @@ from lensfield.addon.job.child import COMPARISON
 from lensfield.addon.ui import comparison, window_render
 from lensfield.addon.ui.panels import draw_settings
 from lensfield.addon.ui.session import ComparedLens, LastRender, LastSheet, session
+from lensfield.engine.library import bundled_names
 from small_scenes import light, material, wall
 from snapshot import differences, snapshot
 
@@ -94,7 +95,7 @@ def test_only_the_editor_of_the_sheet_is_clickable_while_its_scene_exists(sheet)
 
 def test_the_dialog_lists_lenses_and_stops_and_refuses_none(sheet):
     layout, settings = Layout(), comparison.LENSFIELD_OT_compare
-    dialog = SimpleNamespace(layout=layout, lenses=[], bl_rna=bpy.ops.lensfield.compare.get_rna_type())
+    dialog = SimpleNamespace(layout=layout, lenses=[], search="", bl_rna=bpy.ops.lensfield.compare.get_rna_type())
     settings.draw(dialog, bpy.context)
     assert {"f_stops", "side_px", "samples"} <= set(layout.shown)
     with pytest.raises(RuntimeError, match="comparison: lenses is none: tick at least one"):
@@ -106,3 +107,13 @@ def test_a_picture_has_the_sides_of_the_scene(sheet):
     assert comparison._size_px(sheet, 640) == (360, 640)
     sheet.render.resolution_y = 7
     assert comparison._size_px(sheet, 640) == (640, 4)
+
+
+@pytest.mark.one_blender
+def test_a_search_limits_the_offered_lenses_but_never_hides_ticked_ones(monkeypatch):
+    monkeypatch.setattr(comparison, "MOST_OFFERED", 4)
+    lenses = [SimpleNamespace(name=name, ticked=name == SHARP) for name in bundled_names()]
+    shown, more = comparison._offered(lenses, "")
+    assert len(shown) == 4 and more == len(lenses) - 4 and SHARP in [lens.name for lens in shown]
+    shown, more = comparison._offered(lenses, "PETZVAL Kodak")
+    assert [lens.name for lens in shown] == ["kodak-petzval-100mm", SHARP] and more == 0

@@ -180,7 +180,7 @@ def test_a_sensor_shows_its_crop_and_field_of_view(lit_scene):
     # atan(8.65 / 50) and atan(6.4875 / 50), doubled; the lens distorts by 0.5 % there
     assert "\u00b7 17.3 \u00d7 13 mm" in text and "19.7\u00b0 \u00d7 14.8\u00b0, crop factor 2" in text
     assert "pixel pitch 10.81 \u00b5m" in text
-    assert "corners are dark" not in text and "Your camera has a different field of view" in text
+    assert "The lens covers" not in text and "Your camera has a different field of view" in text
     bpy.ops.lensfield.match_camera()
     camera = lit_scene.camera.data
     assert camera.lens / camera.sensor_width == pytest.approx(50 / 17.3, rel=0.01)
