@@ -112,7 +112,8 @@ def sample_scene():
 
 
 def guide_pictures():
-    """Screenshots of the panel for the guide: at first, with rings, searching, during a render, and after it."""
+    """Screenshots for the guide: the panel at first, with rings, searching, during a render, and after it; the preview,
+    the live view, and the dialog of a lens file."""
     yield from open_sample(samples=64, percentage=100)
     view = area("VIEW_3D")
     panel = region(view, "UI")
@@ -146,6 +147,23 @@ def guide_pictures():
     yield from until(lambda: not rendering())
     yield 1
     shoot("last", panel)
+    bpy.context.scene.lensfield.lens = "canon-50mm-f0.95"
+    bpy.context.scene.lensfield.view = "CAMERA"
+    turn(f_stop=0.95, distance=0.3)
+    view.spaces.active.shading.type = "MATERIAL"
+    yield from start("live")
+    yield 20  # for shaders
+    shoot("live", region(view))
+    yield from start("live")
+    view.spaces.active.shading.type = "SOLID"
+    path = FOLDER / "triplet.lens"
+    path.write_text(DOT_LENS)
+    yield from point(view, 0.1, 0.9)
+    with over():
+        bpy.ops.lensfield.open_lens("INVOKE_DEFAULT", filepath=str(path))
+    yield 2  # for the drawing
+    shoot("dialog")
+    yield from press("ESC", view)
 
 
 def another_lens():
