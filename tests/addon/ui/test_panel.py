@@ -24,7 +24,6 @@ from lensfield.engine.library import bundled_names
 from lensfield.engine.plan.choose import make_plan
 from places import SAMPLE_SCENE
 from small_scenes import light, material, wall
-from varied_lenses import VARIED
 from waiting import LAST_RESORT_S
 
 
@@ -96,13 +95,22 @@ def test_a_search_matches_all_listed_facts_of_a_lens():
         assert word in names["tessar-50mm"]
 
 
-def test_each_bundled_lens_has_a_picture():
+@pytest.mark.one_blender
+def test_each_bundled_lens_has_a_picture_that_differs_from_all_others():
     from PIL import Image
 
     from lensfield.engine.library import PICTURES
-    for name in VARIED:
-        with Image.open(PICTURES / f"{name}.jpg") as picture:
+    pictures = []
+    for name in bundled_names():
+        path = PICTURES / f"{name}.jpg"
+        assert path.stat().st_size <= 30 * 1024
+        with Image.open(path) as picture:
             assert picture.size == (256, 192)
+            pictures.append(np.asarray(picture.convert("L").reduce(4), np.float32))
+        scene, points = np.split(pictures[-1], [38])
+        assert scene.std() > 15 and points.max() > 30
+    for number, picture in enumerate(pictures):
+        assert all(np.abs(picture - other).mean() > 0.5 for other in pictures[:number])
 
 
 @pytest.mark.sample(1)
