@@ -76,11 +76,16 @@ def _cache(options):
 
 def _info(options):
     info = lens_info(chosen_lens(options))
-    ends = ring_ends(prescription_of(lens_source(options, options.lens))) if has_rings(options.lens) else ()
+    prescription = prescription_of(lens_source(options, options.lens)) if has_rings(options.lens) else None
+    ends = ring_ends(prescription) if prescription else ()
     if options.json:
-        print(json.dumps(info | {"rings": json_value([asdict(end) for end in ends])}, indent=2))
+        provenance = dict(prescription.provenance) if prescription else {}
+        print(json.dumps(info | {"rings": json_value([asdict(end) for end in ends]), "provenance": provenance},
+                         indent=2))
         return
     print(lens_text(info))
+    if prescription and prescription.passport:
+        print(f"\nfigures                  {prescription.passport}")
     if ends:
         far, near = ends
         print(f"\nfocus ring               {in_metres(far.focus_mm)} to {in_metres(near.focus_mm)}\n"

@@ -48,7 +48,7 @@ def row(lens: Prescription) -> str:
     picture = PICTURES / f"{lens.name}.jpg"
     shown = f'<img src="../engine/library/pictures/{picture.name}" width="{WIDTH}">' if picture.is_file() else ""
     cells = (shown, f"**{lens.title}**<br>`{lens.name}`<br>{lens.maker}", ", ".join(lens.character), lens.story,
-             "<br>".join((lens.source, *widest_notes(lens))))
+             "<br>".join(filter(None, (lens.source, f"Figures: {lens.passport}", lens.notes, *widest_notes(lens)))))
     return f"| {' | '.join(cells)} |\n"
 
 

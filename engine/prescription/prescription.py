@@ -12,6 +12,8 @@ from .glasses import LARGEST_INDEX, Glass
 APERTURES = ("stop", "entrance_pupil_diameter_mm", "f_number", "working_f_number", "object_na")
 FIELDS = ("angle_deg", "image_height_mm", "object_height_mm")
 FOCUSES = ("as given", "paraxial", "best", "field")
+PARTS = ("figures", "surfaces", "aspheres", "glasses", "stop", "apertures")  # "figures": all that are not listed
+ORIGINS = ("patent", "published", "estimated", "guessed")
 HIGHEST_F_NUMBER = 22.0  # default of the aperture ring
 CLOSEST_FOCUS = 10  # default of the focus ring, in focal lengths
 LEAST_MM, LARGEST_MM = 1e-6, 1e12  # lengths: squares outside this range lose digits
@@ -110,6 +112,9 @@ class Prescription:
         Position of the image plane: "as given" behind the last surface, at the "paraxial" focus, sharpest on the axis
         ("best": highest mean MTF there at 20 and 30 line pairs per mm on full frame, in eye-weighted white), or least
         mean square spot over the inner 70 % of the "field".
+    provenance : tuple of (str, str)
+        Parts of the design, of `PARTS`, and the origin of their figures, of `ORIGINS`: typed from a patent, published
+        elsewhere (by the maker or in a book), estimated from other figures or drawings, or guessed. () if unknown.
     """
 
     name: str
@@ -133,6 +138,7 @@ class Prescription:
     highest_f_number: float = HIGHEST_F_NUMBER
     glasses: tuple[Glass, ...] = ()
     widest_stop_mm: float | None = None
+    provenance: tuple[tuple[str, str], ...] = ()
 
     def __post_init__(self):
         _check(self)
@@ -147,6 +153,11 @@ class Prescription:
         """Semi-aperture of the widest stop over the current semi-aperture."""
         kind, value = self.aperture
         return self.widest_stop_mm / value if self.widest_stop_mm and kind == "stop" else 1.0
+
+    @property
+    def passport(self) -> str:
+        """The provenance as text, such as "patent; apertures estimated"."""
+        return "; ".join(origin if part == "figures" else f"{part} {origin}" for part, origin in self.provenance)
 
     def scaled(self, factor: float) -> Self:
         """A lens `factor` times as large, with the same f-number, angles and object distance.

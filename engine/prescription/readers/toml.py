@@ -15,7 +15,7 @@ from ...runtime.toml_fields import TomlTable, read_toml
 from ...spectral.dispersion import FORMULAS
 from ...spectral.refraction import Formula
 from ..glasses import Glass
-from ..prescription import APERTURES, FIELDS, Prescription, Surface
+from ..prescription import APERTURES, FIELDS, ORIGINS, PARTS, Prescription, Surface
 from .reading import AS_IT_IS, Reading, ReadingOptions, with_stop
 
 FORMAT, VERSION = "lensfield-prescription", 1
@@ -23,15 +23,15 @@ TEXTS = ("name", "title", "maker", "story", "source", "notes", "focus")
 NUMBERS = ("object_distance_mm", "reference_wavelength_nm", "highest_f_number")
 OF_THE_LENS = ("focal_length_mm", "closest_focus_mm")  # numbers that `scale` does not change; sensor_mm neither
 FIELDS_OF_FILE = ("format", "version", "scale", "aperture", "field", "sensor_mm", "surfaces", "year", "character",
-                  "focused_at_mm", "glasses", *TEXTS, *NUMBERS, *OF_THE_LENS)
+                  "focused_at_mm", "glasses", "provenance", *TEXTS, *NUMBERS, *OF_THE_LENS)
 SURFACE_NUMBERS = ("radius_mm", "semi_aperture_mm", "conic")
 FIELDS_OF_GLASS = ("formula", "coefficients", "range_nm")
 EVERYWHERE_NM = (0.0, np.inf)
 FIELDS_OF_SURFACE = (*SURFACE_NUMBERS, "thickness_mm", "glass", "aspheric", "stop")
 HIGHEST_POWER = 40
-WRITTEN = ("name", "title", "maker", "year", "focal_length_mm", "character", "story", "source", "notes", "aperture",
-           "highest_f_number", "field", "sensor_mm", "focus", "object_distance_mm", "focused_at_mm", "closest_focus_mm",
-           "reference_wavelength_nm")
+WRITTEN = ("name", "title", "maker", "year", "focal_length_mm", "character", "story", "source", "notes",
+           "provenance", "aperture", "highest_f_number", "field", "sensor_mm", "focus", "object_distance_mm",
+           "focused_at_mm", "closest_focus_mm", "reference_wavelength_nm")
 DEFAULTS = {field.name: field.default for value in (Prescription, Surface) for field in fields(value)}
 WIDTH = 105  # of a line of text, without the field's name
 
@@ -53,7 +53,8 @@ def read_lensfield(path: Path, options: ReadingOptions = AS_IT_IS) -> Prescripti
     prescription = Prescription(
         **{"name": path.stem} | facts, surfaces=with_stop(path, _surfaces(table), options),
         aperture=_figure(table, "aperture", APERTURES), field=field or _figure(table, "field", FIELDS),
-        year=_year(table), character=_character(table), glasses=_glasses(table))
+        year=_year(table), character=_character(table), glasses=_glasses(table),
+        provenance=_provenance(table))
     prescription = prescription if scale == 1 else prescription.scaled(scale)
     of_the_lens: dict[str, Any] = {name: table.number(name) for name in OF_THE_LENS if name in table}
     of_the_lens |= {"field": field} if field else {}  # the requested field is not scaled
@@ -77,6 +78,16 @@ def _character(table):
     if not isinstance(words, list) or not all(isinstance(word, str) for word in words):
         raise table.refusal("character", "expected a list of words")
     return tuple(words)
+
+
+def _provenance(table):
+    """(part, origin) of the design's figures."""
+    origins = table.values.get("provenance", {})
+    if not isinstance(origins, dict):
+        raise table.refusal("provenance", "expected a table such as { figures = \"patent\", apertures = \"estimated\" }")
+    origins = TomlTable(table.path, origins, "provenance, ")
+    _check_known(origins, PARTS)
+    return tuple((part, origins.choice(part, ORIGINS)) for part in PARTS if part in origins)
 
 
 def _sensor_mm(table):
@@ -173,6 +184,7 @@ def write_prescription(prescription: Prescription) -> str:
     """
     first_mm = prescription.focused_at_mm[0] if prescription.focused_at_mm else np.inf
     facts = vars(prescription) | {name: dict([getattr(prescription, name)]) for name in ("aperture", "field")}
+    facts |= {"provenance": dict(prescription.provenance) or ()}
     lines = [f"# {MARK}", f'format = "{FORMAT}"', f"version = {VERSION}",
              *_pairs({name: facts[name] for name in WRITTEN}, DEFAULTS | {"object_distance_mm": first_mm})]
     rows = (f"  {{ {', '.join(_pairs(_fields_of(surface), DEFAULTS))} }}" for surface in prescription.surfaces)
