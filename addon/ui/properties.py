@@ -22,7 +22,7 @@ from ...engine import Options
 from ...engine.blur import METHODS
 from ...engine.depth.iris import Iris
 from ...engine.lens.formats import FORMATS
-from ...engine.library import bundled_lenses
+from ...engine.library import described_lenses
 from ...engine.plan.options import AUTO, KNOBS, TIER_ACCURACY
 from ...engine.prescription.readers import READERS
 from ...engine.runtime.setting import settings_of
@@ -111,7 +111,7 @@ def lens_items(self, context):
 @cache
 def offered_lenses():
     """The lenses to choose from, favourites first: list of (identifier, name, description, icon, number)."""
-    favourites, lenses = favourite_lenses(), bundled_lenses()
+    favourites, lenses = favourite_lenses(), described_lenses()
     bundled = [(name, f"\u2605 {lenses[name].title}" if name in favourites else lenses[name].title,
                 f"{lenses[name].maker}: {', '.join(lenses[name].character)}. {lenses[name].story}",
                 lens_picture(name) or "CAMERA_DATA", _lasting_number(name))
@@ -128,7 +128,7 @@ def searched_lens_items(self, context):
 @cache
 def _searched_lenses():
     facts = {name: (f"{lens.focal_length_mm:g}mm", lens.maker, *lens.character)
-             for name, lens in bundled_lenses().items()}
+             for name, lens in described_lenses().items()}
     return [(name, ", ".join((title, *facts.get(name, ()))), *rest) for name, title, *rest in offered_lenses()]
 
 

@@ -1,22 +1,26 @@
 """Checks of a prescription by its rays, to detect missing or mistyped figures."""
 
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
+import scipy
 
 from ..prescription.prescription import CLOSEST_FOCUS, Prescription
 from ..prescription.system import System, system_of
 from ..rays.field_heights import even_heights_mm
 from ..rays.focus import axial_contrast, build_system
 from ..rays.rays import HalfPupil, trace_pupil
-from ..rays.rings import at_position, widest_notes
+from ..rays.rings import at_position, widest_f_number, widest_notes
 from ..runtime.errors import LensError
 from .checks import beyond_the_field
 from .finding import SEVERITIES, LensFinding
 
 FOCAL_LENGTH_TOLERANCE = 0.01
+NAME_TOLERANCE = 0.02  # of the engraved focal length and f-number, which are rounded
+FIGURES = re.compile(r"(\d+(?:\.\d+)?) mm(?:.*? f/(\d+(?:\.\d+)?))?")  # in a title
 LINES_PER_MM = 10.0  # of full frame: the coarsest frequency for which makers state contrast
 LEAST_CONTRAST = 0.4  # measured: 0.47 for the softest fast patent lens, 0.32 for the mildest loss of an asphere
 SOFT_FOCUS = "soft focus"  # in a lens's character: intentional softness
@@ -25,7 +29,12 @@ ROUNDING = 0.03  # of apertures in patents
 CHIEF_RAYS = 33
 COVERED = 1e-3  # of the sensor's half diagonal
 WANDERED = 1 / 150  # of the picture's diagonal: a visible disc; measured: up to 1 / 300 from rounding in patents
-FAN, CHIEF = HalfPupil(65, 1), HalfPupil(1, 1)
+STEEPEST = 0.2  # fall of the passing share of the stop from one of LIGHT_HEIGHTS to the next; measured: up to 0.114
+ROUGHEST = 0.01  # rise of the same; measured: up to 0.001
+DARKEST = 0.03  # the same at the field's end; measured: 0.06 or more
+LEAST_CLOSE_UP = 0.5  # the same on the axis, at any focus; measured: 0.8 or more
+LIGHT_HEIGHTS = 25
+FAN, CHIEF, RIM = HalfPupil(65, 1), HalfPupil(1, 1), HalfPupil(17, 13)
 COLOURS_NM = (430.0, 650.0)
 
 
@@ -49,6 +58,7 @@ def _findings(prescription):
     try:
         system = built(next(_focus_positions(prescription))[0])
         yield from _focal_length(prescription, system)
+        yield from _name(prescription, system)
         yield from _aperture(prescription, system)
         yield from _sensor(system)
         yield from _wandering(prescription, built)
@@ -88,6 +98,19 @@ def _focal_length(prescription, system):
         yield LensFinding("error", "focal_length_mm", f"{nominal_mm:g} mm, and the surfaces give "
                           f"{system.efl_mm:.4g} mm", "expected the same within 1 %: look for a mistyped or scaled "
                           "figure")
+
+
+def _name(prescription, system):
+    """Whether the surfaces have the focal length and the f-number in the title, or the notes state the difference."""
+    named = FIGURES.search(prescription.title)
+    if not named:
+        return
+    traced = (("{} mm", system.efl_mm), ("f/{}", widest_f_number(prescription)))
+    for figure, (form, value) in zip(named.groups(), traced, strict=True):
+        engraved = form.format(figure)
+        if figure and abs(value / float(figure) - 1) > NAME_TOLERANCE and engraved not in prescription.notes:
+            yield LensFinding("warning", "title", f"{engraved}, and the surfaces give {form.format(f'{value:.3g}')}",
+                              f'correct it, or state in the notes: "Engraved {engraved}; the design has ..."')
 
 
 def _aperture(prescription, system):
@@ -150,7 +173,7 @@ def _position(system: System, stated: bool):
                           f"lines per mm (at full-frame size) on the axis, focused {at}",
                           remedy or f"expected {LEAST_CONTRAST:g} or more: look for a missing aspheric term, gap or "
                           "glass")
-    yield from _chief_rays(system, at)
+    yield from list(_chief_rays(system, at)) or _light(system, at)
 
 
 def _chief_rays(system: System, at: str):
@@ -164,6 +187,34 @@ def _chief_rays(system: System, at: str):
                           f"{system.semi_apertures_mm[surface]:g}, and blocks chief rays from an image height of "
                           f"{rays.chief_height_mm[0, height]:.4g} mm, focused {at}",
                           "check its radius and semi-aperture, or end the field at that height")
+
+
+def _light(system: System, at: str):
+    """Whether light falls smoothly towards the corners, without a jump or notch from a mistyped aperture."""
+    heights_mm = even_heights_mm(system, LIGHT_HEIGHTS)
+    passing = _passing_shares(system, heights_mm)
+    steps = np.diff(passing)
+    if passing[0] < LEAST_CLOSE_UP:
+        yield LensFinding("error", "semi_aperture_mm", f"{passing[0]:.0%} of the stop has light on the axis, focused "
+                          f"{at}", "look for a mistyped aperture or gap")
+    for suspect, number in ((steps.min() < -STEEPEST, steps.argmin()), (steps.max() > ROUGHEST, steps.argmax()),
+                            (passing[-1] < DARKEST, -2)):
+        if suspect:
+            yield LensFinding("warning", "semi_aperture_mm", f"{passing[number]:.0%} of the stop has light at an image "
+                              f"height of {heights_mm[number]:.4g} mm, and {passing[number + 1]:.0%} at "
+                              f"{heights_mm[number + 1]:.4g} mm, focused {at}",
+                              "expected a smooth fall towards the corners: look for a mistyped aperture")
+            return
+
+
+def _passing_shares(system: System, heights_mm):
+    """Share of the stop's area whose rays pass all apertures: array (height,). Around the chief ray, these have no
+    gaps."""
+    rays = trace_pupil(system, heights_mm, [system.prescription.reference_wavelength_nm], RIM)
+    reach = np.sqrt(rays.square_height_mm2[:, 0]) / system.semi_apertures_mm[:, None, None, None]
+    reach = np.maximum.accumulate(np.where(rays.lost[0], np.inf, reach.max(axis=0)), axis=1)
+    rims = [[np.interp(1.0, along, RIM.radii) for along in of_height.T] for of_height in reach]
+    return scipy.integrate.trapezoid(np.square(rims), RIM.azimuths, axis=1) / np.pi
 
 
 def _tracing_finding(error):

@@ -14,7 +14,7 @@ from ..lens_files import IMPORT_FIRST, is_import
 from ..lens_files.package import read_package
 from ..prescription.prescription import Prescription
 from ..prescription.readers import AS_IT_IS, READERS, ReadingOptions, checked, read_file, read_prescription
-from ..prescription.readers.toml import read_lensfield
+from ..prescription.readers.toml import Description, read_description, read_lensfield
 from ..rays.rings import AT_REST, Rings, is_stopped_down, turned
 from ..runtime.errors import LensError
 from ..runtime.inputs import check_input
@@ -40,6 +40,12 @@ def bundled_lenses() -> dict[str, Prescription]:
 
 
 @lru_cache
+def described_lenses() -> dict[str, Description]:
+    """Descriptions of the bundled lenses, by name, for lists and searches."""
+    return {name: read_description(prescription_path(name)) for name in bundled_names()}
+
+
+@lru_cache
 def _bundled(name):
     return read_lensfield(prescription_path(name))
 
@@ -50,10 +56,10 @@ def prescription_path(name_or_path: str | PathLike[str]) -> Path:
     return PRESCRIPTIONS / f"{name}.toml" if name in bundled_names() else Path(name)
 
 
-def find_bundled(words: list[str]) -> dict[str, Prescription]:
+def find_bundled(words: list[str]) -> dict[str, Description]:
     """The bundled lenses that match every word: in name, maker, year, focal length ("50mm"), character or story."""
     wanted = [word.casefold() for word in words]
-    return {name: lens for name, lens in bundled_lenses().items()
+    return {name: lens for name, lens in described_lenses().items()
             if all(word in _search_text(name, lens) for word in wanted)}
 
 

@@ -106,6 +106,11 @@ def turned(prescription: Prescription, rings: Rings = AT_REST) -> TurnedLens:
     return TurnedLens(lens, _focus_mm(lens), f_number, stop_warnings + focus_warnings)
 
 
+def widest_f_number(prescription: Prescription) -> float:
+    """The lowest f-number of a prescription's ring, to first order."""
+    return _wide_open(prescription)[1].f_number
+
+
 def widest_notes(prescription: Prescription) -> tuple[str, ...]:
     """`aperture_notes` of a prescription as it is in its file."""
     return aperture_notes(_wide_open(prescription)[1].prescription)

@@ -84,8 +84,8 @@ def _as_float(value):
         return None
 
 
-def read_toml(path: Path, kind: str, version: int) -> TomlTable:
-    """The fields of a TOML file that begins with this `format` and `version`.
+def read_toml(path: Path, kind: str, version: int, before: re.Pattern[str] | None = None) -> TomlTable:
+    """The fields of a TOML file that begins with this `format` and `version`; with `before`, only those above its match.
 
     Raises
     ------
@@ -93,6 +93,7 @@ def read_toml(path: Path, kind: str, version: int) -> TomlTable:
         The file is not TOML, or has another format or version.
     """
     text = read_text(path)
+    text = before.split(text, maxsplit=1)[0] if before else text
     if len(text) > LONGEST_FILE:
         raise LensError(path, "TOML", f"{len(text)} characters", f"expected at most {LONGEST_FILE}")
     if endless := ENDLESS_KEY.search(text):

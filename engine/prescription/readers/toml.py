@@ -1,11 +1,12 @@
 """Reader and writer of Lensfield prescriptions: TOML with the fields of `Prescription` and a table per surface."""
 
 import json
+import re
 import textwrap
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -33,6 +34,7 @@ WRITTEN = ("name", "title", "maker", "year", "focal_length_mm", "character", "st
            "provenance", "aperture", "highest_f_number", "field", "sensor_mm", "focus", "object_distance_mm",
            "focused_at_mm", "closest_focus_mm", "reference_wavelength_nm")
 DEFAULTS = {field.name: field.default for value in (Prescription, Surface) for field in fields(value)}
+SURFACES = re.compile(r"^(?:surfaces\b|\[)", re.MULTILINE)  # the first line that is not about the lens as a whole
 WIDTH = 105  # of a line of text, without the field's name
 
 
@@ -59,6 +61,26 @@ def read_lensfield(path: Path, options: ReadingOptions = AS_IT_IS) -> Prescripti
     of_the_lens: dict[str, Any] = {name: table.number(name) for name in OF_THE_LENS if name in table}
     of_the_lens |= {"field": field} if field else {}  # the requested field is not scaled
     return replace(prescription, sensor_mm=_sensor_mm(table), **of_the_lens)
+
+
+class Description(NamedTuple):
+    """What lists and searches of lenses show, as in `Prescription`."""
+
+    title: str
+    maker: str
+    year: int | None
+    focal_length_mm: float | None
+    character: tuple[str, ...]
+    story: str
+    source: str
+
+
+def read_description(path: Path) -> Description:
+    """Description of a lens, from the lines above its surfaces: reading these, too, takes several times as long."""
+    table = read_toml(path, FORMAT, VERSION, before=SURFACES)
+    focal_length_mm = table.number("focal_length_mm") if "focal_length_mm" in table else None
+    return Description(_line(table, "title"), _line(table, "maker"), _year(table), focal_length_mm, _character(table),
+                       _line(table, "story"), _line(table, "source"))
 
 
 def read_toml_file(path: Path, options: ReadingOptions) -> Reading:

@@ -8,7 +8,7 @@ import pytest
 from lensfield.engine.bake.diffraction import point_spread
 from lensfield.engine.bake.quality import QUALITIES
 from lensfield.engine.bake.wavefront import trace_wavefronts
-from lensfield.engine.library import BUNDLED, bundled_lenses
+from lensfield.engine.library import BUNDLED, prescription_of
 from lensfield.engine.prescription.readers import read_prescription
 from lensfield.engine.rays.focus import build_system, focused
 from lensfield.engine.rays.rays import HalfPupil, trace_pupil
@@ -137,7 +137,7 @@ def test_illumination_is_the_area_of_the_transmitted_bundle(edmund):
 def test_lost_rays_do_not_disturb_illumination(quality):
     """Beyond other apertures, rays of this lens miss a surface: up to a third of the pupil, with steep aberrations at
     their edge."""
-    system = build_system(turned(bundled_lenses()["nikkor-58mm-f1.4"]).prescription)
+    system = build_system(turned(prescription_of("nikkor-58mm-f1.4")).prescription)
     wavefronts = trace_wavefronts(system, np.linspace(0, system.last_height_mm, 17), [550.0], QUALITIES[quality].pupil)
     ours, fine = (wavefronts.areas(*edges)[0][0] for edges in (QUALITIES[quality].edges, (300, 400)))
     assert np.any(wavefronts.limits[-1] == 2.0)

@@ -5,7 +5,7 @@ import pytest
 
 from lensfield.engine import Options, Rings, SpectralImage, load_lens, simulate
 from lensfield.engine.inspection.checks import check_lens
-from lensfield.engine.library import PRESCRIPTIONS, bundled_lenses, bundled_names, find_bundled
+from lensfield.engine.library import PRESCRIPTIONS, bundled_names, described_lenses, find_bundled, prescription_of
 from varied_lenses import VARIED, varied_lens
 
 
@@ -17,16 +17,23 @@ def lens(request):
 
 def test_the_library_is_small():
     sizes = [path.stat().st_size for path in PRESCRIPTIONS.iterdir()]
-    assert max(sizes) <= 8e3 and sum(sizes) <= 300e3
+    assert max(sizes) <= 8e3 and np.mean(sizes) <= 4e3
 
 
 @pytest.mark.sample(12)
 @pytest.mark.parametrize("name", bundled_names())
 def test_each_is_documented(name):
-    prescription = bundled_lenses()[name]
+    prescription = prescription_of(name)
     assert prescription.name == name and set(VARIED) <= set(bundled_names())
     assert prescription.maker and min(map(len, (prescription.title, prescription.story, prescription.source))) > 10
     assert prescription.focal_length_mm and prescription.sensor_mm and prescription.character
+
+
+@pytest.mark.sample(12)
+@pytest.mark.parametrize("name", bundled_names())
+def test_a_description_agrees_with_the_complete_file(name):
+    lens, description = prescription_of(name), described_lenses()[name]
+    assert description._asdict() == {field: getattr(lens, field) for field in description._fields}
 
 
 def test_they_are_searched_by_their_descriptions():

@@ -9,7 +9,7 @@ import pytest
 
 from lens_texts import OPTBENCH, PBRT, SURFACES, TOML, changed
 from lensfield.engine import LensError
-from lensfield.engine.library import BUNDLED, bundled_lenses, bundled_names
+from lensfield.engine.library import BUNDLED, bundled_names, prescription_of
 from lensfield.engine.prescription.glasses import find_glass
 from lensfield.engine.prescription.prescription import Prescription, Surface
 from lensfield.engine.prescription.readers import READERS, ReadingOptions, read_prescription
@@ -104,19 +104,35 @@ def test_invalid_rings_in_a_toml_are_errors(read, old, new, message):
         read(changed(text, (old, new)))
 
 
+def test_a_file_states_the_origin_of_its_figures(read):
+    lens = read(changed(TOML, ("version = 1", 'version = 1\nprovenance = { apertures = "estimated", figures = "patent" }')))
+    assert lens.provenance == (("figures", "patent"), ("apertures", "estimated")), "in one order"
+    assert lens.passport == "patent; apertures estimated" and read(TOML).passport == ""
+
+
+@pytest.mark.parametrize("text, message", [
+    ('"patent"', "provenance is patent: expected a table such as { figures"),
+    ('{ barrel = "patent" }', "provenance, barrel is unknown: expected figures, surfaces, aspheres, glasses, stop, "),
+    ('{ stop = "certain" }', "provenance, stop is certain: expected patent or published or estimated or guessed"),
+    ("{ stop = 3 }", "provenance, stop is 3: expected patent or")])
+def test_an_unknown_origin_is_an_error(read, text, message):
+    with pytest.raises(LensError, match=re.escape(message)):
+        read(changed(TOML, ("version = 1", f"version = 1\nprovenance = {text}")))
+
+
 AWKWARD = Prescription(
     'Ein "Petzval" \\ 85 mm', (
         Surface(-2e-6, 1 / 3, "SCHOTT N-BK7", 8.25, conic=-1.5, aspheric=(0.0, 1e-5, 0.0), odd_aspheric=(0.0, -2e-22)),
         Surface(thickness_mm=3.0, stop=True, gaps_mm=(3.0, 4.0)), Surface(50.0, 47.0, "", 1e6)),
     ("f_number", 1.9), ("image_height_mm", 21.6), 1e3, (36.0, 24.0), 546.07, "best", "Voigtländer, Wien",
     "It swirls. " * 20 + "\\", 'by """hand"""', "1.5 < n", "A Petzval", 1840, ("soft", "swirl"), 85.0,
-    (1e3, 500.0), 400.0, 11.0)
+    (1e3, 500.0), 400.0, 11.0, provenance=(("figures", "published"), ("stop", "guessed")))
 
 
 @pytest.mark.sample(12)
 @pytest.mark.parametrize("name", bundled_names())
 def test_a_bundled_lens_round_trips(tmp_path, name):
-    assert_reads_as_written(bundled_lenses()[name], tmp_path)
+    assert_reads_as_written(prescription_of(name), tmp_path)
 
 
 @pytest.mark.parametrize("lens", [

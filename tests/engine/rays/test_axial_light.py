@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lensfield.engine.inspection.screen import check_prescription
-from lensfield.engine.library import bundled_lenses, load_lens, prescription_of
+from lensfield.engine.library import load_lens, prescription_of
 from lensfield.engine.prescription.prescription import Prescription, Surface
 from lensfield.engine.prescription.system import system_of
 from lensfield.engine.rays.axial_light import axial_f_number
@@ -89,7 +89,7 @@ def test_the_elcans_stop_is_where_it_has_room():
     In front of that lens, the gap closes to 0.1 mm at the rim of the f/2 beam, and a stop in it let the light of f/2.26
     through.
     """
-    lens = bundled_lenses()["leica-elcan-50mm"]
+    lens = prescription_of("leica-elcan-50mm")
     glasses = [bool(surface.glass) for surface in lens.surfaces[:lens.stop_index]]
     assert sum(glasses) == 3 and not widest_notes(lens)
 
@@ -97,5 +97,5 @@ def test_the_elcans_stop_is_where_it_has_room():
 @pytest.mark.parametrize("name", ["leica-elcan-50mm", "pentax-soft-85mm", "mamiya-soft-focus-150mm", "nikon-l35af-35mm",
                                   "canon-ef-200mm-f1.8", "zeiss-distagon-35mm-f1.4"])
 def test_notes_state_stops_that_differ_from_the_patent(name):
-    notes = bundled_lenses()[name].notes
+    notes = prescription_of(name).notes
     assert "stop" in notes and ("assumed" in notes or "estimated" in notes)

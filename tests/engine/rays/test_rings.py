@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import brentq
 
 from lensfield.engine import LensError
-from lensfield.engine.library import bundled_lenses
+from lensfield.engine.library import bundled_names, prescription_of, prescription_path
 from lensfield.engine.prescription.prescription import Prescription, Surface
 from lensfield.engine.prescription.system import system_of
 from lensfield.engine.rays.focus import build_system
@@ -25,7 +25,7 @@ from varied_lenses import VARIED
 
 @pytest.mark.parametrize("name", VARIED)
 def test_at_rest_a_lens_matches_its_prescription(name):
-    lens = bundled_lenses()[name]
+    lens = prescription_of(name)
     given, result = system_of(lens), turned(lens)
     assert result.words == ()
     after = system_of(result.prescription)
@@ -39,7 +39,7 @@ def test_at_rest_a_lens_matches_its_prescription(name):
 @pytest.mark.parametrize("name", VARIED)
 @pytest.mark.parametrize("focus_mm", [3000.0, 1234.5, np.inf])
 def test_the_focus_distance_is_measured_from_the_entrance_pupil(name, focus_mm):
-    focused = turned(bundled_lenses()[name], Rings(focus_mm))
+    focused = turned(prescription_of(name), Rings(focus_mm))
     system = system_of(focused.prescription)
     assert focused.words == () and focused.focus_mm == pytest.approx(focus_mm)
     assert system.prescription.object_distance_mm + system.entrance_pupil_mm == pytest.approx(focus_mm)
@@ -48,7 +48,7 @@ def test_the_focus_distance_is_measured_from_the_entrance_pupil(name, focus_mm):
 
 
 def test_a_given_image_plane_stays_as_its_maker_chose():
-    lens = bundled_lenses()["edmund-54852"]
+    lens = prescription_of("edmund-54852")
     refocused = turned(lens, Rings(turned(lens).focus_mm)).prescription
     assert refocused.surfaces[-1].thickness_mm == pytest.approx(lens.surfaces[-1].thickness_mm, abs=1e-9)
     far = system_of(turned(lens, Rings(np.inf)).prescription)
@@ -58,7 +58,7 @@ def test_a_given_image_plane_stays_as_its_maker_chose():
 
 
 def test_the_f_number_is_for_infinity_and_the_stop_stays():
-    lens = bundled_lenses()["nikkor-28mm"]
+    lens = prescription_of("nikkor-28mm")
     far, near = (system_of(turned(lens, Rings(focus_mm, 8.0)).prescription) for focus_mm in (np.inf, 500.0))
     assert far.f_number == pytest.approx(8.0)
     assert near.stop_semi_aperture_mm == pytest.approx(far.stop_semi_aperture_mm)
@@ -66,7 +66,7 @@ def test_the_f_number_is_for_infinity_and_the_stop_stays():
 
 
 def test_rings_out_of_range_are_reported_and_clamped():
-    lens = bundled_lenses()["tessar-50mm"]
+    lens = prescription_of("tessar-50mm")
     wide = turned(lens, Rings(f_number=2.0))
     assert wide.f_number == pytest.approx(5.5) and wide.prescription == turned(lens).prescription
     assert wide.words == ("f/2: this lens's range is f/5.5 to f/22: set to f/5.5",)
@@ -81,7 +81,7 @@ def test_rings_out_of_range_are_reported_and_clamped():
 
 @pytest.mark.parametrize("name", ["tessar-50mm", "nikkor-z-50mm-f1.8", "muller-fisheye-25mm"])
 def test_a_lens_is_stopped_down_only_beyond_its_widest_stop(name):
-    lens = bundled_lenses()[name]
+    lens = prescription_of(name)
     widest, _ = ring_ends(lens)
     for f_number, shows in ((None, False), (widest.f_number / 2, False), (widest.f_number, False),
                             (1.1 * widest.f_number, lens.highest_f_number > widest.f_number)):
@@ -89,12 +89,12 @@ def test_a_lens_is_stopped_down_only_beyond_its_widest_stop(name):
 
 
 def test_a_lens_with_a_fixed_stop_says_so():
-    lens = bundled_lenses()["apple-phone-4mm"]
+    lens = prescription_of("apple-phone-4mm")
     assert turned(lens, Rings(f_number=4.0)).words == ("f/4: this lens has only f/1.8",)
 
 
 def test_an_enlarged_lens_focuses_at_the_requested_distance():
-    lens = bundled_lenses()["tessar-50mm"]
+    lens = prescription_of("tessar-50mm")
     rings = resized_rings(lens, Rings(4000.0, 8.0), 100.0)
     assert rings.size * capture_focal_length_mm(lens, rings) == pytest.approx(100.0)
     assert rings.size * turned(lens, rings).focus_mm == pytest.approx(4000.0)
@@ -104,15 +104,15 @@ def test_an_enlarged_lens_focuses_at_the_requested_distance():
 
 
 def test_the_range_of_the_rings():
-    far, near = ring_ends(bundled_lenses()["tessar-50mm"])
+    far, near = ring_ends(prescription_of("tessar-50mm"))
     assert (far.focus_mm, far.f_number, near.f_number) == (np.inf, pytest.approx(5.5), 22.0)
     assert near.focus_mm == pytest.approx(504.4, abs=0.1)
-    edmund = bundled_lenses()["edmund-54852"]
+    edmund = prescription_of("edmund-54852")
     assert ring_ends(edmund)[0].focus_mm == np.inf, "though it is told for 250 mm"
 
 
 def test_focusing_wide_open_keeps_the_image_plane_of_the_widest_stop():
-    lens = bundled_lenses()["angenieux-50mm"]
+    lens = prescription_of("angenieux-50mm")
     wide, closed = turned(lens), turned(lens, Rings(f_number=4.0))
     focused_wide = turned(lens, Rings(f_number=4.0, focused_wide_open=True))
     planes = [each.prescription.surfaces[-1].thickness_mm for each in (wide, closed, focused_wide)]
@@ -197,7 +197,7 @@ def test_impossible_positions_are_an_error():
         turned(turned_round, Rings(500.0))
 
 
-INSIDE = [name for name, lens in bundled_lenses().items() if lens.focused_at_mm]
+INSIDE = [name for name in bundled_names() if "focused_at_mm" in prescription_path(name).read_text(encoding="utf-8")]
 PUPIL = HalfPupil(17, 21)
 
 
@@ -215,7 +215,7 @@ def axial_rms_um(prescription):
 def test_modern_lenses_with_moving_gaps_are_sharp_at_close_range(name):
     """To 1/2500 of the diagonal, with 1/1500 as the usual circle of confusion; many are not sharp if moved as a unit.
     """
-    lens = bundled_lenses()[name]
+    lens = prescription_of(name)
     limit_um = 1e3 * np.hypot(*lens.sensor_mm) / 2500
     closest = turned(lens, Rings(1.0))
     assert axial_rms_um(closest.prescription) < limit_um
@@ -224,7 +224,7 @@ def test_modern_lenses_with_moving_gaps_are_sharp_at_close_range(name):
 
 def test_a_lens_moved_as_a_unit_blurs_where_moving_gaps_do_not():
     """A 40 mm f/1.4 at its closest distance: 31 um if moved as a unit, 4 um with its own gaps."""
-    lens = bundled_lenses()["sigma-40mm-f1.4"]
+    lens = prescription_of("sigma-40mm-f1.4")
     rigid = replace(lens, focused_at_mm=(), closest_focus_mm=lens.focused_at_mm[-1],
                     surfaces=tuple(replace(surface, gaps_mm=()) for surface in lens.surfaces))
     with_gaps = turned(lens, Rings(1.0))

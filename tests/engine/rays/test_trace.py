@@ -8,7 +8,7 @@ import pytest
 
 from lensfield.engine import LensError
 from lensfield.engine.kernels.library import NUMPY, available
-from lensfield.engine.library import bundled_lenses, bundled_names
+from lensfield.engine.library import bundled_names, prescription_of
 from lensfield.engine.prescription import glasses
 from lensfield.engine.prescription.prescription import Prescription, Surface
 from lensfield.engine.prescription.surfaces import refracted
@@ -95,7 +95,7 @@ def test_snells_law():
 def test_paths_and_landing_points_agree_by_fermats_principle(name):
     """The slope of a wavefront is the ray: the path's derivative over the beam gives the landing point, to first order.
     """
-    system = system_of(bundled_lenses()[name])
+    system = system_of(prescription_of(name))
     rays = trace_pupil(system, np.array([0.3, 0.8]) * system.last_height_mm, [550.0], HalfPupil(2, 3))
     step = HalfPupil(1, 1)
     step.x, step.y = np.array([[0.0, 1e-3]]), np.array([[0.0, 0.0]])
@@ -153,7 +153,7 @@ compiled_only = pytest.mark.skipif(len(available()) < 2, reason="no library of t
 @pytest.mark.parametrize("name", bundled_names())
 @pytest.mark.parametrize("rings", [Rings(), Rings(2500.0, 5.6), Rings(900.0, 2.8)], ids=["at rest", "near", "close"])
 def test_compiled_rays_of_the_library_match_numpy(name, rings):
-    system = build_system(turned(bundled_lenses()[name], rings).prescription)
+    system = build_system(turned(prescription_of(name), rings).prescription)
     heights_mm = np.array([0.0, 0.3, 0.8, 1.0]) * system.last_height_mm
     plain, compiled = (traced_by(loops, system, heights_mm) for loops in (NUMPY, available()[-1]))
     assert_same_rays(compiled, plain, system.last_height_mm)
