@@ -5,7 +5,10 @@ import pytest
 
 from lensfield.engine import Options, Rings, SpectralImage, load_lens, simulate
 from lensfield.engine.inspection.checks import check_lens
+from lensfield.engine.inspection.curves import relative_illumination
 from lensfield.engine.library import PRESCRIPTIONS, bundled_names, described_lenses, find_bundled, prescription_of
+from lensfield.engine.rays.focus import build_system
+from lensfield.engine.rays.rays import HalfPupil, trace_pupil
 from varied_lenses import VARIED, varied_lens
 
 
@@ -72,6 +75,22 @@ def test_the_fisheye_is_close_to_the_papers_second_lens():
     assert lens.f_number_effective == pytest.approx(4, rel=0.02)
     assert np.degrees(np.arctan(lens.heights_mm[-1] / lens.efl_mm)) == pytest.approx(70, abs=0.01)
     assert 100 * (optics.real_height_mm[-1] / optics.heights_mm[-1] - 1) == pytest.approx(-56.6, abs=1.5)
+
+
+def test_the_topogon_darkens_as_published():
+    """35 degrees off the axis: M. Rimmer has 34.7 % (Proc. SPIE 655, 1986), R. Kingslake 35.0 % (1965); without the
+    light that aberrations move, Rimmer has 36.7 %."""
+    lens = load_lens("zeiss-topogon-66mm", quality="preview", wavelengths_nm=[587.6])
+    height_mm = lens.efl_mm * np.tan(np.radians(35))
+    bundle, pictures = lens.at_wavelength(587.6).relative_illumination, relative_illumination(lens, [587.6])[0]
+    assert np.interp(height_mm, lens.heights_mm, pictures) == pytest.approx(0.3485, abs=0.005)
+    assert np.interp(height_mm, lens.heights_mm, bundle) == pytest.approx(0.367, abs=0.008)
+
+
+def test_the_telecentric_lens_meets_its_sensor_at_right_angles():
+    system = build_system(prescription_of("laikin-telecentric-102mm"))
+    rays = trace_pupil(system, np.linspace(0, system.last_height_mm, 5), [587.6], HalfPupil(1, 1))
+    assert np.degrees(np.abs(rays.direction[1])).max() < 0.1
 
 
 def test_stopping_down_sharpens_and_dims():
