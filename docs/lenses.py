@@ -17,11 +17,11 @@ WIDTH = 240  # of a picture on the page, in pixels
 HEAD = """# The lenses
 
 {number} lenses, sorted by the year of the patent, or of the lens's introduction if that is certain. Each is a
-prescription, `engine/library/prescriptions/NAME.toml`. Figures are from the patents listed; each file's notes name its
-transcriber and list its assumptions. Notes on apertures, computed from rays on the axis, report differences of more
-than 3 % from the f-number, or of the stop from the file's (`engine/rays/axial_light.py`). Lenses are named after the
-designs in the files. The manufacturers are not involved in this project, and their production lenses may differ from
-the patents.
+prescription, `engine/library/prescriptions/NAME.toml`. *Figures* states the origin of all its figures, then of those
+that differ: from the patent, published elsewhere, estimated from other figures or drawings, or guessed. Notes list the
+assumptions. Notes on apertures, computed from rays on the axis, report differences of more than 3 % from the f-number,
+or of the stop from the file's (`engine/rays/axial_light.py`). Lenses are named after the designs in the files. The
+manufacturers are not involved in this project, and their production lenses may differ from the patents.
 
 Each picture is taken wide open, at the distance at which the bust is equally large, or as close to it as the lens
 focuses. Lamps behind it become discs of the lens's own shapes. The row below shows white points from the centre (left)

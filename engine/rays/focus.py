@@ -21,7 +21,7 @@ FIELDS = (0.0, 0.35, 0.5, 0.7)  # relative to the last field: heights that "fiel
 FIELD_NM = (486.1, 546.1, 656.3)
 PUPIL = HalfPupil(13, 17)
 LEAST_PASSING = 0.5  # relative to the aperture's diameter: patents round their apertures
-FARTHEST_PUPIL = 1e3  # from the object, in object distances
+FARTHEST_PUPIL = 1e3  # behind the first surface, in focal lengths
 HOPELESS = 0.25  # blur disc relative to the last height: larger ones leave no picture
 
 
@@ -84,7 +84,7 @@ def _check_object(system):
                         "the lens forms no real image of this object: expected more than "
                         f"{system.front_focus_mm:.4g} mm, its front focal point")
     object_mm, pupil_mm = system.prescription.object_distance_mm, system.entrance_pupil_mm
-    if np.isfinite(object_mm) and not 0 < object_mm + pupil_mm < FARTHEST_PUPIL * object_mm:
+    if np.isfinite(object_mm) and not -object_mm < pupil_mm < FARTHEST_PUPIL * system.efl_mm:
         raise LensError(system.prescription.name, "entrance pupil", f"{pupil_mm:.4g} mm behind the first surface",
                         "the lens is telecentric towards its object, and pictures are rendered from the entrance pupil: "
                         "move the stop")

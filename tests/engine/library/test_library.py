@@ -174,6 +174,15 @@ def test_the_command_prints_the_range_of_the_rings(folder, singlet, capsys):
     assert far["focus_mm"] is None and near["f_number"] == 22.0
 
 
+def test_the_command_prints_the_origin_of_the_figures(folder, singlet, capsys):
+    singlet.write_text(changed(singlet.read_text(), (
+        "version = 1", 'version = 1\nprovenance = { figures = "patent", stop = "guessed" }')))
+    assert main(["lens", "info", str(singlet), "--lens-quality", "preview"]) == 0
+    assert "\nfigures                  patent; stop guessed\n" in capsys.readouterr().out
+    assert main(["lens", "info", str(singlet), "--lens-quality", "preview", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["provenance"] == {"figures": "patent", "stop": "guessed"}
+
+
 def test_the_command_reports_clamped_rings(folder, singlet, capsys):
     assert main(["lens", "info", str(singlet), "--focus", "1cm", "--lens-quality", "preview"]) == 0
     assert "lens: focus at 0.01 m: this lens focuses no closer than" in capsys.readouterr().out
