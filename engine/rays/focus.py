@@ -86,8 +86,8 @@ def _check_object(system):
     object_mm, pupil_mm = system.prescription.object_distance_mm, system.entrance_pupil_mm
     if np.isfinite(object_mm) and not -object_mm < pupil_mm < FARTHEST_PUPIL * system.efl_mm:
         raise LensError(system.prescription.name, "entrance pupil", f"{pupil_mm:.4g} mm behind the first surface",
-                        "the lens is telecentric towards its object, and pictures are rendered from the entrance pupil: "
-                        "move the stop")
+                        "the lens is telecentric towards its object, and pictures are rendered from the entrance "
+                        "pupil: move the stop")
 
 
 def _check_focus(system):

@@ -85,7 +85,7 @@ def _as_float(value):
 
 
 def read_toml(path: Path, kind: str, version: int, before: re.Pattern[str] | None = None) -> TomlTable:
-    """The fields of a TOML file that begins with this `format` and `version`; with `before`, only those above its match.
+    """The fields of a TOML file that begins with this `format` and `version`; with `before`, those above its match.
 
     Raises
     ------

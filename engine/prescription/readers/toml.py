@@ -34,7 +34,7 @@ WRITTEN = ("name", "title", "maker", "year", "focal_length_mm", "character", "st
            "provenance", "aperture", "highest_f_number", "field", "sensor_mm", "focus", "object_distance_mm",
            "focused_at_mm", "closest_focus_mm", "reference_wavelength_nm")
 DEFAULTS = {field.name: field.default for value in (Prescription, Surface) for field in fields(value)}
-SURFACES = re.compile(r"^(?:surfaces\b|\[)", re.MULTILINE)  # the first line that is not about the lens as a whole
+SURFACES = re.compile(r"^(?:surfaces = |\[)", re.MULTILINE)  # the first line that is not about the lens as a whole
 WIDTH = 105  # of a line of text, without the field's name
 
 
@@ -106,7 +106,7 @@ def _provenance(table):
     """(part, origin) of the design's figures."""
     origins = table.values.get("provenance", {})
     if not isinstance(origins, dict):
-        raise table.refusal("provenance", "expected a table such as { figures = \"patent\", apertures = \"estimated\" }")
+        raise table.refusal("provenance", 'expected a table such as { figures = "patent", apertures = "estimated" }')
     origins = TomlTable(table.path, origins, "provenance, ")
     _check_known(origins, PARTS)
     return tuple((part, origins.choice(part, ORIGINS)) for part in PARTS if part in origins)

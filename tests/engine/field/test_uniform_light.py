@@ -39,7 +39,8 @@ def test_a_pixel_is_as_bright_as_in_the_picture(method, centre_px):
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("name", bundled_names())
 def test_uniform_light_is_uniform_at_every_pitch(name):
-    """On the axis, where PSFs of adjacent pixels differ most, and over the field against the finest pixels."""
+    """On the axis, where PSFs of adjacent pixels differ most, and over the field against the finest pixels; the heights
+    of a preview are few for an f/1.2 with glow."""
     lens = load_lens(name) if package_path(name) else bake(turned(prescription_of(name)).prescription,
                                                           quality="preview", wavelengths_nm=NM)
     places_mm = np.linspace(0.1, 0.9, 5) * min(lens.real_height_mm[:, -1].min(), np.hypot(*lens.sensor_mm) / 2)
@@ -48,7 +49,7 @@ def test_uniform_light_is_uniform_at_every_pitch(name):
         for width_px in WIDTHS_PX:
             pitch_mm = lens.sensor_mm[0] / width_px
             light, bank, field = uniform_light(lens, nm, pitch_mm)
-            assert unevenness(bank, field, PixelGrid((2, width_px), 1e3 * pitch_mm)) < 1.2 * MOST
+            assert unevenness(bank, field, PixelGrid((2, width_px), 1e3 * pitch_mm)) < 1.25 * MOST
             along[width_px] = light.at(0.8 * places_mm / pitch_mm, 0.6 * places_mm / pitch_mm)
         for width_px in WIDTHS_PX[:2]:
             np.testing.assert_allclose(along[width_px], along[WIDTHS_PX[-1]], rtol=MOST)

@@ -50,6 +50,7 @@ def test_without_a_name_the_focal_length_is_a_note():
 
 @pytest.mark.parametrize("title, notes, expected", [
     ("A Lens 51 mm f/1.82 (2018)", "", []), ("A Lens, untitled", "", []), ("A Lens 51 mm T2.5", "", []),
+    ("A Zoom 14-24 mm f/2.8", "", []),
     ("A Lens 50 mm f/1.8", "", ["50 mm, and the surfaces give 51.6 mm", "f/1.8, and the surfaces give f/1.85"]),
     ("A Lens 50 mm f/1.8", "Engraved 50 mm.", ["f/1.8, and the surfaces give f/1.85"]),
     ("A Lens 50 mm f/1.8", "Engraved 50 mm f/1.8; the design has 51.6 mm f/1.85.", [])])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lensfield.engine import Options, Rings, SpectralImage, load_lens, simulate
+from lensfield.engine import Options, Rings, SpectralImage, library, load_lens, simulate
 from lensfield.engine.inspection.checks import check_lens
 from lensfield.engine.inspection.curves import relative_illumination
 from lensfield.engine.library import PRESCRIPTIONS, bundled_names, described_lenses, find_bundled, prescription_of
@@ -37,6 +37,13 @@ def test_each_is_documented(name):
 def test_a_description_agrees_with_the_complete_file(name):
     lens, description = prescription_of(name), described_lenses()[name]
     assert description._asdict() == {field: getattr(lens, field) for field in description._fields}
+
+
+def test_lists_and_searches_read_no_surfaces(monkeypatch):
+    """With 500 lenses, these would take seconds."""
+    monkeypatch.setattr(library, "read_lensfield", lambda path: pytest.fail(f"{path} is read"))
+    described_lenses.cache_clear()
+    assert "kodak-petzval-100mm" in find_bundled(["swirl", "1950"])
 
 
 def test_they_are_searched_by_their_descriptions():

@@ -105,7 +105,8 @@ def test_invalid_rings_in_a_toml_are_errors(read, old, new, message):
 
 
 def test_a_file_states_the_origin_of_its_figures(read):
-    lens = read(changed(TOML, ("version = 1", 'version = 1\nprovenance = { apertures = "estimated", figures = "patent" }')))
+    stated = 'provenance = { apertures = "estimated", figures = "patent" }'
+    lens = read(changed(TOML, ("version = 1", f"version = 1\n{stated}")))
     assert lens.provenance == (("figures", "patent"), ("apertures", "estimated")), "in one order"
     assert lens.passport == "patent; apertures estimated" and read(TOML).passport == ""
 

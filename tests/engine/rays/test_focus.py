@@ -101,7 +101,8 @@ def contrast_about(lens, planes=1500):
 def test_a_lens_that_is_telecentric_towards_its_object_is_an_error(behind_mm, pupil_mm):
     """The focal length is 25 mm / 0.5, from the rear vertex, as the front is flat: its principal plane is 2 mm behind
     the front. The stop is imaged by 1/40 - 1/50 = 1/200."""
-    surfaces = Surface(thickness_mm=3.0, glass="1.5/60"), Surface(-25.0, behind_mm), Surface(thickness_mm=60.0, stop=True)
+    surfaces = (Surface(thickness_mm=3.0, glass="1.5/60"), Surface(-25.0, behind_mm),
+                Surface(thickness_mm=60.0, stop=True))
     lens = Prescription("telecentric", surfaces, ("stop", 2.0), ("object_height_mm", 4.0), 100.0, focus="paraxial")
     if pupil_mm:
         assert build_system(lens).entrance_pupil_mm == pytest.approx(pupil_mm)
