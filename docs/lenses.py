@@ -39,8 +39,12 @@ to the corner (right) in the plane of focus, 27 times as large as in the picture
 
 def gallery() -> str:
     """The text of the page."""
-    lenses = sorted(bundled_lenses().values(), key=lambda lens: (lens.year or sys.maxsize, lens.name))
-    return HEAD.format(number=len(lenses)) + "".join(map(row, lenses))
+    return HEAD.format(number=len(lenses())) + "".join(map(row, lenses()))
+
+
+def lenses() -> list[Prescription]:
+    """The bundled lenses by year and name; those without a year are last."""
+    return sorted(bundled_lenses().values(), key=lambda lens: (lens.year or sys.maxsize, lens.name))
 
 
 def row(lens: Prescription) -> str:

@@ -2,12 +2,34 @@
 
 import importlib.util
 
+import pytest
+
+from lensfield.engine.library import bundled_names, prescription_of
 from places import ROOT
 
 
-def test_the_gallery_is_up_to_date():
+@pytest.fixture(scope="module")
+def gallery():
     specification = importlib.util.spec_from_file_location("gallery", ROOT / "docs" / "lenses.py")
-    gallery = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(gallery)
-    assert (ROOT / "docs" / "lenses.md").read_text(encoding="utf-8") == gallery.gallery(), (
-        "python docs/lenses.py docs/lenses.md")
+    module = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def page():
+    return (ROOT / "docs" / "lenses.md").read_text(encoding="utf-8")
+
+
+def test_the_gallery_lists_all_lenses_by_year(gallery, page):
+    lenses = gallery.lenses()
+    head = gallery.HEAD.format(number=len(lenses))
+    assert page.startswith(head), "python docs/lenses.py docs/lenses.md"
+    for line, lens in zip(page.removeprefix(head).splitlines(), lenses, strict=True):
+        assert f"<br>`{lens.name}`<br>" in line, "python docs/lenses.py docs/lenses.md"
+
+
+@pytest.mark.sample(12)
+@pytest.mark.parametrize("name", bundled_names())
+def test_a_lens_of_the_gallery_is_up_to_date(gallery, page, name):
+    assert gallery.row(prescription_of(name)) in page, "python docs/lenses.py docs/lenses.md"
