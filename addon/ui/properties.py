@@ -151,7 +151,7 @@ def _choose_path(field):
 
 def lens_title(name_or_path):
     """The name of a lens in panels: its title, or its file name."""
-    return {name: title for name, title, *_ in offered_lenses()}.get(name_or_path, os.path.basename(name_or_path))
+    return next((title for name, title, *_ in offered_lenses() if name == name_or_path), os.path.basename(name_or_path))
 
 
 def _as_set(number):
