@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from dataclasses import field as dataclass_field
 from typing import Self
 
 import numpy as np
@@ -115,6 +116,7 @@ class Prescription:
     provenance : tuple of (str, str)
         Parts of the design, of `PARTS`, and the origin of their figures, of `ORIGINS`: typed from a patent, published
         elsewhere (by the maker or in a book), estimated from other figures or drawings, or guessed. () if unknown.
+        Lenses that differ only in it are equal, and share a bake.
     """
 
     name: str
@@ -138,7 +140,7 @@ class Prescription:
     highest_f_number: float = HIGHEST_F_NUMBER
     glasses: tuple[Glass, ...] = ()
     widest_stop_mm: float | None = None
-    provenance: tuple[tuple[str, str], ...] = ()
+    provenance: tuple[tuple[str, str], ...] = dataclass_field(default=(), compare=False)
 
     def __post_init__(self):
         _check(self)

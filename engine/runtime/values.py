@@ -51,7 +51,8 @@ class Value:
 def digest_of(value: Any) -> bytes:
     """SHA-256 of a value's contents: numbers, strings, None, arrays, and tuples and dataclasses of these.
 
-    Equal numbers have equal digests, whatever their type. Arrays do if dtype, shape and every bit agree.
+    Equal numbers have equal digests, whatever their type, and so do equal dataclasses. Arrays do if dtype, shape and
+    every bit agree.
 
     Raises
     ------
@@ -65,7 +66,7 @@ def digest_of(value: Any) -> bytes:
         kind, content = "tuple", b"".join(map(digest_of, value))
     elif is_dataclass(value):
         kind = type(value).__qualname__
-        content = b"".join(digest_of(getattr(value, field.name)) for field in fields(value))
+        content = b"".join(digest_of(getattr(value, field.name)) for field in fields(value) if field.compare)
     elif isinstance(value, Real):
         kind, content = "number", (float(value) + 0.0).hex().encode()
     elif isinstance(value, str) or value is None:

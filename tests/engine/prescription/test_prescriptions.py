@@ -109,6 +109,7 @@ def test_a_file_states_the_origin_of_its_figures(read):
     lens = read(changed(TOML, ("version = 1", f"version = 1\n{stated}")))
     assert lens.provenance == (("figures", "patent"), ("apertures", "estimated")), "in one order"
     assert lens.passport == "patent; apertures estimated" and read(TOML).passport == ""
+    assert lens == read(TOML) and digest_of(lens) == digest_of(read(TOML)), "pictures and bakes stay valid"
 
 
 @pytest.mark.parametrize("text, message", [
@@ -147,7 +148,8 @@ def assert_reads_as_written(lens, tmp_path):
     text = write_prescription(lens)
     tidy = replace(lens, story=" ".join(lens.story.split()))
     (tmp_path / "lens.toml").write_text(text, encoding="utf-8")
-    assert read_lensfield(tmp_path / "lens.toml") == tidy and write_prescription(tidy) == text
+    read = read_lensfield(tmp_path / "lens.toml")
+    assert read == tidy and read.provenance == lens.provenance and write_prescription(tidy) == text
     assert max(len(line) for line in text.splitlines() if not line.startswith("  {")) <= 120
 
 
