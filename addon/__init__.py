@@ -36,6 +36,7 @@ from .ui import (
     preferences,
     preview,
     properties,
+    quick_look,
     sheets,
     spectra_panels,
     trust_panel,
@@ -50,7 +51,8 @@ __all__ = ["Animation", "RenderRequest", "apply_lens", "check_next_to_frames", "
            "unregister"]
 
 _MODULES = (properties, preferences, favourites, fixes, operators, open_lens, animation, another_lens, comparison,
-            preview, live, compositor_panel, panels, lint_panel, spectra_panels, trust_panel, flamenco)
+            preview, live, quick_look, compositor_panel, panels, lint_panel, spectra_panels, trust_panel,
+            flamenco)
 _CLASSES = [cls for module in _MODULES for cls in module.classes]
 for _operator in (cls for cls in _CLASSES if issubclass(cls, bpy.types.Operator)):
     _operator.bl_description = " ".join(_operator.__doc__.split())  # tooltips show line breaks
@@ -65,6 +67,7 @@ def register():
     register_keys()
     sweep()
     start_watching()
+    quick_look.start_following()
     bpy.app.handlers.load_post.append(window_render.forget_last)
 
 
@@ -81,6 +84,7 @@ def unregister():
     preview.end()
     live.end()
     stop_watching()
+    quick_look.stop_following()
     bpy.app.handlers.load_post.remove(window_render.forget_last)
     plan_line.forget_plans()
     unregister_keys()

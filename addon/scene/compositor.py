@@ -20,6 +20,7 @@ from .working_space import REC709
 
 NAME = "Lensfield"
 MARK = "lensfield"  # custom property of our node groups; users may rename them
+QUICK_LOOK = "lensfield_quick_look"  # the same of Quick Look's groups; its value identifies the lens
 STATE = "lensfield_frames"  # their custom property with JSON, see `_state`
 BACKGROUND_M = 1e10
 LABEL_LENGTH = 63  # Blender's limit
@@ -56,19 +57,7 @@ def lay_into_compositor(scene, *image_paths, fingerprint=None):
     """
     new_frames = [_stem_and_frame(path)[1] for path in image_paths]
     trust(Path(image_paths[0]).parent)
-    tree, created_tree = _scene_tree(scene)
-    node = _lensfield_node(tree)
-    if node is None:
-        node = tree.nodes.new("CompositorNodeGroup")
-        node.node_tree = _new_group()
-        node.name, node.width = NAME, WIDTH
-        created_layers = _take_over_links(scene, tree, node)
-        _put(node.node_tree, created_tree=created_tree, created_layers=created_layers)
-    elif any(_lensfield_node(other) and _lensfield_node(other).node_tree == node.node_tree
-             for other in _trees_of_others(scene)):
-        state = _state(node.node_tree)
-        node.node_tree = _new_group()  # this scene is a copy, which must not change the picture of the other
-        _put(node.node_tree, created_tree=state["created_tree"], created_layers=state["created_layers"])
+    tree, node = lay_group(scene, MARK, NAME, _new_group)
     if not _is_intact(node.node_tree) or DEPTH_IN_UNITS not in node.node_tree.nodes:
         _build(node.node_tree)
         _feed(scene, tree, node)
@@ -85,10 +74,43 @@ def lay_into_compositor(scene, *image_paths, fingerprint=None):
     return node
 
 
-def remove_from_compositor(scene):
-    """Restore the scene's compositing tree, wherever its nodes are now; returns whether it had a Lensfield node."""
+def lay_group(scene, mark, name, new_group):
+    """Put a node group between the scene's plain render and the nodes that use it; a second call changes nothing.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+    mark : str
+        Custom property of its groups.
+    name : str
+        Of its node.
+    new_group : callable
+        Returns a new group, with inputs and outputs by the names in TAKEN_OVER.
+
+    Returns
+    -------
+    the scene's compositing tree, the node
+    """
+    tree, created_tree = _scene_tree(scene)
+    node = marked_node(tree, mark)
+    if node is None:
+        node = tree.nodes.new("CompositorNodeGroup")
+        node.node_tree = new_group()
+        node.name, node.width = name, WIDTH
+        created_layers = _take_over_links(scene, tree, node)
+        _put(node.node_tree, created_tree=created_tree, created_layers=created_layers)
+    elif any((other := marked_node(tree, mark)) and other.node_tree == node.node_tree
+             for tree in _trees_of_others(scene)):
+        state = _state(node.node_tree)
+        node.node_tree = new_group()  # this scene is a copy, which must not change the picture of the other
+        _put(node.node_tree, created_tree=state["created_tree"], created_layers=state["created_layers"])
+    return tree, node
+
+
+def remove_from_compositor(scene, mark=MARK):
+    """Restore the scene's compositing tree, wherever its nodes are now; returns whether it had a node of ours."""
     tree = _tree(scene)
-    node = tree and _lensfield_node(tree)
+    node = tree and marked_node(tree, mark)
     if not node:
         return False
     group, state = node.node_tree, _state(node.node_tree)
@@ -100,13 +122,13 @@ def remove_from_compositor(scene):
         if source and name in TAKEN_OVER:
             tree.links.new(source, target)
     tree.nodes.remove(node)
-    layers = tree.nodes.get(state["created_layers"])
-    if layers:
+    layers, others = tree.nodes.get(state["created_layers"]), [marked_node(tree, each) for each in (MARK, QUICK_LOOK)]
+    if layers and not any(others):
         tree.nodes.remove(layers)
     if state["created_tree"] and all(node.bl_idname == "NodeGroupOutput" for node in tree.nodes):
         bpy.data.node_groups.remove(tree)
     elif state["created_tree"] and not hasattr(scene, "compositing_node_group"):
-        scene.use_nodes = False
+        scene.use_nodes = any(others)
     if not group.users:
         _remove_group(group)
     return True
@@ -353,13 +375,19 @@ def _tree(scene):
 
 
 def _node(scene):
+    return scene_node(scene, MARK)
+
+
+def scene_node(scene, mark):
+    """The node of ours with this mark in the scene's compositing tree, or None."""
     tree = _tree(scene)
-    return _lensfield_node(tree) if tree else None
+    return marked_node(tree, mark) if tree else None
 
 
-def _lensfield_node(tree):
+def marked_node(tree, mark):
+    """The node of a tree whose group has this mark, or None."""
     return next((node for node in tree.nodes
-                 if node.bl_idname == "CompositorNodeGroup" and node.node_tree and MARK in node.node_tree), None)
+                 if node.bl_idname == "CompositorNodeGroup" and node.node_tree and mark in node.node_tree), None)
 
 
 def _owner(group):
@@ -367,7 +395,11 @@ def _owner(group):
     return next(scene for scene in bpy.data.scenes if (node := _node(scene)) and node.node_tree == group)
 
 
-def _scene_layers(scene, tree):
+def _render_sources(scene, tree, node):
+    """The nodes that output the plain render, before this node of ours: Quick Look, or Render Layers."""
+    quick_look = marked_node(tree, QUICK_LOOK)
+    if quick_look and quick_look != node:
+        return [quick_look]
     return [n for n in tree.nodes if n.bl_idname == "CompositorNodeRLayers" and n.scene == scene and not n.mute]
 
 
@@ -545,7 +577,7 @@ def _remove_group(group):
 def _take_over_links(scene, tree, node):
     """Take over the links of the scene's own Render Layers nodes, else feed the tree's output; returns the name of a
     Render Layers node, if one had to be created."""
-    layers = _scene_layers(scene, tree)
+    layers = _render_sources(scene, tree, node)
     for name in TAKEN_OVER:
         for target in [link.to_socket for n in layers if name in n.outputs for link in n.outputs[name].links]:
             tree.links.new(node.outputs[name], target)
@@ -562,7 +594,7 @@ def _take_over_links(scene, tree, node):
 
 def _feed(scene, tree, node):
     """Feed the plain render to the node; returns the name of the Render Layers node, if it had to be created."""
-    layers, created = next(iter(_scene_layers(scene, tree)), None), ""
+    layers, created = next(iter(_render_sources(scene, tree, node)), None), ""
     if layers is None:
         layers = tree.nodes.new("CompositorNodeRLayers")
         layers.scene, created = scene, layers.name

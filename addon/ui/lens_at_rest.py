@@ -12,8 +12,9 @@ MOST_LENSES = 4
 _worker = ThreadPoolExecutor(1, "Lensfield facts")
 
 
-def facts_at_rest(scene, longest_s: float = 0.0) -> LensFacts | None:
-    """The LensFacts of a scene's lens with its rings at rest; None if they are not available within this time.
+def facts_at_rest(scene, longest_s: float | None = 0.0) -> LensFacts | None:
+    """The LensFacts of a scene's lens with its rings at rest; None if they are not available within this
+    time; without one, it is awaited.
 
     Raises
     ------

@@ -202,16 +202,20 @@ def read_frame(name, stamp, rings, focal_mm, sensor_mm, shape_px, iris, vignette
     InputError
         The lens is not available.
     """
-    lens = load_lens(name, lens_facts(name, rings, focal_mm).rings, QUALITY, wavelengths_nm=COLOURS_NM)
-    if focal_mm is not None:
-        lens = scaled_lens(lens, focal_mm / lens.capture_focal_length_mm, sensor_mm)
-    elif sensor_mm:
-        lens = lens_on_sensor(lens, sensor_mm)
+    lens = frame_lens(name, rings, focal_mm, sensor_mm)
     grid = PixelGrid(shape_px, fitting_pitch_um(lens, shape_px))
     tables = lens_tables(lens, lens_rays(lens, opening(iris, lens).reach), grid, iris, vignette)
     half_mm = [n * grid.pitch_um * 1e-3 / 2 / lens.capture_focal_length_mm for n in reversed(shape_px)]
     per_nearness_px_m, nearness_per_m = blur_per_nearness_px(lens, grid.pitch_um) / 1e3, focus_nearness(lens) * 1e3
     return Frame(tables, tuple(half_mm), Focus(1 / nearness_per_m if nearness_per_m else inf, per_nearness_px_m))
+
+
+def frame_lens(name, rings, focal_mm, sensor_mm):
+    """The Lens of these arguments of `read_frame`."""
+    lens = load_lens(name, lens_facts(name, rings, focal_mm).rings, QUALITY, wavelengths_nm=COLOURS_NM)
+    if focal_mm is not None:
+        return scaled_lens(lens, focal_mm / lens.capture_focal_length_mm, sensor_mm)
+    return lens_on_sensor(lens, sensor_mm) if sensor_mm else lens
 
 
 def _remember_framebuffer():

@@ -34,6 +34,7 @@ from .plan_line import plan_text
 from .preview import draw_preview, draw_preview_status
 from .previews import growing_preview, sheet_preview
 from .properties import SETTINGS, lens_title
+from .quick_look import draw_quick_look
 from .session import session
 from .sheets import drawn_sheet, stored_sheet
 from .text_wrap import draw_wrapped
@@ -340,6 +341,7 @@ def _draw_output(layout, scene):
         layout.label(text=f"{columns} \u00d7 {rows} px, pixel pitch {_pitch_um(scene, facts):.2f} \u00b5m")
     layout.prop_search(settings, "view_layer", scene, "view_layers")
     draw_compositor(layout, scene)
+    draw_quick_look(layout, scene)
 
 
 _PARTS = (("view", "View and Depth", _draw_view),

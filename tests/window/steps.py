@@ -367,6 +367,40 @@ def live():
     assert not exceeded, "; ".join(exceeded)
 
 
+def quick_look():
+    """Quick Look shows renders of EEVEE through the lens, also after another one is chosen; an undo removes it."""
+    yield from open_sample(percentage=15, view="CAMERA", lens="nikkor-28mm")
+    scene = bpy.context.scene
+    scene.render.engine, scene.eevee.taa_render_samples = "BLENDER_EEVEE", 1
+    bpy.ops.ed.undo_push(message="Choose EEVEE")
+    without = yield from render_in_blender()
+    with over():
+        assert bpy.ops.lensfield.quick_look("INVOKE_DEFAULT", True) == {"FINISHED"}  # with its own undo step
+    assert node_label().startswith("Quick Look: Nikkor 28 mm"), node_label()
+    first = yield from render_in_blender()
+    choose_petzval()
+    bpy.ops.ed.undo_push(message="Choose Lens")
+    yield from until(lambda: "Petzval" in node_label())
+    second = yield from render_in_blender()
+    assert not alike(without, first) and not alike(first, second)
+    relative = second[..., 1] / without[..., 1]
+    (rows, columns), side = relative.shape, 10
+    corner, middle = relative[:side, :side].mean(), relative[rows // 2:, columns // 2:][:side, :side].mean()
+    assert corner < 0.9 * middle, (corner, middle)
+    area("VIEW_3D").ui_type = "CompositorNodeTree"
+    yield 1
+    with over("NODE_EDITOR"):
+        bpy.ops.node.view_all()
+    yield 1
+    shoot("nodes")
+    area("NODE_EDITOR").ui_type = "VIEW_3D"
+    bpy.ops.ed.undo()
+    yield from until(lambda: "Nikkor" in node_label())
+    bpy.ops.ed.undo()
+    yield DRAW_S
+    assert not node_label() and bpy.context.scene.render.engine == "BLENDER_EEVEE"
+
+
 def depth():
     """Sharp and blurred: the focus overlay follows the rings immediately, and a render continues during an undo."""
     yield from open_sample(samples=16, percentage=100)

@@ -1,0 +1,262 @@
+"""Quick Look in the compositor: operators that add and remove it. Its node follows the lens, its rings and the camera.
+
+In a window, a timer compares the scene with what the node shows, and a thread reads the lens. A render on the main
+thread, as in background mode, updates the node first.
+"""
+
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import bpy
+import numpy as np
+from bpy.app.handlers import persistent
+
+from ...engine.depth.lens_curves import LensCurves, lens_curves
+from ...engine.lens.entrance_pupil import focus_nearness
+from ...engine.lens.pinhole import fitting_pitch_um
+from ...engine.runtime.errors import InputError, one_line
+from ..job.named_files import check_named_files
+from ..scene.camera import TO_PERSPECTIVE, frame_px, size_for_view
+from ..scene.compositor import LABEL_LENGTH, QUICK_LOOK, lay_group, remove_from_compositor, scene_node
+from ..scene.errors import SceneError
+from ..scene.lens_facts import lens_facts
+from ..scene.quick_look import NAME, new_quick_look, set_lens
+from ..scene.requirements import check_scene
+from ..scene.units import mm_per_unit
+from .lens_at_rest import facts_at_rest
+from .live import frame_lens, frame_question
+from .properties import lens_title
+
+CHECK_S = 1.0
+RINGS = "lensfield_rings"  # custom property of the groups: the focus and the f-stop that were last set
+PLACES = 129  # across and up, for the share of the frame without light
+
+_worker = ThreadPoolExecutor(1, "Lensfield Quick Look")
+_requests = {}  # by the scene's session_uid: the newest question, and the Future of its answer
+
+
+def quick_look_question(scene, at_rest):
+    """Everything that a scene's Quick Look depends on: hashable arguments of `read_curves`."""
+    _, (width_mm, _) = size_for_view(scene, at_rest, "camera")
+    return *frame_question(scene, at_rest), width_mm / 2 / scene.camera.data.lens
+
+
+def read_curves(name, stamp, rings, focal_mm, sensor_mm, shape_px, iris, vignette, tangent):
+    """The LensCurves of these arguments, the camera's scale relative to the lens's, and the inverse of the focus
+    distance in mm.
+
+    Raises
+    ------
+    InputError
+        The lens is not available.
+    """
+    lens = frame_lens(name, rings, focal_mm, sensor_mm)
+    half_mm = shape_px[1] * fitting_pitch_um(lens, shape_px) * 1e-3 / 2
+    curves = lens_curves(lens, lens_facts(name, rings, focal_mm).f_number, iris, vignette)
+    return curves, half_mm / lens.capture_focal_length_mm / tangent, focus_nearness(lens)
+
+
+def add_quick_look(scene):
+    """Add Quick Look to a scene's compositor, or update it.
+
+    Returns
+    -------
+    str
+        What the picture lacks, in one line.
+
+    Raises
+    ------
+    InputError
+        The lens, or the scene's camera, is not available.
+    """
+    check_named_files()
+    _check(scene)
+    question = quick_look_question(scene, facts_at_rest(scene, None))
+    answer = read_curves(*question)
+    for layer in scene.view_layers:
+        layer.use_pass_z = layer.use_pass_z or layer.use
+    _, node = lay_group(scene, QUICK_LOOK, NAME, new_quick_look)
+    _show(scene, node, question, answer)
+    return " \u00b7 ".join(_words(scene, *answer))
+
+
+def follow(scene, wait=False):
+    """Update a scene's Quick Look node, if it has one: when the lens is read, or at once if `wait`."""
+    node = _editable_node(scene)
+    if node is None:
+        return
+    try:
+        check_named_files()
+        _check(scene)
+        at_rest = facts_at_rest(scene, None if wait else 0.0)
+        if at_rest is None:
+            return
+        question = quick_look_question(scene, at_rest)
+        if node.node_tree[QUICK_LOOK] != _state(scene, question):
+            answer = _answer(scene, question)
+            if not wait and not answer.done():
+                return
+            _show(scene, node, question, answer.result())
+        _label(node, lens_title(scene.lensfield.lens_text()))
+    except InputError as error:
+        _label(node, one_line(error))
+
+
+def _check(scene):
+    check_scene(scene)
+    if not scene.lensfield.lens_text():
+        raise SceneError(f"scene {scene.name!r}", "lens", "missing", "choose a lens, or a lens file")
+    if scene.camera.data.type == "PANO":
+        raise SceneError(f"camera {scene.camera.data.name!r}", "type", "PANO", TO_PERSPECTIVE)
+
+
+def _editable_node(scene):
+    """The scene's Quick Look node, unless it is linked or belongs to another scene: this one may be its copy."""
+    node = scene_node(scene, QUICK_LOOK)
+    if node is None or node.id_data.library or node.node_tree.library:
+        return None
+    first = next(other for other in bpy.data.scenes
+                 if (its := scene_node(other, QUICK_LOOK)) and its.node_tree == node.node_tree)
+    return node if first == scene else None
+
+
+def _answer(scene, question):
+    if _requests.get(scene.session_uid, ((),))[0] != question:
+        _requests[scene.session_uid] = question, _worker.submit(read_curves, *question)
+    return _requests[scene.session_uid][1]
+
+
+def _show(scene, node, question, answer):
+    curves, scale, nearness_per_mm = answer
+    group, unit_mm = node.node_tree, mm_per_unit(scene)
+    _turn(node, 1 / nearness_per_mm / unit_mm if nearness_per_mm else 0.0, curves.f_number,
+          always=scene.camera.data.dof.use_dof)
+    set_lens(group, curves, scale, unit_mm, not _blender_blurs(scene))
+    group[QUICK_LOOK] = _state(scene, question)
+    _label(node, lens_title(scene.lensfield.lens_text()))
+
+
+def _turn(node, focus_distance, f_number, always):
+    """Set the node's focus and f-stop, unless the user has changed them."""
+    focus, f_stop = node.inputs["Focus Distance"], node.inputs["F-Stop"]
+    present = [focus.default_value, f_stop.default_value]
+    if always or list(node.node_tree.get(RINGS, present)) == present:
+        focus.default_value, f_stop.default_value = focus_distance, f_number
+        node.node_tree[RINGS] = [focus.default_value, f_stop.default_value]
+
+
+def _state(scene, question):
+    return repr((question, mm_per_unit(scene), _blender_blurs(scene)))
+
+
+def _blender_blurs(scene):
+    """Whether the render itself has the blur of the camera's Depth of Field."""
+    return scene.camera.data.dof.use_dof and (
+        scene.render.engine != "BLENDER_WORKBENCH" or scene.display.shading.use_dof)
+
+
+def _label(node, text):
+    label = f"{NAME}: {text}"[:LABEL_LENGTH]
+    if node.label != label:
+        node.label = label
+
+
+def _words(scene, curves, scale, _):
+    """What a picture lacks."""
+    missing = _share_outside(curves, scale, frame_px(scene))
+    if missing > 0.001:
+        yield f"{missing:.1%} of the frame is outside the camera's view and remains transparent"
+    if _blender_blurs(scene):
+        yield "Blender's own Depth of Field blurs the render"
+
+
+def _share_outside(curves: LensCurves, scale, shape_px):
+    """The share of a frame whose light comes from outside the camera's view."""
+    rows, columns = shape_px
+    width, height = curves.sensor
+    per_px = min(width / columns, height / rows) / 2
+    x, y = np.meshgrid(np.linspace(-1, 1, PLACES), np.linspace(-1, 1, PLACES))
+    along = np.linalg.norm([x * columns * per_px, y * rows * per_px], axis=0)
+    source = scale * np.interp(along, np.linspace(0, 1, len(curves.sources)), curves.sources[:, 1])
+    return float(np.mean(np.maximum(abs(x), abs(y)) * source > 1))
+
+
+def check():
+    """Update the Quick Look nodes; returns the seconds to the next check."""
+    if not bpy.app.is_job_running("RENDER"):
+        for scene in bpy.data.scenes:
+            follow(scene)
+    return CHECK_S
+
+
+@persistent
+def on_render(scene, *_):
+    """Update the node before a frame that a script renders."""
+    if scene.render.use_compositing and threading.current_thread() is threading.main_thread():
+        follow(scene, wait=True)
+
+
+def start_following():
+    """Register the handler and the timer, until `stop_following`."""
+    bpy.app.handlers.render_pre.append(on_render)
+    if not bpy.app.background:
+        bpy.app.timers.register(check, first_interval=CHECK_S, persistent=True)
+
+
+def stop_following():
+    """Remove the handler and the timer."""
+    bpy.app.handlers.render_pre.remove(on_render)
+    if bpy.app.timers.is_registered(check):
+        bpy.app.timers.unregister(check)
+    _requests.clear()
+
+
+def draw_quick_look(layout, scene):
+    """Draw the buttons of Quick Look, and its node's label."""
+    node, row = scene_node(scene, QUICK_LOOK), layout.row(align=True)
+    row.operator("lensfield.quick_look", text=f"{'Update' if node else 'Add'} Quick Look", icon="NODE_COMPOSITING")
+    if node:
+        row.operator("lensfield.remove_quick_look", text="", icon="X")
+        layout.label(text=node.label)
+
+
+class LENSFIELD_OT_quick_look(bpy.types.Operator):
+    """Show ordinary renders, by any engine, through the scene's lens: a node in the compositor applies its distortion,
+    lateral colour and relative illumination, and blurs by depth. It follows the lens and its rings"""
+
+    bl_idname = "lensfield.quick_look"
+    bl_label = "Add Quick Look"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context):
+        return not bpy.app.is_job_running("RENDER")
+
+    def execute(self, context):
+        try:
+            words = add_quick_look(context.scene)
+        except (InputError, OSError) as error:
+            self.report({"ERROR"}, one_line(error))
+            return {"CANCELLED"}
+        if words:
+            self.report({"INFO"}, words)
+        return {"FINISHED"}
+
+
+class LENSFIELD_OT_remove_quick_look(bpy.types.Operator):
+    """Remove Quick Look from the compositor and restore the previous links"""
+
+    bl_idname = "lensfield.remove_quick_look"
+    bl_label = "Remove Quick Look"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context):
+        return scene_node(context.scene, QUICK_LOOK) is not None and not bpy.app.is_job_running("RENDER")
+
+    def execute(self, context):
+        remove_from_compositor(context.scene, QUICK_LOOK)
+        return {"FINISHED"}
+
+
+classes = LENSFIELD_OT_quick_look, LENSFIELD_OT_remove_quick_look
