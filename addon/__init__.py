@@ -26,6 +26,7 @@ from .ui import (
     favourites,
     fixes,
     flamenco,
+    lens_assets,
     lens_worker,
     lint_panel,
     live,
@@ -51,7 +52,7 @@ __all__ = ["Animation", "RenderRequest", "apply_lens", "check_next_to_frames", "
            "unregister"]
 
 _MODULES = (properties, preferences, favourites, fixes, operators, open_lens, animation, another_lens, comparison,
-            preview, live, quick_look, compositor_panel, panels, lint_panel, spectra_panels, trust_panel,
+            preview, live, quick_look, lens_assets, compositor_panel, panels, lint_panel, spectra_panels, trust_panel,
             flamenco)
 _CLASSES = [cls for module in _MODULES for cls in module.classes]
 for _operator in (cls for cls in _CLASSES if issubclass(cls, bpy.types.Operator)):

@@ -22,6 +22,7 @@ class LensfieldPreferences(bpy.types.AddonPreferences):
     def draw(self, context):
         self.layout.use_property_split = True
         self.layout.prop(self, "preview_place")
+        self.layout.operator("lensfield.write_lens_assets", icon="ASSET_MANAGER")
 
 
 def addon_preferences():

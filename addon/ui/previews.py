@@ -14,6 +14,7 @@ from ..scene.errors import SceneError
 
 PREVIEW_PX = 640  # the longer side; previews that Blender loads have 256, too few for the text
 SHEET_MARK = "lensfield_sheet"
+ASSET_PX = 256  # the size of Blender's previews
 
 MOST_PIXELS = 40_000_000  # of a file: 8K, at 4 bytes each while it is read
 
@@ -114,11 +115,26 @@ def _previews():
 
 def _read(path):
     """The picture, scaled down: float32 array (row, column, 4) from 0 to 1."""
+    with open_png(path) as picture:
+        return _scaled_down(picture, PREVIEW_PX)
+
+
+def asset_preview(name):
+    """The picture of the sample scene through a bundled lens, as of `_read`; None without it."""
     from PIL import Image
 
-    with open_png(path) as picture:
-        picture.thumbnail((PREVIEW_PX, PREVIEW_PX), Image.Resampling.LANCZOS)
-        return np.asarray(picture.convert("RGBA"), dtype=np.float32) / 255
+    path = PICTURES / f"{name}.jpg"
+    if not path.is_file():
+        return None
+    with Image.open(path) as picture:
+        return _scaled_down(picture, ASSET_PX)
+
+
+def _scaled_down(picture, longest_px):
+    from PIL import Image
+
+    picture.thumbnail((longest_px, longest_px), Image.Resampling.LANCZOS)
+    return np.asarray(picture.convert("RGBA"), dtype=np.float32) / 255
 
 
 @contextmanager

@@ -1,0 +1,125 @@
+"""An asset library of the bundled lenses: a Quick Look node group for each, at rest, for the asset browser."""
+
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ...engine.depth.lens_curves import lens_curves
+from ...engine.lens.entrance_pupil import focus_nearness
+from ...engine.library import bundled_lenses
+from ...engine.rays.rings import AT_REST
+from ...engine.runtime.errors import InputError, one_line
+from ..scene.compositor import QUICK_LOOK
+from ..scene.lens_facts import lens_facts
+from ..scene.quick_look import new_quick_look, set_lens
+from .live import frame_lens
+from .previews import asset_preview
+
+FILE, CATALOGUES = "lensfield_lenses.blend", "blender_assets.cats.txt"
+CATALOGUE, CATALOGUE_ID = "Lensfield", "6a3a9f0e-5f0b-4b0e-9c53-3f9b6a1d7c42"
+UNIT_MM = 1000.0  # of a new file
+STEP_S = 0.01
+
+
+def lens_asset_steps(folder: Path):
+    """Write the asset library into a folder, in steps: yields the finished fraction."""
+    lenses, curves = bundled_lenses(), {}
+    for name in lenses:
+        lens = frame_lens(name, AT_REST, None, None)
+        curves[name] = lens_curves(lens, lens_facts(name).f_number), focus_nearness(lens) * UNIT_MM
+        yield len(curves) / (len(lenses) + 1)
+    groups = []
+    try:
+        for name, (of_lens, nearness) in curves.items():
+            groups.append(_asset(lenses[name], name, of_lens, nearness))
+        bpy.data.libraries.write(str(folder / FILE), set(groups), fake_user=True, compress=True)
+    finally:
+        images = [node.image for group in groups for node in group.nodes if node.bl_idname == "CompositorNodeImage"]
+        bpy.data.batch_remove([*groups, *images])
+    _add_catalogue(folder / CATALOGUES)
+
+
+def _asset(lens, name, curves, nearness):
+    """A node group of a lens as an asset."""
+    group = new_quick_look()
+    group.name = lens.title
+    del group[QUICK_LOOK]  # it does not follow a scene's lens
+    set_lens(group, curves, unit_mm=UNIT_MM)
+    inputs = {item.name: item for item in group.interface.items_tree if item.in_out == "INPUT"}
+    inputs["F-Stop"].default_value = curves.f_number
+    inputs["Focus Distance"].default_value = 1 / nearness if nearness else 0.0
+    group.asset_mark()
+    asset = group.asset_data
+    asset.description, asset.author, asset.copyright = " ".join(lens.story.split()), lens.maker, lens.source
+    asset.catalog_id = CATALOGUE_ID
+    for word in lens.character:
+        asset.tags.new(word, skip_if_exists=True)
+    pixels = asset_preview(name)
+    if pixels is not None:
+        preview = group.preview_ensure()
+        preview.image_size = pixels.shape[1::-1]
+        preview.image_pixels_float.foreach_set(np.ascontiguousarray(pixels[::-1]).ravel())
+    return group
+
+
+def _add_catalogue(path):
+    """Add the catalogue to a folder's list, which may have others."""
+    text = path.read_text(encoding="utf-8") if path.is_file() else "VERSION 1\n"
+    if CATALOGUE_ID not in text:
+        path.write_text(f"{text.rstrip()}\n\n{CATALOGUE_ID}:{CATALOGUE}:{CATALOGUE}\n", encoding="utf-8")
+
+
+class LENSFIELD_OT_write_lens_assets(bpy.types.Operator):
+    """Write an asset library with a Quick Look node group for each lens, at rest. Then add its folder in Preferences >
+    File Paths > Asset Libraries"""
+
+    bl_idname = "lensfield.write_lens_assets"
+    bl_label = "Write Lens Assets"
+
+    directory: bpy.props.StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE"})
+    filter_folder: bpy.props.BoolProperty(default=True, options={"HIDDEN", "SKIP_SAVE"})
+
+    def invoke(self, context, event):
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def execute(self, context):
+        folder = Path(bpy.path.abspath(self.directory))
+        if not self.directory or not folder.is_dir():
+            self.report({"ERROR"}, f"folder is {self.directory!r}: choose an existing folder")
+            return {"CANCELLED"}
+        self._steps = lens_asset_steps(folder)
+        context.window_manager.progress_begin(0, 1)
+        if bpy.app.background:
+            while (result := self._step(context)) == {"RUNNING_MODAL"}:
+                pass
+            return result
+        self._timer = context.window_manager.event_timer_add(STEP_S, window=context.window)
+        context.window_manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context, event):
+        if event.type == "ESC":
+            return self._end(context, {"CANCELLED"})
+        return self._step(context) if event.type == "TIMER" else {"PASS_THROUGH"}
+
+    def _step(self, context):
+        try:
+            context.window_manager.progress_update(next(self._steps))
+            return {"RUNNING_MODAL"}
+        except StopIteration:
+            self.report({"INFO"}, f"{FILE} written")
+            return self._end(context, {"FINISHED"})
+        except (InputError, OSError, RuntimeError) as error:
+            self.report({"ERROR"}, one_line(error))
+            return self._end(context, {"CANCELLED"})
+
+    def _end(self, context, result):
+        context.window_manager.progress_end()
+        if not bpy.app.background:
+            context.window_manager.event_timer_remove(self._timer)
+        return result
+
+
+classes = (LENSFIELD_OT_write_lens_assets,)
