@@ -1,5 +1,6 @@
 """The rays of a lens: traced through its prescription and cached, or to first order for a lens without one."""
 
+from collections.abc import Callable
 from functools import lru_cache
 from io import BytesIO
 
@@ -16,6 +17,7 @@ KIND, MOST_BYTES = "rays", 2**28
 ARRAYS = "wavelengths_nm", "coefficients", "last_height_mm", "entrance_pupil_mm", "reach"
 REACHES = 8  # steps of `reach` per semi-aperture: irises with smaller differences at their corners share a table
 ROUNDING = 1e-6
+Rays = Callable[[Lens, float], RayTable]
 
 
 @lru_cache(maxsize=4)
@@ -36,7 +38,19 @@ def lens_rays(lens: Lens, reach: float = 1.0) -> RayTable:
     reach = max(reach, np.ceil(REACHES * (reach - ROUNDING)) / REACHES)
     if not lens.prescription:
         return field_map(lens).first_order_rays(reach)
-    return _traced(lens.prescription, max(1.0, min(reach, lens.prescription.stop_rim)))
+    return _traced(lens.prescription, _within_rim(lens.prescription, reach))
+
+
+@lru_cache(maxsize=4)
+def sketched_rays(lens: Lens, reach: float = 1.0) -> RayTable:
+    """As `lens_rays`, but of few rays, for pixels that are much larger than its errors."""
+    if not lens.prescription:
+        return lens_rays(lens, reach)
+    return ray_table(lens.prescription, reach=_within_rim(lens.prescription, reach), sketch=True)
+
+
+def _within_rim(prescription, reach):
+    return max(1.0, min(reach, prescription.stop_rim))
 
 
 def _traced(prescription: Prescription, reach: float) -> RayTable:

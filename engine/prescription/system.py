@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -9,6 +10,8 @@ from ..runtime.errors import LensError
 from .glasses import Glass, find_glass
 from .paraxial import FirstOrder, first_order
 from .prescription import Prescription
+
+MOST_SYSTEMS = 64  # in the cache
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +80,7 @@ class System(FirstOrder):
         return np.exp(-depth)
 
 
+@lru_cache(maxsize=MOST_SYSTEMS)
 def system_of(prescription: Prescription) -> System:
     """System of a prescription, with the image plane at the last thickness.
 

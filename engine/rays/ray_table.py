@@ -32,6 +32,7 @@ from .trace import trace_both_ways
 
 WAVELENGTHS_NM = (400.0, 417.1, 469.5, 555.9, 653.2, 700.0)  # least oscillation of polynomials over the wave number
 HEIGHTS, PUPIL = 33, HalfPupil(17, 33, close_at_rim=True)
+SKETCHED_HEIGHTS, SKETCHED_PUPIL = 13, HalfPupil(13, 17, close_at_rim=True)  # for pixels of a 160th of the picture
 FINER_PUPIL, FINE_UM = HalfPupil(33, 33, close_at_rim=True), 1.0  # used if the spline error on the sensor exceeds this
 MISSED = 5 / 384  # largest error of cubic splines, relative to fourth differences
 TRUSTED = -0.3  # least margin of blocked rays that are used to extrapolate; rays with less nearly graze a surface
@@ -230,7 +231,8 @@ class RayTable(Value):
 
 
 def ray_table(prescription: Prescription,
-              wavelengths_nm: Sequence[float] | np.ndarray = WAVELENGTHS_NM, reach: float = 1.0) -> RayTable:
+              wavelengths_nm: Sequence[float] | np.ndarray = WAVELENGTHS_NM, reach: float = 1.0, *,
+              sketch: bool = False) -> RayTable:
     """Trace the ray table of a lens, at its focus and widest stop.
 
     A smaller stop has the same rays, at scaled stop points.
@@ -242,18 +244,21 @@ def ray_table(prescription: Prescription,
         Wavelengths to trace; `RayTable.at` interpolates between them.
     reach : float
         `RayTable.reach`.
+    sketch : bool
+        Trace few rays, for coarse pixels.
 
     Raises
     ------
     LensError
         A prescription that cannot be traced.
     """
+    heights, pupil = (SKETCHED_HEIGHTS, SKETCHED_PUPIL) if sketch else (HEIGHTS, PUPIL)
     system, wavelengths_nm = build_system(prescription), np.asarray(wavelengths_nm, dtype=float)
     ends = trace_pupil(system, [system.last_height_mm], wavelengths_nm, HalfPupil(1, 1))
     last_height_mm = float(ends.chief_height_mm.max())
-    heights_mm = last_height_mm * np.sin(np.pi / 2 * np.linspace(0, 1, HEIGHTS))
-    values = _trace(system, heights_mm, wavelengths_nm, PUPIL, reach)
-    if _missed_um(values, system) > FINE_UM:
+    heights_mm = last_height_mm * np.sin(np.pi / 2 * np.linspace(0, 1, heights))
+    values = _trace(system, heights_mm, wavelengths_nm, pupil, reach)
+    if not sketch and _missed_um(values, system) > FINE_UM:
         values = _trace(system, heights_mm, wavelengths_nm, FINER_PUPIL, reach)
     return RayTable(prescription.name, wavelengths_nm, last_height_mm, system.entrance_pupil_mm,
                     spline_coefficients(values).astype(np.float32), reach)

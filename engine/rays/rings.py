@@ -17,6 +17,7 @@ PUPIL_STEPS, PUPIL_SETTLED = 20, 1e-9  # iterations for the entrance pupil of an
 
 MOST = 1e300  # limit of every number except a distance
 NEAREST_MM, SMALLEST_STOP = 1e-3, 1e9  # a focus distance and an f-number beyond the range of any lens
+MOST_LENSES = 8  # in the caches
 SIZE_STEPS = 4  # iterations until a scaled lens has the requested focus distance
 
 
@@ -137,13 +138,18 @@ def is_stopped_down(prescription: Prescription, rings: Rings) -> bool:
 
 
 def capture_focal_length_mm(prescription: Prescription, rings: Rings = AT_REST) -> float:
-    """`Lens.capture_focal_length_mm` without baking: focal length of the pinhole camera with this view."""
-    system = system_of(turned(prescription, rings).prescription)
+    """`Lens.capture_focal_length_mm` without baking: focal length of the pinhole camera with this view.
+
+    It depends neither on the f-number nor on the image plane, so the sharpest one is not searched for.
+    """
+    widest_stop, far = _wide_open(prescription)
+    system = system_of(widest_stop if rings.focus_mm is None else _focused_on(widest_stop, far, rings)[0])
     if system.object_at_infinity:
         return system.efl_mm
     return abs(system.magnification) * (system.prescription.object_distance_mm + system.entrance_pupil_mm)
 
 
+@lru_cache(maxsize=MOST_LENSES)
 def resized_rings(prescription: Prescription, rings: Rings, focal_mm: float) -> Rings:
     """Settings of a lens that is scaled to a capture focal length, with `size` and with the focus before scaling.
 
@@ -158,6 +164,7 @@ def resized_rings(prescription: Prescription, rings: Rings, focal_mm: float) -> 
     return resized
 
 
+@lru_cache(maxsize=MOST_LENSES)
 def _wide_open(prescription):
     """The prescription with its widest stop and its image height in mm, and its system focused at infinity."""
     system = system_of(prescription)

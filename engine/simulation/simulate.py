@@ -15,7 +15,7 @@ from ..image.spectral_image import IRRADIANCE, SpectralImage
 from ..image.supersampling import merge_pixels, softening_px, split_pixels
 from ..kernels.library import running
 from ..lens import Lens
-from ..library.rays import lens_rays
+from ..library.rays import Rays, lens_rays
 from ..plan.options import Options
 from ..runtime.errors import ImageError
 from ..runtime.scratch import zeros_stored_like
@@ -28,7 +28,8 @@ BY_RESULT = Options()
 
 def simulate(radiance: Radiance, lens: Lens, options: Options = BY_RESULT, *,
              iris: Iris | None = None, progress: Callable[[float], None] | None = None, report: Report | None = None,
-             cache: ChannelCache | None = None, out: np.ndarray | None = None) -> SpectralImage:
+             cache: ChannelCache | None = None, out: np.ndarray | None = None,
+             rays: Rays = lens_rays) -> SpectralImage:
     """Compute the spectral irradiance on the sensor behind a lens.
 
     Parameters
@@ -50,6 +51,8 @@ def simulate(radiance: Radiance, lens: Lens, options: Options = BY_RESULT, *,
         Caches the data that frames of an animation share.
     out : float32 array (wavelength, row, column) of the frame, optional
         Array for the irradiance. It may be part of `radiance.cube`, because wavelengths are processed in order.
+    rays : callable (lens, reach) -> RayTable
+        Traces the lens's rays for out-of-focus light; `sketched_rays` for coarse pixels.
 
     Returns
     -------
@@ -64,7 +67,7 @@ def simulate(radiance: Radiance, lens: Lens, options: Options = BY_RESULT, *,
     report, cache, sampling = report or Report(), cache or ChannelCache(limit_mb=0), radiance.sampling
     options = options.for_detail(radiance.detail_times)
     times = radiance.detail_times if radiance.detail_times > 1 else options.supersampling
-    views = capture_planes(radiance, lens, partial(lens_rays, lens), fireflies=options.fireflies,
+    views = capture_planes(radiance, lens, partial(rays, lens), fireflies=options.fireflies,
                            most_rays=options.most_rays, most_of_lamps=options.most_of_lamps, iris=iris,
                            times=times, stage=report.stage, progress=progress or (lambda fraction: None))
     with report.stage("plan"):

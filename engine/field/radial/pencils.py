@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -76,8 +77,9 @@ class Pencils:
 
     def area_px(self, nearness: float) -> float:
         """Largest area of the blur of the open stop at an inverse depth, in square pixels."""
-        return float(_area_px(self.blur_shapes(), nearness).max())
+        return float(_area_px(self.blur_shapes, nearness).max())
 
+    @cached_property
     def blur_shapes(self) -> np.ndarray:
         """The shape of the blur of the open stop as a function of the inverse depth q: array (3, height, 2, 2).
 
@@ -158,7 +160,7 @@ class RayReach:
         self._middle = middle
         self._radius = scipy.ndimage.maximum_filter1d(radius, 2 * int(np.ceil(half_px / step_px)) + 1, axis=1)
         self._blur = 2 * (np.hypot(*rays.moved_px[:, 0]) * (rays.inside[0] > -0.5)).max(axis=-1)
-        self._shapes = rays.blur_shapes() * _area_shrinkage(rays, shrinkage)[:, None, None]
+        self._shapes = rays.blur_shapes * _area_shrinkage(rays, shrinkage)[:, None, None]
 
     def radius_px(self, least: np.ndarray, most: np.ndarray) -> np.ndarray:
         """Largest radius of the blur between two inverse depths."""

@@ -278,3 +278,18 @@ def test_bundles_equal_the_single_rays(name):
         one, other = getattr(bundles, name), getattr(rays, name)
         assert one.shape == other.shape
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9 * np.abs(other).max())
+
+
+@lenses
+def test_a_sketch_serves_pixels_of_a_160th_of_the_picture(name):
+    """The directions of passing rays differ by less than a 20th of a pixel, and the light of a place by 3 %."""
+    table, sketch = table_of(name), ray_table(focused(name), sketch=True)
+    stop, heights_mm = random_stop(1024), np.linspace(0, table.last_height_mm, 40)
+    rays, sketched = (each.bundles(heights_mm, np.stack([stop.x[0], stop.y[0]])) for each in (table, sketch))
+    passing = np.minimum(rays.surface_margin, sketched.surface_margin) > 0
+    pixel_rad = 2 * table.last_height_mm / 160 / abs(build_system(focused(name)).efl_mm)
+    apart_rad = np.linalg.norm(sketched.direction - rays.direction, axis=0)
+    assert 0 < apart_rad[passing].max() < 0.05 * pixel_rad
+    light, sketched_light = ((each.weight * np.clip(20 * each.surface_margin + 0.5, 0, 1)).sum(axis=-1)
+                             for each in (rays, sketched))
+    assert np.allclose(sketched_light, light, rtol=0.03)
