@@ -1,7 +1,10 @@
 """`lensfield preview`: a small picture of a .blend through a lens that grows finer; for the window's preview.
 
-`serve` keeps the scene loaded: without a .blend, the command shows the same scene through another lens, or continues.
+`serve` keeps the scene loaded: without a .blend, the command shows the same scene with changes or through another lens,
+or continues.
 """
+
+from pathlib import Path
 
 from ..engine.runtime.errors import InputError, Stopped
 from .arguments import engine_options, given_fields, iris_option, output_given
@@ -18,12 +21,14 @@ FIELDS_OF_LENS = "lens", "view", "focus", "f_number", "focused_wide_open", "lens
 def add_options(preview):
     preview.description = (
         "Show a .blend through a lens: a coarse picture first, then finer ones with more and more samples, each as a "
-        "message with the path of its EXR. Without a .blend: the scene of the last preview in this process, through "
-        "another lens; or, without a lens, the rest of the pictures after a stop.")
+        "message with the path of its EXR. Without a .blend: the scene of the last preview in this process, with "
+        "changes or through another lens; or, without either, the rest of the pictures after a stop.")
     add_scene_options(preview, required=False)
     group = preview.add_argument_group("for programs that run this command")
     add_progress_options(group)
     add_copy_options(group)
+    group.add_argument("--changes", type=Path, metavar="FILE.json",
+                       help="properties that have changed since the last preview (addon/scene/changes.py)")
     preview.set_defaults(run=_preview, confines=_folders)
 
 
@@ -41,9 +46,12 @@ def _preview(options):
             scene, given = scene_and_fields(options)
             restore_copied(options)
             preview = addon.open_preview(scene, **given)
+        elif options.changes:
+            scene, given = scene_and_fields(options, lambda options: addon.changed_scene(options.changes))
+            preview = addon.open_preview(scene, **given)
         else:
             preview = addon.opened_preview()
-        if options.lens and not options.scene:
+        if options.lens and not (options.scene or options.changes):
             given = {name: value for name, value in given_fields(options).items() if name in FIELDS_OF_LENS}
             preview.look_through(**given | {"lens": lens_source(options, options.lens)}, iris=iris_option(options),
                                  options=engine_options(options))

@@ -178,11 +178,16 @@ def _report_frame(result, known, write, **facts):
     write(lens_image=str(result.lens_image), seconds=round(sum(result.report.stages.values()), 1), **facts)
 
 
-def scene_and_fields(options):
-    """The scene of the .blend, and the fields of a RenderRequest that the command line gives."""
+def _named_scene(options):
+    return open_scene(options.scene, options.scene_name)
+
+
+def scene_and_fields(options, scene_of=_named_scene):
+    """The scene that `scene_of` returns for the options, by default the .blend's; and the fields of a RenderRequest
+    that the command line gives."""
     given = given_fields(options)
     spectral, engine = given_settings(options, SpectralOptions), given_settings(options, Options)
-    scene = _open_scene(options)
+    scene = _scene_to_render(options, scene_of)
     if spectral:
         given["spectral"] = scene.lensfield.to_spectral_options(**spectral)
     if engine or options.tier:
@@ -192,12 +197,12 @@ def scene_and_fields(options):
     return scene, given | {"iris": iris_option(options)}
 
 
-def _open_scene(options):
-    """The scene of the .blend, with the resolution and samples of the command line."""
+def _scene_to_render(options, scene_of):
+    """The scene with the resolution and samples of the command line."""
     if options.samples is not None:
         check_limits("--samples", options.samples, SAMPLE_LIMITS)
     size = resolution(options.resolution) if options.resolution else None
-    scene = open_scene(options.scene, options.scene_name)
+    scene = scene_of(options)
     if options.samples is not None:
         scene.cycles.samples = options.samples
     if size:

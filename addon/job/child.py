@@ -155,7 +155,7 @@ def apply_command(radiance, scene):
                               *to_arguments(**applied_fields(scene, scene.lensfield.to_request()))])
 
 
-def preview_arguments(scene, key, *, copy=None, size=None, samples=None):
+def preview_arguments(scene, key, *, copy=None, changes=None, size=None, samples=None):
     """The arguments of `lensfield` for a preview: of a copy of the file, or of the scene that its child has loaded.
 
     Parameters
@@ -163,20 +163,23 @@ def preview_arguments(scene, key, *, copy=None, size=None, samples=None):
     scene : bpy.types.Scene
     key : (str, str, str, Rings, Iris or None)
         Lens, view, treatment of the area outside the field, focus and f-stop, and blades.
-    copy, size, samples : path, (width, height) and int, optional
-        For another scene: with the size of the coarse picture.
+    copy, changes : path, optional
+        For another scene, or for changes of the loaded one.
+    size, samples : (width, height) and int, optional
+        With either: the size of the coarse picture, and the samples of the last.
     """
     lens, view, out_of_field, rings, iris = key
     given = {"lens": lens, "view": view, "lens_quality": "preview", "iris": iris, **ring_fields(rings),
              "options": Options(accuracy=TIER_ACCURACY["preview"], out_of_field=out_of_field)}
-    if copy is None:
+    if size is None:
         return [*CONTINUE, *to_arguments(**given)]
     nm = scene.lensfield.wavelengths_nm()
     few = np.linspace(nm[0], nm[-1], min(len(nm), PREVIEW_WAVELENGTHS)).tolist()
-    return [*_of_copy("preview", scene, copy), "--resolution", "{}x{}".format(*size), "--samples", str(samples),
+    begun = [*CONTINUE, "--changes", str(changes)] if changes else _of_copy("preview", scene, copy)
+    return [*begun, "--resolution", "{}x{}".format(*size), "--samples", str(samples),
             *to_arguments(**given, wavelengths_nm=tuple(few), spectral=SpectralOptions("preview"), denoise=ON,
                           unfit="render", depth=_storing_depth(scene), room=PREVIEW_ROOM,
-                          output_folder=Path(copy).parent)]
+                          output_folder=Path(changes or copy).parent)]
 
 
 def lensfield_command(arguments):

@@ -5,6 +5,7 @@ continues to grow. Another scene begins a new one.
 """
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from time import monotonic, sleep
 
@@ -17,11 +18,13 @@ from ...engine import ChannelCache, simulate
 from ...engine.field.frame_planes import nearest_samples
 from ...engine.inspection.curves import reference_nm
 from ...engine.library import has_rings, iris_is_visible
+from ...engine.library.rays import lens_rays, sketched_rays
 from ...engine.pictures.preview import to_rec709
 from ...engine.pictures.spectral_exr import write_plane_exr, write_rgb_exr
 from ...engine.runtime.errors import InputError
 from ...engine.spectral.colour import metamer_weights
 from ...request import RenderRequest
+from ..scene.changes import take_changes
 from ..scene.lens_cache import load_lens, sketched_lens
 from .growing_capture import FINER, Grown, growing_capture
 from .pictures import alpha_through_lens
@@ -45,16 +48,20 @@ class ScenePreview:
         Its resolution is the coarse picture's.
     given : by name
         Fields of a `RenderRequest`, as in `render_through_lens`.
+
+    Attributes
+    ----------
+    scene
     """
 
     def __init__(self, scene, **given):
+        self.scene = scene
         self._job = job_of_frame(scene, scene.frame_current, **given, state="preview")
         self._folder = Path(self._job.output_folder)
         self._result = Result.of(scene, self._folder, self._job.frame)
         self._capture = growing_capture(scene, self._job)
         self._step = next(self._capture)  # not executed yet; None once the capture is complete
         self._grown, self._waiting, self._number = {}, [], 0  # newest stages; those to be shown; of the last picture
-        self._caches = {times: ChannelCache(limit_mb=CACHE_MB) for times in (1, FINER)}
         self._request = None
 
     def look_through(self, **given):
@@ -114,7 +121,8 @@ class ScenePreview:
 
     def _picture_steps(self, grown, show):
         """Steps that show a stage through the lens."""
-        lens, iris, captured = yield Work(lambda _: self._lens_for(grown), "Preparing the lens", 0.5)
+        lens, iris, captured = yield Work(lambda on_progress: self._lens_for(grown, on_progress), "Preparing the lens",
+                                          0.5)
         picture, alpha, depth_m = yield Work(lambda on_progress: self._cast(grown.times, captured, lens, iris,
                                                                             on_progress),
                                              f"Through {lens.name}", 0.5, 0.5)
@@ -123,7 +131,7 @@ class ScenePreview:
         rows, columns = captured.radiance.frame_px
         show({"picture": str(path), "size_px": (columns, rows), "samples": grown.samples, "number": self._number})
 
-    def _lens_for(self, grown):
+    def _lens_for(self, grown, progress):
         """The lens, its iris, and the Captured that suits it; for coarse pixels, a new lens is baked coarsely."""
         if self._request is None:
             return self._job.lens, self._job.iris, grown.captured
@@ -132,14 +140,16 @@ class ScenePreview:
         if grown.times == 1 and has_rings(request.lens):
             lens = sketched_lens(request.lens, rings, radiance.wavelengths_nm)
         else:
-            lens = load_lens(request.lens, rings, request.lens_quality, wavelengths_nm=radiance.wavelengths_nm)
+            lens = load_lens(request.lens, rings, request.lens_quality, lambda fraction, _: progress(fraction),
+                             radiance.wavelengths_nm)
         lens, captured = fitted(lens, grown.captured, request, self._result.radiance)
         return lens, request.iris if request.iris and iris_is_visible(request.lens, rings) else None, captured
 
     def _cast(self, times, captured, lens, iris, progress):
         """The lens image: Rec. 709 and alpha; and the depth."""
         light, options = captured.layers or captured.radiance, (self._request or self._job).options
-        irradiance = simulate(light, lens, options, iris=iris, progress=progress, cache=self._caches[times])
+        irradiance = simulate(light, lens, options, iris=iris, progress=progress, cache=_channels(times),
+                              rays=sketched_rays if times == 1 else lens_rays)
         irradiance = replace(irradiance, cube=captured.cut(irradiance.cube))
         picture = to_rec709(irradiance)
         alpha = None if captured.alpha is None else captured.cut(alpha_through_lens(captured, lens, options, iris))
@@ -157,6 +167,12 @@ class ScenePreview:
         write_plane_exr(depth_m, result.depth)
         write_rgb_exr(picture, result.lens_image, alpha)
         return result.lens_image
+
+
+@cache
+def _channels(times):
+    """The ChannelCache for pixels of a size, which successive previews share."""
+    return ChannelCache(limit_mb=CACHE_MB)
 
 
 def _rest(progress):
@@ -217,6 +233,20 @@ def opened_preview():
     if not _open:
         raise InputError("preview", "scene", "not open", "give the .blend first")
     return _open[0]
+
+
+def changed_scene(path):
+    """The scene of the opened preview, which ends, with the changes of a file from `write_changes`.
+
+    Raises
+    ------
+    InputError
+        No scene has been opened, or the changes cannot be applied.
+    """
+    scene = opened_preview().scene
+    close_preview()
+    take_changes(scene, path)
+    return scene
 
 
 @persistent

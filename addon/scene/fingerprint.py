@@ -24,6 +24,7 @@ LEFT_OUT = {"rna_type", "name_full", "is_active", "is_runtime_data", "location_a
             "users_collection", "grease_pencil", "texture_mesh", "cached_location", "frame_current", "session_uid"}
 LEFT_OUT_STARTS = ("show_", "select", "active", "display_", "bl_", "preview_", "debug_", "bone_color", "lock_",
                    "open_")
+SHOWN_IN_RENDERS = {"show_render", "show_instancer_for_render"}
 LEFT_OUT_OF = {  # by type: properties that affect only editors, or are covered elsewhere
     "Node": {"location", "width", "height", "label", "color", "use_custom_color", "parent", "warning_propagation"},
     "Image": {"file_format", "resolution"},  # reading these opens its file
@@ -82,6 +83,19 @@ def settings_digest(scene):
     return walk.digest()
 
 
+def all_settings_digest(scene):
+    """As `settings_digest`, but of all render settings, and with hair and custom properties."""
+    walk = _Walk()
+    for name, kind in _fields_of(scene.render):
+        if kind in ("SCALAR", "ARRAY"):
+            value = getattr(scene.render, name)
+            walk.add(name, flat(value) if kind == "ARRAY" else value)
+    walk.struct(scene.cycles_curves, "cycles_curves", scene)
+    for owner in (scene, *scene.view_layers):
+        walk.custom_properties(owner, "")
+    return settings_digest(scene) + walk.digest()
+
+
 def _layer_collections(layer_collection):
     yield layer_collection
     for child in layer_collection.children:
@@ -123,6 +137,18 @@ def forget_unannounced():
             forget(block)
 
 
+def values_and_digest(block):
+    """The values that count in a data-block and in its nodes, as a dict by path; and its digest, computed again.
+
+    Arrays are flat lists, with None for animated elements. Values that keyframes or drivers set are left out, as are
+    custom properties and elements that only the digest covers.
+    """
+    if _is_edited(block):
+        return {}, _digest(block)
+    walk = _walked(block)
+    return walk.values, walk.digest()
+
+
 def blocks_of(scene):
     """Data-blocks that a scene's objects, collections and world use, directly or not."""
     uses = {}
@@ -141,14 +167,22 @@ def blocks_of(scene):
 
 
 def _digest(block):
-    if getattr(block, "is_editmode", False):
+    if _is_edited(block):
         return f"in edit mode {id(object())}"  # until that ends, its data are elsewhere
+    return _walked(block).digest()
+
+
+def _is_edited(block):
+    return getattr(block, "is_editmode", False)
+
+
+def _walked(block):
     walk = _Walk(_animated(block))
     walk.struct(block, "", block)
     if block.id_type == "IMAGE":
         for name, data in _held_pixels(block):
             walk.add(name, blake2b(data).hexdigest())
-    return walk.digest()
+    return walk
 
 
 def _held_pixels(image):
@@ -210,9 +244,16 @@ def action_curves(action):
 
 
 class _Walk:
-    """A digest of a struct, and of all structs that it owns."""
+    """A digest of a struct, and of all structs that it owns.
+
+    Attributes
+    ----------
+    values : dict
+        The values of their properties by path, with None for animated elements of arrays.
+    """
 
     def __init__(self, animated=frozenset()):
+        self.values = {}
         self._parts, self._animated, self._visited = [], animated, set()
 
     def digest(self):
@@ -221,6 +262,8 @@ class _Walk:
     def add(self, name, value):
         if isinstance(value, bpy.types.ID):
             value = value.name_full
+        if isinstance(value, set):  # of flags, in an order that differs between processes
+            value = sorted(value)
         self._parts.append(f"{name}={value!r}")
 
     def struct(self, struct, path, block):
@@ -240,13 +283,16 @@ class _Walk:
             elif kind == "COLLECTION":
                 self._collection(name, value, inner, block)
             elif kind == "ARRAY":
-                self.add(name, [n for i, n in enumerate(_flat(value)) if (inner, i) not in self._animated])
+                numbers = [None if (inner, i) in self._animated else n for i, n in enumerate(flat(value))]
+                self.values[inner] = numbers
+                self.add(name, [n for n in numbers if n is not None])
             elif (inner, 0) not in self._animated:
+                self.values[inner] = value
                 self.add(name, value)
         if isinstance(struct, bpy.types.NodesModifier) and hasattr(struct, "properties"):  # since Blender 5.2
             self._inputs(struct.properties.inputs, f"{path}.properties.inputs")
         elif isinstance(struct, bpy.types.ID | bpy.types.NodesModifier):
-            self._custom_properties(struct, path)
+            self.custom_properties(struct, path)
 
     def _pointer(self, name, value, path, block):
         if value is None or (isinstance(value, bpy.types.ID) and not value.is_embedded_data):
@@ -254,7 +300,9 @@ class _Walk:
         elif getattr(value, "type", "") == "NONE":  # a force field that is off
             self.add(name, "NONE")
         elif isinstance(value, bpy.types.ID):
-            self.add(name, _digest(value))
+            walk = _walked(value)
+            self.values |= {f"{path}.{inner}": each for inner, each in walk.values.items()}
+            self.add(name, walk.digest())
         elif value.id_data == block:
             self.struct(value, path, block)
             self.add(name, getattr(value, "identifier", getattr(value, "name", "")))
@@ -301,7 +349,8 @@ class _Walk:
                     if (inner, index) not in self._animated:
                         self.add(f"{name}.{field}", part)
 
-    def _custom_properties(self, struct, path):
+    def custom_properties(self, struct, path):
+        """Add the custom properties of a struct at a path in a data-block."""
         for key in sorted(struct.keys()):
             if key not in OURS and (f'{path}["{key}"]', 0) not in self._animated:
                 value = struct[key]
@@ -316,7 +365,8 @@ def _value(struct, name):
         return None
 
 
-def _flat(value):
+def flat(value):
+    """The elements of an array property, row by row: list."""
     return np.array(value).ravel().tolist() if len(value) and hasattr(value[0], "__len__") else list(value)
 
 
@@ -339,7 +389,8 @@ def _counting(struct):
     group = isinstance(struct, bpy.types.PropertyGroup)
     for prop in struct.bl_rna.properties:
         name, container = prop.identifier, prop.type in ("POINTER", "COLLECTION")
-        if name in left_out or name.startswith(LEFT_OUT_STARTS) or (prop.is_readonly and not container):
+        editors = name.startswith(LEFT_OUT_STARTS) and name not in SHOWN_IN_RENDERS
+        if name in left_out or editors or (prop.is_readonly and not container):
             continue
         if prop.is_runtime and not group and name not in OURS:
             continue

@@ -9,8 +9,8 @@ from .fingerprint import action_curves, blocks_of
 RINGS = "dof."  # prefix of the camera settings for focus and f-stop
 SCENES_RINGS = "lensfield.focused_wide_open", "lensfield.iris_"
 HANDLERS = "frame_change_pre", "frame_change_post", "render_pre"
-MOVING_MODIFIERS = {"BUILD", "CLOTH", "DYNAMIC_PAINT", "EXPLODE", "FLUID", "MESH_CACHE", "MESH_SEQUENCE_CACHE",
-                    "PARTICLE_INSTANCE", "PARTICLE_SYSTEM", "SOFT_BODY", "WAVE"}
+SIMULATIONS = {"CLOTH", "DYNAMIC_PAINT", "EXPLODE", "FLUID", "PARTICLE_INSTANCE", "PARTICLE_SYSTEM", "SOFT_BODY"}
+MOVING_MODIFIERS = SIMULATIONS | {"BUILD", "MESH_CACHE", "MESH_SEQUENCE_CACHE", "WAVE"}
 MOVING_CONSTRAINTS = {"CAMERA_SOLVER", "FOLLOW_TRACK", "OBJECT_SOLVER", "TRANSFORM_CACHE"}
 MOVING_NODES = {"GeometryNodeBake", "GeometryNodeCameraInfo", "GeometryNodeInputSceneTime",
                 "GeometryNodeSimulationInput"}  # Camera Info outputs the focus distance
@@ -44,8 +44,7 @@ def _movements(scene, frames):
         yield "markers change the camera"
     if scene.cycles.use_animated_seed:
         yield "the noise seed is animated"
-    world = scene.rigidbody_world
-    if world and world.enabled and world.collection and world.collection.objects:
+    if _has_rigid_bodies(scene):
         yield "the scene has rigid bodies"
     for script in (str(handler.__module__) for name in HANDLERS for handler in getattr(bpy.app.handlers, name)):
         if not script.startswith(PACKAGE):
@@ -57,6 +56,25 @@ def _movements(scene, frames):
         for part in filter(None, (block, getattr(block, "node_tree", None))):
             if why := _why_moving(part, times, checked):
                 yield f"{block.rna_type.name.lower()} {block.name!r} {why}"
+
+
+def _has_rigid_bodies(scene):
+    world = scene.rigidbody_world
+    return bool(world and world.enabled and world.collection and world.collection.objects)
+
+
+def has_simulations(scene, blocks):
+    """Whether a frame's picture may depend on the frames before it, which a session has played and cached.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+    blocks : iterable of bpy.types.ID
+        The scene's data-blocks.
+    """
+    return _has_rigid_bodies(scene) or any(
+        modifier.type in SIMULATIONS or getattr(modifier, "bakes", ())
+        for block in blocks if block.id_type == "OBJECT" for modifier in block.modifiers)
 
 
 def camera_at(scene, frame):

@@ -1,9 +1,10 @@
 """The preview: a small, fast picture of the camera's view through the lens, updated when the scene changes.
 
 While it is on, a child process (`lensfield serve`) stays loaded and renders copies of the file, one at a time: first a
-coarse picture, then finer ones. Another lens is applied to the light of the last copy. Handlers only record the time of
-a change; a timer stops the child's work if its pictures are out of date, and sends the next request once changes have
-stopped. Of the file, only names and session_uids are stored.
+coarse picture, then finer ones. Changes of values, such as a moved object's, are sent to the scene that it has loaded
+(`addon/scene/changes.py`), and another lens is applied to the light of the last scene. Handlers only record which
+data-blocks have changed, and when; a timer stops the child's work if its pictures are out of date, and sends the next
+request once changes have stopped. Of the file, only names and session_uids are stored.
 """
 
 import tempfile
@@ -22,6 +23,7 @@ from ..job.growing_capture import FINER
 from ..job.named_files import check_named_files, named_files
 from ..job.result import Result
 from ..scene.camera import frame_px, view_tangents
+from ..scene.changes import DIFFERENT, MAYBE, changed_blocks, structure_digest, write_changes
 from ..scene.compositor import show_file
 from ..scene.requirements import check_scene
 from ..scene.rings import rings_for, scene_iris
@@ -43,6 +45,7 @@ SAMPLES = 64  # of the finest picture
 LEAST_SIDE_PX = 12
 SAME_VIEW = 0.005
 LONGEST_COPY_S = 1.0  # longest automatic copy, as copying blocks the window
+CHANGES = "changes.json"  # next to the copy
 QUIET = {"WINDOWMANAGER", "SCREEN", "WORKSPACE", "BRUSH", "IMAGE"}  # ID types that do not affect the render
 
 
@@ -55,6 +58,8 @@ class Preview:
     scene_uid: int
     changed_s: float | None = 0.0  # time.monotonic() of the last change of the scene; None if unchanged since rendered
     other_s: float | None = None  # the same, without changes of the lens or of its focus and f-stop
+    structure: str = ""  # of the scene that the child has loaded
+    changes: dict | None = None  # data-blocks that have changed since; None if the file must be copied
     by_hand: bool = False  # the user has requested a refresh
     job: tuple = ()  # the child's current job: a name, and the lens's key
     stopping: bool = False  # the job has been stopped, and its next pictures are not wanted
@@ -195,7 +200,7 @@ def _shown_scene(scene):
 def _turn_to(preview, scene):
     """Preview another scene of the file from now on."""
     preview.scene_uid, preview.depth, preview.lens, preview.facts = scene.session_uid, None, (), []
-    preview.changed_s, preview.other_s, preview.paused, preview.shown = 0.0, 0.0, "", 0
+    preview.changed_s, preview.other_s, preview.paused, preview.shown, preview.changes = 0.0, 0.0, "", 0, None
     preview.picture.unlink(missing_ok=True)
     preview_overlay.forget_picture()
 
@@ -222,24 +227,57 @@ def _ask_next(preview, scene):
         _ask(preview, "lens", key, preview_arguments(scene, key))
     elif preview.fresh and preview.paused:
         _ask(preview, preview.paused, preview.lens, CONTINUE)  # shows the stopped job's lens
-    elif preview.changed_s is not None and not preview.slow and time.monotonic() - preview.changed_s > STILL_S:
+    elif preview.changed_s is not None and time.monotonic() - preview.changed_s > STILL_S:
+        _ask_after_change(preview, scene, key)
+
+
+def _ask_after_change(preview, scene, key):
+    """Send the values that have changed; if these are not all, a copy, unless that takes long: the user requests it."""
+    if preview.changes is not None and not _ask_change(preview, scene, key):
+        preview.changes = None
+    if preview.changes is None and not preview.slow:
         _ask_render(preview, scene, key)
 
 
+def _ask_change(preview, scene, key):
+    """Send the values that have changed since the copy, if these are all; returns whether they are."""
+    path = Path(preview.folder.name) / CHANGES
+    try:
+        if structure_digest(scene) != preview.structure or not write_changes(
+                path, scene, preview.changes, MAYBE if preview.same_scene else DIFFERENT):
+            return False
+        _ask_pictures(preview, scene, key, "change", changes=path)
+    except InputError:  # the copy will report it
+        return False
+    _note_request(preview)
+    return True
+
+
 def _ask_render(preview, scene, key):
-    preview.changed_s, preview.other_s, preview.by_hand = None, None, False
+    """Send a copy of the file."""
+    _note_request(preview)
     begin_s = time.monotonic()
     try:
+        preview.structure = structure_digest(scene)
         copy = save_copy(preview.folder.name)
         preview.copies_s = (*preview.copies_s[-1:], time.monotonic() - begin_s)
-        preview.tangents = shown_tangents(scene, key)
+        _ask_pictures(preview, scene, key, "render", copy=copy)
     except InputError as error:
+        preview.changes = None
         _show_error(preview, error)
         return
+    preview.started_s = begin_s
+
+
+def _note_request(preview):
+    preview.changed_s, preview.other_s, preview.by_hand, preview.changes = None, None, False, {}
+
+
+def _ask_pictures(preview, scene, key, what, **files):
+    preview.tangents = shown_tangents(scene, key)
     preview.shown = 0
     size = tuple(-(-side // FINER) for side in size_px(scene))
-    _ask(preview, "render", key, preview_arguments(scene, key, copy=copy, size=size, samples=SAMPLES))
-    preview.started_s = begin_s
+    _ask(preview, what, key, preview_arguments(scene, key, **files, size=size, samples=SAMPLES))
 
 
 def _show_error(preview, error):
@@ -294,6 +332,8 @@ def _note_end(preview, scene, outcome):
     preview.paused = what if preview.stopping and not outcome["status"] else ""
     if what == "lens" and (outcome["status"] or (preview.shown and not _in_view(preview, scene))):
         preview.changed_s, preview.paused = 0.0, ""  # parts of the scene were not captured: render again
+    elif what == "change" and outcome["status"]:  # it needs a copy
+        preview.changes, preview.changed_s, preview.other_s = None, preview.changed_s or 0.0, preview.other_s or 0.0
     elif outcome["status"]:
         preview.error = outcome.get("error", "Failed: see the console")
 
@@ -357,8 +397,11 @@ def _redraw():
 def on_update(scene, depsgraph):
     """Record the time of a change that affects the render."""
     updates = [update for update in depsgraph.updates if update.id.id_type not in QUIET and _counts(update)]
+    preview = session.preview
+    if preview and preview.changes is not None:
+        preview.changes = changed_blocks(depsgraph, preview.changes)
     if updates:
-        _note(of_lens=all(map(_may_be_of_lens, updates)) and _lens_has_changed(session.preview))
+        _note(of_lens=all(map(_may_be_of_lens, updates)) and _lens_has_changed(preview))
 
 
 def _lens_has_changed(preview):
@@ -442,8 +485,8 @@ def _status(preview):
     if preview.error:
         yield preview.error
     if preview.job:
-        yield "Refining" if preview.shown else "Rendering" if preview.job[0] == "render" else "Applying the lens"
-    elif preview.slow and not preview.fresh:
+        yield "Refining" if preview.shown else "Applying the lens" if preview.job[0] == "lens" else "Rendering"
+    elif preview.slow and preview.changes is None and not preview.fresh:
         yield f"Out of date: refresh it manually, because copying this file takes {preview.copies_s[-1]:.1f} s"
 
 

@@ -100,7 +100,8 @@ def test_a_camera_bound_to_a_marker_counts(furnished):
 
 @pytest.mark.parametrize("name, value", [
     ("is_holdout", True), ("is_shadow_catcher", True), ("visible_camera", False), ("visible_shadow", False),
-    ("visible_glossy", False), ("hide_render", True), ("pass_index", 3), ("location", (0.1, 0.0, -1.0)),
+    ("visible_glossy", False), ("hide_render", True), ("show_instancer_for_render", False),
+    ("pass_index", 3), ("location", (0.1, 0.0, -1.0)),
     ("rotation_euler", (0.0, 0.2, 0.0)), ("scale", (1.0, 2.0, 1.0))])
 def test_object_properties_count(furnished, name, value):
     obj = bpy.data.objects["Wall"]

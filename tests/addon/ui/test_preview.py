@@ -59,11 +59,16 @@ def shown():
     return " ".join(layout.labels)
 
 
-def red(scene):
-    """The mean red value of the displayed picture."""
+def picture():
+    """The values of the displayed picture."""
     pixels = np.empty(4 * np.prod(bpy.data.images[preview.NAME].size), np.float32)
     bpy.data.images[preview.NAME].pixels.foreach_get(pixels)
-    return pixels[::4].mean()
+    return pixels
+
+
+def red(scene):
+    """The mean red value of the displayed picture."""
+    return picture()[::4].mean()
 
 
 def test_the_preview_shows_the_scene_without_changing_it(ready_scene):
@@ -116,7 +121,7 @@ def test_an_edit_refreshes_the_preview_and_a_selection_does_not(ready_scene):
     bpy.context.view_layer.update()
     preview.start(ready_scene)
     follow()
-    first, radiance = red(ready_scene), copied_ns()
+    first, copied = red(ready_scene), copied_ns()
     bpy.data.objects["Wall"].select_set(True)
     bpy.context.view_layer.update()
     assert on().fresh
@@ -127,8 +132,34 @@ def test_an_edit_refreshes_the_preview_and_a_selection_does_not(ready_scene):
     bpy.context.view_layer.update()
     assert not on().fresh
     follow()
-    assert copied_ns() > radiance
+    assert copied_ns() == copied
     assert red(ready_scene) == pytest.approx(2 * first, rel=0.01)
+
+
+@pytest.mark.one_blender
+def test_changed_values_give_the_picture_of_a_new_copy(ready_scene):
+    """A slope in the left half of the picture, with depth of field; and a mesh that is edited afterwards."""
+    dof, obj = ready_scene.camera.data.dof, bpy.data.objects["Wall"]
+    dof.use_dof, dof.focus_distance, dof.aperture_fstop = True, 2.0, 2.8
+    bpy.context.view_layer.update()
+    preview.start(ready_scene)
+    follow()
+    before, copied = picture(), copied_ns()
+    obj.location.x, obj.rotation_euler.y = -5.1, 0.3
+    bpy.data.lights["Light"].energy *= 1.5
+    bpy.context.view_layer.update()
+    follow()
+    changed = picture()
+    assert copied_ns() == copied and not np.allclose(changed, before, rtol=0.1)
+    on().by_hand = True
+    follow()
+    assert copied_ns() > copied and np.allclose(picture(), changed, rtol=1e-5, atol=1e-6)  # sums in another order
+    copied = copied_ns()
+    obj.data.vertices[0].co.z += 0.1
+    obj.data.update()
+    bpy.context.view_layer.update()
+    follow()
+    assert copied_ns() > copied and not on().error
 
 
 @pytest.mark.one_blender
@@ -149,16 +180,16 @@ def test_changes_do_not_pile_up(ready_scene):
 def test_another_lens_shows_immediately_and_then_with_its_field_of_view(ready_scene):
     preview.start(ready_scene)
     follow()
-    narrow, shown_first = on().tangents, red(ready_scene)
+    narrow, shown_first, copied = on().tangents, red(ready_scene), copied_ns()
     ready_scene.lensfield.lens = "nikkor-28mm"
     bpy.context.view_layer.update()
     preview.tick()
     assert on().job[0] == "lens"
     while on().job[0] == "lens":
         preview.tick()
-    assert red(ready_scene) != shown_first and "Nikkor 28 mm" in shown() and on().job[0] == "render"
+    assert red(ready_scene) != shown_first and "Nikkor 28 mm" in shown() and on().job[0] == "change"
     follow()
-    assert on().tangents[0] > 1.5 * narrow[0]
+    assert copied_ns() == copied and on().tangents[0] > 1.5 * narrow[0]
 
 
 @pytest.mark.one_blender
@@ -271,11 +302,12 @@ def test_a_moving_focus_object_refocuses_and_renders_again(ready_scene):
     bpy.context.view_layer.update()
     preview.start(ready_scene)
     follow()
-    rendered_ns, focus_mm = copied_ns(), on().lens[3].focus_mm
+    before, focus_mm = picture(), on().lens[3].focus_mm
     obj.location.z -= 0.5
     bpy.context.view_layer.update()
+    assert not on().same_scene
     follow()
-    assert copied_ns() > rendered_ns
+    assert not np.allclose(picture(), before, rtol=0.01)
     assert on().lens[3].focus_mm == pytest.approx(focus_mm + 500)
 
 
@@ -338,16 +370,22 @@ def test_a_file_that_is_slow_to_copy_is_refreshed_manually(ready_scene, monkeypa
     monkeypatch.setattr(preview, "LONGEST_COPY_S", 0.0)
     preview.start(ready_scene)
     for _ in range(2):  # once may be coincidence
-        preview.on_frame(ready_scene)
+        on().by_hand = True
         follow()
-    radiance = copied_ns()
-    preview.on_frame(ready_scene)
+    copied, mesh = copied_ns(), bpy.data.objects["Wall"].data
+    bpy.data.lights["Light"].energy *= 2
+    bpy.context.view_layer.update()
+    follow()
+    assert copied_ns() == copied and "refresh it manually" not in shown()
+    mesh.vertices[0].co.z += 0.1
+    mesh.update()
+    bpy.context.view_layer.update()
     on().changed_s = 0.0
     preview.tick()
     assert not on().job and "refresh it manually" in shown()
     assert bpy.ops.lensfield.refresh_preview() == {"FINISHED"}
     follow()
-    assert copied_ns() > radiance
+    assert copied_ns() > copied
 
 
 def test_the_preview_waits_for_a_lens_render(ready_scene, monkeypatch):
