@@ -115,6 +115,7 @@ def guide_pictures():
     """Screenshots for the guide: the panel at first, with rings, searching, during a render, and after it; the preview,
     the live view, and the dialog of a lens file."""
     yield from open_sample(samples=64, percentage=100)
+    bpy.context.preferences.view.render_display_type = "NONE"  # no window in front of the viewport
     view = area("VIEW_3D")
     panel = region(view, "UI")
     yield from until(lambda: lens_request().lens)
@@ -137,6 +138,7 @@ def guide_pictures():
     yield from press("ESC", panel)
     yield from start("preview")
     yield from until(lambda: preview_is_fresh() and not preview_under_way().job)  # its finest picture
+    yield from point(view, 0.2, 0.9)  # without a tooltip
     yield 1
     shoot("preview", region(view))
     yield from start("preview")
@@ -147,9 +149,8 @@ def guide_pictures():
     yield from until(lambda: not rendering())
     yield 1
     shoot("last", panel)
-    bpy.context.scene.lensfield.lens = "canon-50mm-f0.95"
-    bpy.context.scene.lensfield.view = "CAMERA"
-    turn(f_stop=0.95, distance=0.3)
+    choose_petzval()
+    turn(f_stop=2.2, distance=0.25)
     view.spaces.active.shading.type = "MATERIAL"
     yield from start("live")
     yield 20  # for shaders
