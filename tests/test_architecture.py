@@ -31,6 +31,7 @@ FLOORS = {
     "engine.plan": {"engine.blur", "engine.field", "engine.image", "engine.kernels", "engine.lens", "engine.runtime"},
     "engine.depth": {"engine.field", "engine.image", "engine.kernels", "engine.lens", "engine.rays", "engine.runtime"},
     "engine.pictures": {"engine.depth", "engine.image", "engine.lens", "engine.runtime", "engine.spectral"},
+    "engine.sensor": {"engine.image", "engine.runtime", "engine.spectral"},
     "engine.library": {"engine.bake", "engine.field", "engine.lens", "engine.lens_files",
                        "engine.prescription", "engine.rays", "engine.runtime"},
     "engine.simulation": {"engine.blur", "engine.depth", "engine.field", "engine.image", "engine.kernels",

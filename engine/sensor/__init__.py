@@ -1,0 +1,1 @@
+"""The sensor: spectral irradiance becomes electrons, and these become a raw picture."""

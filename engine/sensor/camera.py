@@ -1,0 +1,157 @@
+"""A camera's sensor, described by the parameters of EMVA Standard 1288."""
+
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+
+from ..runtime.errors import LensError
+from ..runtime.values import Value
+
+MOST_PX = 2**16  # along a side
+MOST_BITS = 16
+LARGEST_CELL = 64
+POSITIVE = ("pitch_um", "gain_dn_per_e", "base_iso", "saturation_e")
+NOT_NEGATIVE = ("dark_noise_e", "readout_noise_dn", "dark_current_e_per_s", "dsnu_e", "prnu", "black_dn")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Camera(Value):
+    """A digital camera's sensor, with the parameters of the linear model of EMVA Standard 1288.
+
+    Attributes
+    ----------
+    name : str
+    shape_px : (int, int)
+        Rows and columns.
+    pitch_um : float
+        Distance between the centres of its square pixels; the light on a pixel is that on pitch x pitch.
+    filters : tuple of str
+        Cell of the colour filter array, repeated over the sensor: a letter for each pixel, a string for each row, from
+        the top left. Empty for a sensor whose pixels have all channels (three chips).
+    channels : str
+        Letters of the channels, in the order of `quantum_efficiency`.
+    wavelengths_nm : array (wavelength,)
+        Ascending.
+    quantum_efficiency : array (channel, wavelength)
+        Electrons for each photon on a pixel; linear between the wavelengths, 0 beyond.
+    gain_dn_per_e : float
+        K, the overall system gain at `base_iso`, in digital numbers per electron.
+    base_iso : float
+        K is proportional to the ISO.
+    saturation_e : float
+        Full well: electrons that a pixel holds. The digital numbers may end below it.
+    bits : int
+    black_dn : float
+        Digital number of a pixel without electrons.
+    dark_noise_e : float
+        Part of the temporal dark noise sigma_d that arises before the gain, in electrons.
+    readout_noise_dn : float
+        Part that arises after the gain, without quantisation, in digital numbers.
+    dark_current_e_per_s : float
+    dsnu_e : float
+        DSNU1288, the spatial standard deviation of the dark signal, in electrons.
+    prnu : float
+        PRNU1288, the spatial standard deviation of the response over its mean.
+    source : str
+        Where the figures come from.
+
+    Raises
+    ------
+    LensError
+        A parameter is missing or invalid.
+    """
+
+    name: str
+    shape_px: tuple[int, int]
+    pitch_um: float
+    filters: tuple[str, ...]
+    channels: str
+    wavelengths_nm: np.ndarray
+    quantum_efficiency: np.ndarray
+    gain_dn_per_e: float
+    base_iso: float
+    saturation_e: float
+    bits: int
+    black_dn: float = 0.0
+    dark_noise_e: float = 0.0
+    readout_noise_dn: float = 0.0
+    dark_current_e_per_s: float = 0.0
+    dsnu_e: float = 0.0
+    prnu: float = 0.0
+    source: str = field(default="", repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "wavelengths_nm", np.asarray(self.wavelengths_nm, dtype=np.float64))
+        object.__setattr__(self, "quantum_efficiency", np.asarray(self.quantum_efficiency, dtype=np.float64))
+        _check(self)
+        super().__post_init__()
+
+    @property
+    def white_dn(self) -> int:
+        """The highest digital number."""
+        return 2**self.bits - 1
+
+    @property
+    def size_mm(self) -> tuple[float, float]:
+        """Width and height of the sensor."""
+        rows, columns = self.shape_px
+        return columns * self.pitch_um * 1e-3, rows * self.pitch_um * 1e-3
+
+    def gain_at(self, iso: float) -> float:
+        """K at an ISO, in digital numbers per electron."""
+        return self.gain_dn_per_e * iso / self.base_iso
+
+    def dark_noise_at(self, iso: float) -> float:
+        """sigma_d at an ISO, in electrons."""
+        return float(np.sqrt(self.dark_noise_e**2 + (self.readout_noise_dn / self.gain_at(iso))**2))
+
+
+def _check(camera: Camera) -> None:
+    def refuse(name: str, remedy: str, value: Any = None) -> None:
+        raise LensError(f"camera {camera.name}", name, getattr(camera, name) if value is None else value, remedy)
+
+    for each in fields(camera):
+        if each.type is float and not _is_number(getattr(camera, each.name)):
+            refuse(each.name, "expected a number")
+    for name in (name for name in POSITIVE if not getattr(camera, name) > 0):
+        refuse(name, "expected a positive number")
+    for name in (name for name in NOT_NEGATIVE if getattr(camera, name) < 0):
+        refuse(name, "expected 0 or more")
+    if len(camera.shape_px) != 2 or not all(isinstance(n, int) and 0 < n <= MOST_PX for n in camera.shape_px):
+        refuse("shape_px", f"expected whole numbers of rows and columns, up to {MOST_PX}")
+    if not isinstance(camera.bits, int) or not 1 <= camera.bits <= MOST_BITS:
+        refuse("bits", f"expected 1 to {MOST_BITS}")
+    if not camera.black_dn < camera.white_dn:
+        refuse("black_dn", f"expected less than {camera.white_dn}, the highest number of {camera.bits} bits")
+    _check_filters(camera, refuse)
+    _check_efficiency(camera, refuse)
+
+
+def _is_number(value):
+    return isinstance(value, int | float) and not isinstance(value, bool) and np.isfinite(value)
+
+
+def _check_filters(camera, refuse):
+    if not camera.channels or len(set(camera.channels)) != len(camera.channels):
+        refuse("channels", "expected a different letter for each channel")
+    if not all(len(row) == len(camera.filters[0]) for row in camera.filters):
+        refuse("filters", "expected rows of the same length")
+    if camera.filters and not 0 < max(len(camera.filters), len(camera.filters[0])) <= LARGEST_CELL:
+        refuse("filters", f"expected at most {LARGEST_CELL} rows and columns")
+    for letter in "".join(camera.filters):
+        if letter not in camera.channels:
+            refuse("filters", f"expected only {', '.join(camera.channels)}, the channels with a quantum efficiency",
+                   letter)
+
+
+def _check_efficiency(camera, refuse):
+    nm, efficiency = camera.wavelengths_nm, camera.quantum_efficiency
+    if nm.ndim != 1 or nm.size < 2 or not np.all(np.diff(nm) > 0) or not (0 < nm[0] and nm[-1] < np.inf):
+        refuse("wavelengths_nm", "expected two or more ascending numbers")
+    if efficiency.shape != (len(camera.channels), nm.size):
+        refuse("quantum_efficiency", f"expected {nm.size} numbers for each of {len(camera.channels)} channels",
+               f"of shape {efficiency.shape}")
+    if not np.all((efficiency >= 0) & (efficiency <= 1)):
+        refuse("quantum_efficiency", "expected 0 to 1", float(efficiency.flat[np.argmax(~((efficiency >= 0) &
+                                                                                        (efficiency <= 1)))]))

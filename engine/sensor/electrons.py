@@ -1,0 +1,58 @@
+"""Electrons from spectral irradiance: E(wavelength) A t wavelength / (h c) QE(wavelength), summed over wavelengths."""
+
+import numpy as np
+
+from ..spectral.spectra import trapezoid_weights
+from .camera import Camera
+
+PLANCK_J_S, LIGHT_M_PER_S = 6.62607015e-34, 299792458.0
+FINENESS_NM = 0.5  # of the integrals: quantum efficiency and irradiance are linear in between
+
+
+def photons_per_joule(wavelengths_nm: np.ndarray) -> np.ndarray:
+    """wavelength / (h c)."""
+    return np.asarray(wavelengths_nm) * 1e-9 / (PLANCK_J_S * LIGHT_M_PER_S)
+
+
+def response(camera: Camera, wavelengths_nm: np.ndarray) -> np.ndarray:
+    """Electrons per second in each channel, for each W m^-2 nm^-1 of an image's planes: array (channel, wavelength).
+
+    Between its wavelengths an image is linear; beyond them it has no light. An image with one wavelength is
+    monochromatic light, in W m^-2.
+
+    Parameters
+    ----------
+    camera : Camera
+    wavelengths_nm : ascending array (wavelength,)
+    """
+    nm, area_m2 = np.asarray(wavelengths_nm, dtype=np.float64), (camera.pitch_um * 1e-6)**2
+    if nm.size == 1:
+        return area_m2 * _per_photon(camera, nm) * photons_per_joule(nm)
+    fine_nm = _fine(nm[0], nm[-1], nm, camera.wavelengths_nm)
+    hats = np.stack([np.interp(fine_nm, nm, unit) for unit in np.eye(nm.size)])
+    return area_m2 * (_electrons_per_joule(camera, fine_nm) * trapezoid_weights(fine_nm)) @ hats.T
+
+
+def missing_response(camera: Camera, wavelengths_nm: np.ndarray) -> np.ndarray:
+    """Share of each channel's response to even spectral irradiance outside these wavelengths: array (channel,)."""
+    nm = camera.wavelengths_nm
+    fine_nm = _fine(nm[0], nm[-1], nm, wavelengths_nm)
+    within_nm = fine_nm[(fine_nm >= np.min(wavelengths_nm)) & (fine_nm <= np.max(wavelengths_nm))]
+    within, complete = (_electrons_per_joule(camera, each) @ trapezoid_weights(each) for each in (within_nm, fine_nm))
+    return 1 - within / complete
+
+
+def _fine(first_nm, last_nm, *nodes_nm):
+    """Wavelengths from the first to the last, with all nodes between them."""
+    even = np.linspace(first_nm, last_nm, int(np.ceil((last_nm - first_nm) / FINENESS_NM)) + 1)
+    nodes = np.concatenate([even, *map(np.ravel, nodes_nm)])
+    return np.unique(nodes[(nodes >= first_nm) & (nodes <= last_nm)])
+
+
+def _per_photon(camera, wavelengths_nm):
+    return np.stack([np.interp(wavelengths_nm, camera.wavelengths_nm, each, left=0.0, right=0.0)
+                     for each in camera.quantum_efficiency])
+
+
+def _electrons_per_joule(camera, wavelengths_nm):
+    return _per_photon(camera, wavelengths_nm) * photons_per_joule(wavelengths_nm)
