@@ -97,12 +97,13 @@ def _directions(lens, frame, vignette):
 
 def _bokeh(lens, rays, frame, iris):
     """The fields of LensTables from `shifts` on."""
-    x_mm, y_mm = np.meshgrid(*_nodes_mm(frame, BOKEH_NODES))
     stop, (_, green_nm, _), pitch_mm = opening(iris, lens), COLOURS_NM, frame.pitch_um * 1e-3
     field, per_nearness_px = field_map(lens), blur_per_nearness_px(lens, frame.pitch_um) / 2
     sample = field.pixel_rays(rays, frame).sample(np.array([green_nm]), lens.capture_focal_length_mm, RAYS, stop.reach)
-    far_px, moved_px, light, place = sample.bundles(x_mm / pitch_mm, y_mm / pitch_mm)
-    chief_px = np.stack(field.at_wavelength(green_nm).source_mm(x_mm, y_mm), axis=-1)[:, :, None] / pitch_mm
+    right_px, up_px = sample.within(*(side_mm / pitch_mm for side_mm in np.meshgrid(*_nodes_mm(frame, BOKEH_NODES))))
+    far_px, moved_px, light, place = sample.bundles(right_px, up_px)
+    chief_mm = field.at_wavelength(green_nm).source_mm(right_px * pitch_mm, up_px * pitch_mm)
+    chief_px = np.stack(chief_mm, axis=-1)[:, :, None] / pitch_mm
     aberrations_px = far_px + focus_nearness(lens) * moved_px - chief_px
     light = light * stop.open_share(place, cell_size(RAYS) * stop.reach)
     total = np.maximum(light.sum(axis=-1, keepdims=True), np.finfo(np.float32).tiny)

@@ -101,6 +101,18 @@ def test_the_area_beyond_the_lens_data_is_black_on_request():
     assert black[0, 0] == 0 and black[NODES // 2, NODES // 2] == pytest.approx(1, abs=1e-3)
 
 
+def test_the_area_beyond_the_lens_data_has_the_rays_of_its_edge():
+    """In the corners of a sensor that is twice as large, rays still surround the chief ray."""
+    lens = load_lens("kodak-petzval-100mm", NEAR, "preview", wavelengths_nm=COLOURS_NM)
+    frame = PixelGrid((480, 720), 2 * lens.sensor_mm[0] / 720 * 1e3)
+    tables = lens_tables(lens, lens_rays(lens, 1.0), frame)
+    pixel = frame.pitch_um * 1e-3 / lens.capture_focal_length_mm
+    mean = (tables.aberrations * tables.light[..., None]).sum(axis=2) / pixel
+    assert np.abs(mean).max() < 0.5
+    corner, edge = (tables.shifts[row, column] for row, column in ((-1, -1), (-4, -4)))
+    np.testing.assert_allclose(corner, edge, atol=1e-6)
+
+
 def test_a_glass_that_absorbs_does_not_darken_the_view():
     lens = load_lens("tessar-50mm", Rings(), "preview", wavelengths_nm=COLOURS_NM)
     frame = PixelGrid((40, 60), 400.0)
