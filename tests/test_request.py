@@ -58,7 +58,7 @@ def test_a_request_compares_by_its_fields_and_refuses_unknown_choices():
     assert RenderRequest() == RenderRequest() != replace(RenderRequest(), unfit="render")
     for name, each in settings_of(RenderRequest).items():
         if each.choices:
-            with pytest.raises(InputError, match=f"options: {name} is maybe: expected {next(iter(each.choices))} or"):
+            with pytest.raises(InputError, match=f"options: {name} is maybe: expected .*{next(iter(each.choices))}"):
                 RenderRequest(**{name: "maybe"})
 
 

@@ -383,11 +383,17 @@ def _fields_of(struct):
     return _fields[kind]
 
 
+def _place(prop):
+    """The place of a property among its type's. Add-ons' are last, by name: Blender has them by the time of their
+    registration, which differs between processes."""
+    return prop.is_runtime, prop.identifier if prop.is_runtime else ""
+
+
 def _counting(struct):
     left_out = LEFT_OUT.union(*(names for base, names in LEFT_OUT_OF.items()
                                 if isinstance(struct, getattr(bpy.types, base))))
     group = isinstance(struct, bpy.types.PropertyGroup)
-    for prop in struct.bl_rna.properties:
+    for prop in sorted(struct.bl_rna.properties, key=_place):
         name, container = prop.identifier, prop.type in ("POINTER", "COLLECTION")
         editors = name.startswith(LEFT_OUT_STARTS) and name not in SHOWN_IN_RENDERS
         if name in left_out or editors or (prop.is_readonly and not container):

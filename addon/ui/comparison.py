@@ -94,7 +94,7 @@ class LENSFIELD_OT_compare(LensRender, bpy.types.Operator):
 
 
 def _offered(lenses, search):
-    """The ticked lenses and those that match a search, and the number of matches for which there is no room."""
+    """The ticked lenses and those that match a search, and the number of further matches."""
     found = found_lenses(search)
     matches = [lens.name for lens in lenses if lens.name in found and not lens.ticked]
     shown = matches[:max(0, MOST_OFFERED - sum(lens.ticked for lens in lenses))]

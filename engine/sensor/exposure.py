@@ -164,10 +164,10 @@ def _light(irradiance, camera, exposure, shape):
 
 def _behind_filters(light_e, channel):
     """Of the electrons in each channel, those of each pixel's own: array (row, column)."""
-    own_e = np.empty(channel.shape, np.float32)
+    pixel_e = np.empty(channel.shape, np.float32)
     for index, plane in enumerate(light_e):
-        np.copyto(own_e, plane, where=channel == index)
-    return own_e
+        np.copyto(pixel_e, plane, where=channel == index)
+    return pixel_e
 
 
 def _converted(light_e, camera, exposure, first_row):

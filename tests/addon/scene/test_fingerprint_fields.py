@@ -3,6 +3,7 @@
 import bpy
 import pytest
 
+from lensfield.addon.scene import fingerprint
 from lensfield.addon.scene.compositor import fingerprint_anew
 from lensfield.addon.scene.fingerprint import RENDER
 from small_scenes import light, material, set_world, wall
@@ -122,6 +123,18 @@ def test_object_properties_count(furnished, name, value):
 def test_camera_and_light_data_count(furnished, kind, name, value):
     owner = furnished.camera.data if kind == "cameras" else bpy.data.lights["Light"]
     assert_it_counts(furnished, owner, name, value)
+
+
+def test_the_order_in_which_add_ons_register_does_not_count(furnished, monkeypatch):
+    """It differs between a window, where a user switches add-ons off and on, and the processes that it starts."""
+    found = set()
+    for name in ("cycles", "lensfield", "cycles"):
+        group = type(getattr(bpy.data.lights[0], name))
+        delattr(bpy.types.Light, name)
+        setattr(bpy.types.Light, name, bpy.props.PointerProperty(type=group))
+        monkeypatch.setattr(fingerprint, "_fields", {})
+        found.add(fingerprint_anew(furnished))
+    assert len(found) == 1
 
 
 def test_mesh_vertices_count(furnished):

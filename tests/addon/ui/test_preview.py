@@ -125,15 +125,15 @@ def test_an_edit_refreshes_the_preview_and_a_selection_does_not(ready_scene):
     bpy.data.objects["Wall"].select_set(True)
     bpy.context.view_layer.update()
     assert on().fresh
-    tree.nodes.new("CompositorNodeBlur")
-    bpy.context.view_layer.update()
-    assert on().fresh
     bpy.data.lights["Light"].energy *= 2
     bpy.context.view_layer.update()
     assert not on().fresh
     follow()
     assert copied_ns() == copied
     assert red(ready_scene) == pytest.approx(2 * first, rel=0.01)
+    tree.nodes.new("CompositorNodeBlur")  # Blender 4.5 then reports meshes as changed, so a later edit needs a copy
+    bpy.context.view_layer.update()
+    assert on().fresh
 
 
 @pytest.mark.one_blender

@@ -52,7 +52,7 @@ def test_broad_light_is_integrated_between_coarse_wavelengths():
 
 @pytest.mark.parametrize("filters, corner", [
     (("RG", "GB"), "RGGB"), (("GBR", "RGG", "BRB"), "GBRG"), (("G",), "GGGG")])
-def test_the_filter_array_is_that_of_the_whole_sensor(filters, corner):
+def test_the_filter_array_starts_at_the_sensors_corner(filters, corner):
     """A picture in its middle begins at row 90 and column 100 of 300 x 401."""
     camera = replace(CAMERA, filters=filters)
     channel = channels_of(camera, (120, 200))
