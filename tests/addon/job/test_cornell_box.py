@@ -15,7 +15,7 @@ pytestmark = pytest.mark.one_blender
 
 MITSUBA = DATA / "cornell_mitsuba.npz"
 SIDE_PX = 32
-SAMPLES = 512  # for each of two seeds
+SAMPLES = 768  # for each of two seeds
 
 
 @pytest.fixture(scope="module")
