@@ -120,10 +120,11 @@ def test_a_task_with_a_killed_worker_loses_no_frames_and_leaves_no_files(blend, 
     parameters = task["commands"][0]["parameters"]
     command = [sys.executable, "-c", WORKER, blender, *parameters["argsBefore"], parameters["blendfile"],
                *parameters["args"], "--lens-quality=preview", "--resolution=64x48", "--samples=128"]
-    worker = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+    with open(tmp_path / "worker.log", "wb") as log:
+        worker = subprocess.Popen(command, stdout=log)
     wait_until(lambda: worker.poll() is not None or passes(folder) and renders(folder))
     worker.send_signal(signal.SIGKILL)
-    worker.wait()
+    assert worker.wait() == -signal.SIGKILL, (tmp_path / "worker.log").read_text()
     wait_until(lambda: not renders(folder))
     assert passes(folder) or (folder / "Scene_0001_report.json").exists()  # a finished frame's passes are deleted
     assert not (folder / "Scene_0002_report.json").exists()
