@@ -165,6 +165,7 @@ def guide_pictures():
     yield 2  # for the drawing
     shoot("dialog")
     yield from press("ESC", view)
+    bpy.context.preferences.view.render_display_type = "WINDOW"  # Blender saves the preferences on exit
 
 
 def another_lens():
@@ -213,6 +214,7 @@ def compare():
     assert abs(scene.camera.data.dof.aperture_fstop / compared.f_number - 1) < 1e-6
     yield from press("Z", place, ctrl=True)
     assert bpy.context.scene.lensfield.lens == before
+    bpy.context.preferences.view.render_display_type = "WINDOW"  # Blender saves the preferences on exit
 
 
 def own_lens():
