@@ -185,7 +185,7 @@ def _draw_view(layout, scene):
     settings, camera = scene.lensfield, scene.camera
     layout.prop(settings, "view")
     if settings.view == "SENSOR":
-        layout.prop(settings, "sensor_mm", text="Width")
+        layout.prop(settings, "sensor_mm")
     if facts := _facts(scene):
         across_deg, up_deg, _ = _field_of_view(scene, facts)
         view = f"{across_deg:.3g}\u00b0 \u00d7 {up_deg:.3g}\u00b0, crop factor {crop_factor(facts[2]):.3g}"

@@ -200,7 +200,7 @@ class LensfieldSettings(bpy.types.PropertyGroup):
     lens_file: StringProperty(name="Lens File", description=OWN_LENS, subtype="FILE_PATH", options=BLEND_RELATIVE,
                               update=_choose_path("lens_file"))
     iris_roundness: _property("iris_roundness", settings_of(Iris)["roundness"])
-    sensor_mm: FloatVectorProperty(name="Sensor", description="Width and height of the sensor, in mm", size=2,
+    sensor_mm: FloatVectorProperty(name="Sensor (mm)", description="Width and height of the sensor", size=2,
                                    default=FORMATS["fullframe"][1], min=0.1, max=1000, precision=2)
     wavelength_mode: EnumProperty(
         name="Wavelengths", description="How the wavelengths of the lens image are specified", default="RANGE",
