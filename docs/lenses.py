@@ -39,7 +39,8 @@ to the corner (right) in the plane of focus, 27 times as large as in the picture
 
 def gallery() -> str:
     """The text of the page."""
-    return HEAD.format(number=len(lenses())) + "".join(map(row, lenses()))
+    shown = lenses()
+    return HEAD.format(number=len(shown)) + "".join(map(row, shown))
 
 
 def lenses() -> list[Prescription]:

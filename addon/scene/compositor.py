@@ -99,8 +99,8 @@ def lay_group(scene, mark, name, new_group):
         node.name, node.width = name, WIDTH
         created_layers = _take_over_links(scene, tree, node)
         _put(node.node_tree, created_tree=created_tree, created_layers=created_layers)
-    elif any((other := marked_node(tree, mark)) and other.node_tree == node.node_tree
-             for tree in _trees_of_others(scene)):
+    elif any(other.node_tree == node.node_tree
+             for other in (marked_node(its, mark) for its in _trees_of_others(scene)) if other):
         state = _state(node.node_tree)
         node.node_tree = new_group()  # this scene is a copy, which must not change the picture of the other
         _put(node.node_tree, created_tree=state["created_tree"], created_layers=state["created_layers"])

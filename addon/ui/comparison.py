@@ -15,7 +15,7 @@ from ..scene.camera import frame_px
 from ..scene.linked import check_editable
 from . import window_render
 from .operators import LensRender
-from .properties import found_lenses, lens_title, offered_lenses
+from .properties import lens_title, matching_lenses, offered_lenses
 from .session import session
 
 F_STOPS = "1", "1.4", "2", "2.8", "4", "5.6", "8", "11", "16"
@@ -95,8 +95,8 @@ class LENSFIELD_OT_compare(LensRender, bpy.types.Operator):
 
 def _offered(lenses, search):
     """The ticked lenses and those that match a search, and the number of further matches."""
-    found = found_lenses(search)
-    matches = [lens.name for lens in lenses if lens.name in found and not lens.ticked]
+    names = matching_lenses(search)
+    matches = [lens.name for lens in lenses if lens.name in names and not lens.ticked]
     shown = matches[:max(0, MOST_OFFERED - sum(lens.ticked for lens in lenses))]
     return [lens for lens in lenses if lens.ticked or lens.name in shown], len(matches) - len(shown)
 

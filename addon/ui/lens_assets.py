@@ -7,7 +7,7 @@ import numpy as np
 
 from ...engine.depth.lens_curves import lens_curves
 from ...engine.lens.entrance_pupil import focus_nearness
-from ...engine.library import bundled_lenses
+from ...engine.library import described_lenses
 from ...engine.rays.rings import AT_REST
 from ...engine.runtime.errors import InputError, one_line
 from ..scene.compositor import QUICK_LOOK
@@ -24,7 +24,7 @@ STEP_S = 0.01
 
 def lens_asset_steps(folder: Path):
     """Write the asset library into a folder, in steps: yields the finished fraction."""
-    lenses, curves = bundled_lenses(), {}
+    lenses, curves = described_lenses(), {}
     for name in lenses:
         lens = frame_lens(name, AT_REST, None, None)
         curves[name] = lens_curves(lens, lens_facts(name).f_number), focus_nearness(lens) * UNIT_MM

@@ -14,14 +14,13 @@ import gpu
 import numpy as np
 from gpu_extras.batch import batch_for_shader
 
-from ...engine.depth.lens_tables import BOKEH_NODES, NODES, RAYS, LensTables
+from ...engine.depth.lens_tables import BOKEH_NODES, NODES, RAYS, STEEPEST_RAD, LensTables
 from ...engine.rays.stop_places import cell_size
 
 SOURCES = Path(__file__).parent / "shaders"
 TILE_PX, REACH_TILES = 16, 6  # blur reaches at most their product from its middle
 SHARP_PX, BLURRED_PX = 0.8, 2.0  # diameters of blur that is not drawn, and that is drawn alone
 FEW_RAYS_PX = 6.0  # a quarter of the rays suffices for smaller blur
-STEEPEST_RAD = 1.55
 FARTHEST_DEPTH = 1.0  # normalised, also of viewports without depth
 SIDES_PX = 2, 4, 8, 16  # of the pixels of smaller copies of the light
 HALVES = "nearer", "farther", "blurs"

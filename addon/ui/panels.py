@@ -168,8 +168,7 @@ def _draw_notes(layout, scene):
     if facts := _facts(scene):
         for word in facts[0].words:
             draw_wrapped(column, word, "INFO")
-        covered = _field_of_view(scene, facts)[2]
-        if scene.lensfield.view != "LENS" and covered < COMPLETE:
+        if scene.lensfield.view != "LENS" and (covered := _field_of_view(scene, facts)[2]) < COMPLETE:
             draw_wrapped(column, f"The lens covers {covered:.0%} of the picture's diagonal", "INFO")
         if scene.lensfield.view != "CAMERA" and not _sees_alike(scene, replace(facts[0], sensor_mm=facts[2])):
             draw_wrapped(column, "Your camera has a different field of view", "INFO")

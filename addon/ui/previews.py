@@ -120,7 +120,7 @@ def _read(path):
 
 
 def asset_preview(name):
-    """The picture of the sample scene through a bundled lens, as of `_read`; None without it."""
+    """The picture of a bundled lens, as of `_read`; None without one."""
     from PIL import Image
 
     path = PICTURES / f"{name}.jpg"

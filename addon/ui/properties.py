@@ -132,7 +132,7 @@ def _searched_lenses():
     return [(name, ", ".join((title, *facts.get(name, ()))), *rest) for name, title, *rest in offered_lenses()]
 
 
-def found_lenses(words):
+def matching_lenses(words):
     """The names of all lenses whose searchable text contains these words."""
     return {name for name, text, *_ in _searched_lenses()
             if all(word in text.lower() for word in words.lower().split())}

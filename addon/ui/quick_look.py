@@ -12,6 +12,7 @@ import numpy as np
 from bpy.app.handlers import persistent
 
 from ...engine.depth.lens_curves import LensCurves, lens_curves
+from ...engine.field.overscan import CAMERA_VIEW
 from ...engine.lens.entrance_pupil import focus_nearness
 from ...engine.lens.pinhole import fitting_pitch_um
 from ...engine.runtime.errors import InputError, one_line
@@ -37,7 +38,7 @@ _requests = {}  # by the scene's session_uid: the newest question, and the Futur
 
 def quick_look_question(scene, at_rest):
     """Everything that a scene's Quick Look depends on: hashable arguments of `read_curves`."""
-    _, (width_mm, _) = size_for_view(scene, at_rest, "camera")
+    _, (width_mm, _) = size_for_view(scene, at_rest, CAMERA_VIEW)
     return *frame_question(scene, at_rest), width_mm / 2 / scene.camera.data.lens
 
 

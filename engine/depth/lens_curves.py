@@ -4,16 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..field.field_map import field_map
-from ..image.pixel_grid import PixelGrid
-from ..image.projection import FISHEYE
 from ..lens import Lens
 from ..lens.entrance_pupil import entrance_pupil_diameter_mm
 from .iris import Iris, opening
-from .lens_tables import COLOURS_NM
+from .lens_tables import STEEPEST_RAD, colour_directions
 
 POINTS = 512  # linear interpolation is accurate to 0.02 px of 1080 rows
-STEEPEST_RAD = 1.55  # a plane shows no light from behind
 BOKEH_PX = 33
 
 
@@ -63,12 +59,8 @@ def lens_curves(lens: Lens, f_number: float, iris: Iris | None = None, vignette:
     distance = np.linspace(0, 1, POINTS)
     distance[0] = distance[1] * 1e-3  # the limit on the axis
     x_mm, y_mm = distance * diagonal_mm, np.zeros(POINTS)
-    equidistant = PixelGrid((1, 1), 1.0, projection=FISHEYE)
-    fields = [field_map(lens).at_wavelength(nm) for nm in COLOURS_NM]
-    angle_rad = np.stack([field.source_mm(x_mm, y_mm, equidistant)[0] for field in fields], axis=-1) / focal_mm
-    sources = np.tan(np.minimum(angle_rad, STEEPEST_RAD)) * focal_mm / x_mm[:, None]
-    _, green, _ = fields
-    illumination = green.relative_illumination(x_mm, y_mm) * (green.within(x_mm, y_mm) if vignette else 1)
+    angle_rad, illumination = colour_directions(lens, x_mm, y_mm, vignette)
+    sources = np.tan(np.minimum(angle_rad[..., 0], STEEPEST_RAD)) * focal_mm / x_mm[:, None]
     stop = opening(iris, lens)
     bokeh_mm = entrance_pupil_diameter_mm(lens) * stop.reach * focal_mm * f_number / diagonal_mm
     across_mm, up_mm = lens.sensor_mm

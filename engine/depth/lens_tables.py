@@ -19,6 +19,7 @@ from .depth_range import blur_per_nearness_px
 from .iris import Iris, opening
 
 COLOURS_NM = 610.0, 550.0, 465.0  # red, green, blue
+STEEPEST_RAD = 1.55  # a plane shows no light from behind
 NODES = 193  # down and across the frame: bilinear interpolation is accurate to 0.1 px of 1080 rows, even of fisheyes
 BOKEH_NODES = 17
 RAYS = 64  # of a place, one of `SQUARES`
@@ -70,8 +71,9 @@ def lens_tables(lens: Lens, rays: RayTable, frame: PixelGrid, iris: Iris | None 
     vignette : bool
         Whether the area beyond the lens data is black.
     """
-    angle_rad, illumination = _directions(lens, frame, vignette)
-    return LensTables(angle_rad, illumination, *_bokeh(lens, rays, frame, iris))
+    x_mm, y_mm = _nodes_mm(frame, NODES)
+    angle_rad, illumination = colour_directions(lens, x_mm[None, :], y_mm[:, None], vignette)
+    return LensTables(angle_rad.astype(np.float32), illumination.astype(np.float32), *_bokeh(lens, rays, frame, iris))
 
 
 def _nodes_mm(frame, count):
@@ -82,17 +84,32 @@ def _nodes_mm(frame, count):
     return x_mm, y_mm
 
 
-def _directions(lens, frame, vignette):
-    x_mm, y_mm = _nodes_mm(frame, NODES)
-    equidistant = PixelGrid(frame.shape_px, frame.pitch_um, projection=FISHEYE)
+def colour_directions(lens: Lens, x_mm: np.ndarray, y_mm: np.ndarray,
+                      vignette: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Where the light of places in the image plane comes from, and how bright it is.
+
+    Parameters
+    ----------
+    lens : Lens
+    x_mm, y_mm : arrays
+        From the axis to the right and up; their shapes are broadcast.
+    vignette : bool
+        Whether the area beyond the lens data is black.
+
+    Returns
+    -------
+    angle_rad : array (..., colour, 2)
+        Of `COLOURS_NM`, as `LensTables.angle_rad`.
+    illumination : array (...)
+        Relative to the axis.
+    """
+    equidistant = PixelGrid((1, 1), 1.0, projection=FISHEYE)
     fields = [field_map(lens).at_wavelength(nm) for nm in COLOURS_NM]
-    angle_rad = np.stack([np.stack(field.source_mm(x_mm[None, :], y_mm[:, None], equidistant), axis=-1)
-                          for field in fields], axis=2) / lens.capture_focal_length_mm
+    angle_rad = np.stack([np.stack(field.source_mm(x_mm, y_mm, equidistant), axis=-1)
+                          for field in fields], axis=-2) / lens.capture_focal_length_mm
     _, green, _ = fields
-    illumination = green.relative_illumination(x_mm[None, :], y_mm[:, None])
-    if vignette:
-        illumination = illumination * green.within(x_mm[None, :], y_mm[:, None])
-    return angle_rad.astype(np.float32), illumination.astype(np.float32)
+    illumination = green.relative_illumination(x_mm, y_mm)
+    return angle_rad, illumination * green.within(x_mm, y_mm) if vignette else illumination
 
 
 def _bokeh(lens, rays, frame, iris):
@@ -100,7 +117,8 @@ def _bokeh(lens, rays, frame, iris):
     stop, (_, green_nm, _), pitch_mm = opening(iris, lens), COLOURS_NM, frame.pitch_um * 1e-3
     field, per_nearness_px = field_map(lens), blur_per_nearness_px(lens, frame.pitch_um) / 2
     sample = field.pixel_rays(rays, frame).sample(np.array([green_nm]), lens.capture_focal_length_mm, RAYS, stop.reach)
-    right_px, up_px = sample.within(*(side_mm / pitch_mm for side_mm in np.meshgrid(*_nodes_mm(frame, BOKEH_NODES))))
+    nodes_px = (each_mm / pitch_mm for each_mm in np.meshgrid(*_nodes_mm(frame, BOKEH_NODES)))
+    right_px, up_px = sample.known_places(*nodes_px)
     far_px, moved_px, light, place = sample.bundles(right_px, up_px)
     chief_mm = field.at_wavelength(green_nm).source_mm(right_px * pitch_mm, up_px * pitch_mm)
     chief_px = np.stack(chief_mm, axis=-1)[:, :, None] / pitch_mm

@@ -199,7 +199,7 @@ class RaySample(Protocol):
     def area_px(self, nearness: float) -> float:
         """Largest area of the blur of the open stop at an inverse depth, in square pixels."""
 
-    def within(self, right_px: np.ndarray, up_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def known_places(self, right_px: np.ndarray, up_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The nearest places, relative to the axis, that the rays are known for: others have the rays of these."""
 
     def bundles(self, right_px: np.ndarray,

@@ -96,7 +96,7 @@ class Pencils:
             shapes[:, height] = both[:2, :2] * area, (both[:2, 2:] + both[2:, :2]) * area, both[2:, 2:] * area
         return shapes
 
-    def within(self, right_px: np.ndarray, up_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def known_places(self, right_px: np.ndarray, up_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The nearest places that the rays are known for: see `field_map.RaySample`."""
         shrink = self.last_px / np.maximum(np.hypot(right_px, up_px), self.last_px)
         return right_px * shrink, up_px * shrink

@@ -5,13 +5,13 @@ import pytest
 
 from lensfield.addon.scene.compositor import QUICK_LOOK
 from lensfield.addon.ui import lens_assets
-from lensfield.engine.library import bundled_lenses
+from lensfield.engine.library import described_lenses
 
 
 @pytest.fixture
 def two_lenses(monkeypatch):
-    lenses = {name: bundled_lenses()[name] for name in ("tessar-50mm", "cooke-triplet-50mm")}
-    monkeypatch.setattr(lens_assets, "bundled_lenses", lambda: lenses)
+    lenses = {name: described_lenses()[name] for name in ("tessar-50mm", "cooke-triplet-50mm")}
+    monkeypatch.setattr(lens_assets, "described_lenses", lambda: lenses)
     return lenses
 
 
