@@ -33,7 +33,7 @@ FLOORS = {
     "engine.pictures": {"engine.depth", "engine.image", "engine.lens", "engine.runtime", "engine.spectral"},
     "engine.sensor": {"engine.image", "engine.runtime", "engine.spectral"},
     "engine.library": {"engine.bake", "engine.field", "engine.lens", "engine.lens_files",
-                       "engine.prescription", "engine.rays", "engine.runtime"},
+                       "engine.prescription", "engine.rays", "engine.runtime", "engine.sensor"},
     "engine.simulation": {"engine.blur", "engine.depth", "engine.field", "engine.image", "engine.kernels",
                           "engine.lens", "engine.library", "engine.pictures", "engine.plan", "engine.runtime",
                           "engine.spectral"},

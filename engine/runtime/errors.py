@@ -168,5 +168,9 @@ class LensError(InputError):
     """Lens data that are missing, damaged or unsuitable for the request."""
 
 
+class CameraError(InputError):
+    """A camera's data that are missing, damaged or unsuitable for the request."""
+
+
 class ImageError(InputError):
     """A spectral image that is damaged or unsuitable for the request."""

@@ -5,27 +5,27 @@ import os
 
 import numpy as np
 
-from .errors import LensError, explain
+from .errors import InputError, LensError, explain
 from .inputs import MOST_TEXT_BYTES, check_input, open_input
 
 FAR_MM = 1e8  # distances from here on mean infinity: Zemax writes 1e10, CODE V 1e13
 MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 
 
-def read_text(path: str | os.PathLike) -> str:
+def read_text(path: str | os.PathLike, error: type[InputError] = LensError) -> str:
     """The text of a file in UTF-16, UTF-8 or latin-1.
 
     Raises
     ------
-    LensError
-        The file is missing, unreadable or implausibly large.
+    InputError
+        The file is missing, unreadable or implausibly large: of the type `error`.
     """
-    check_input(path, "file", "expected a text file", MOST_TEXT_BYTES, LensError)
+    check_input(path, "file", "expected a text file", MOST_TEXT_BYTES, error)
     try:
         with open_input(path) as file:
             return decoded(file.read())
-    except OSError as error:
-        raise LensError(path, "file", "not readable", explain(error)) from None
+    except OSError as reason:
+        raise error(path, "file", "not readable", explain(reason)) from None
 
 
 def decoded(data: bytes) -> str:

@@ -1,18 +1,21 @@
 """A camera's sensor, described by the parameters of EMVA Standard 1288."""
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from ..runtime.errors import LensError
+from ..runtime.errors import CameraError
 from ..runtime.values import Value
 
 MOST_PX = 2**16  # along a side
 MOST_BITS = 16
 LARGEST_CELL = 64
+PARTS = "size", "sensitivity", "noise"
+ORIGINS = "measured", "published", "generic"
 POSITIVE = ("pitch_um", "gain_dn_per_e", "base_iso", "saturation_e")
-NOT_NEGATIVE = ("dark_noise_e", "readout_noise_dn", "dark_current_e_per_s", "dsnu_e", "prnu", "black_dn")
+NOT_NEGATIVE = ("black_dn", "dark_noise_e", "readout_noise_dn", "dark_current_e_per_s", "dsnu_e", "prnu")
+NUMBERS = POSITIVE + NOT_NEGATIVE
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -53,12 +56,16 @@ class Camera(Value):
         DSNU1288, the spatial standard deviation of the dark signal, in electrons.
     prnu : float
         PRNU1288, the spatial standard deviation of the response over its mean.
-    source : str
-        Where the figures come from.
+    title, maker : str
+        What lists of cameras show.
+    source, notes : str
+        Where the figures come from, and what is assumed.
+    provenance : tuple of (str, str)
+        A part of the figures and its origin, of `PARTS` and `ORIGINS`.
 
     Raises
     ------
-    LensError
+    CameraError
         A parameter is missing or invalid.
     """
 
@@ -79,7 +86,11 @@ class Camera(Value):
     dark_current_e_per_s: float = 0.0
     dsnu_e: float = 0.0
     prnu: float = 0.0
+    title: str = field(default="", repr=False)
+    maker: str = field(default="", repr=False)
     source: str = field(default="", repr=False)
+    notes: str = field(default="", repr=False)
+    provenance: tuple[tuple[str, str], ...] = field(default=(), repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "wavelengths_nm", np.asarray(self.wavelengths_nm, dtype=np.float64))
@@ -109,11 +120,11 @@ class Camera(Value):
 
 def _check(camera: Camera) -> None:
     def refuse(name: str, remedy: str, value: Any = None) -> None:
-        raise LensError(f"camera {camera.name}", name, getattr(camera, name) if value is None else value, remedy)
+        raise CameraError(f"camera {camera.name}", name, getattr(camera, name) if value is None else value, remedy)
 
-    for each in fields(camera):
-        if each.type is float and not _is_number(getattr(camera, each.name)):
-            refuse(each.name, "expected a number")
+    for name in NUMBERS:
+        if not _is_number(getattr(camera, name)):
+            refuse(name, "expected a number")
     for name in (name for name in POSITIVE if not getattr(camera, name) > 0):
         refuse(name, "expected a positive number")
     for name in (name for name in NOT_NEGATIVE if getattr(camera, name) < 0):

@@ -2,8 +2,6 @@
 
 import json
 import re
-import textwrap
-from collections.abc import Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,7 +10,7 @@ import numpy as np
 
 from ...runtime.build_identity import MARK
 from ...runtime.errors import LensError
-from ...runtime.toml_fields import TomlTable, read_toml
+from ...runtime.toml_fields import TomlTable, check_known, pairs, read_toml
 from ...spectral.dispersion import FORMULAS
 from ...spectral.refraction import Formula
 from ..glasses import Glass
@@ -35,18 +33,17 @@ WRITTEN = ("name", "title", "maker", "year", "focal_length_mm", "character", "st
            "focused_at_mm", "closest_focus_mm", "reference_wavelength_nm")
 DEFAULTS = {field.name: field.default for value in (Prescription, Surface) for field in fields(value)}
 SURFACES = re.compile(r"^(?:surfaces = |\[)", re.MULTILINE)  # the first line that is not about the lens as a whole
-WIDTH = 105  # of a line of text, without the field's name
 
 
 def read_lensfield(path: Path, options: ReadingOptions = AS_IT_IS) -> Prescription:
     """Read a Lensfield prescription."""
     field = options.field
     table = read_toml(path, FORMAT, VERSION)
-    _check_known(table, FIELDS_OF_FILE)
+    check_known(table, FIELDS_OF_FILE)
     scale = table.number("scale", 1.0)
     if not 0 < scale < np.inf:
         raise table.refusal("scale", "expected a positive number")
-    facts = {name: _line(table, name) for name in TEXTS if name in table}
+    facts = {name: table.line(name) for name in TEXTS if name in table}
     facts |= {"focus": options.image_plane} if options.image_plane else {}
     facts |= {name: table.number(name) for name in NUMBERS if name in table}
     if "focused_at_mm" in table:  # the file's thicknesses are for the first of these
@@ -79,8 +76,8 @@ def read_description(path: Path) -> Description:
     """Description of a lens, from the lines above its surfaces: reading these, too, takes several times as long."""
     table = read_toml(path, FORMAT, VERSION, before=SURFACES)
     focal_length_mm = table.number("focal_length_mm") if "focal_length_mm" in table else None
-    return Description(_line(table, "title"), _line(table, "maker"), _year(table), focal_length_mm, _character(table),
-                       _line(table, "story"), _line(table, "source"))
+    return Description(table.line("title"), table.line("maker"), _year(table), focal_length_mm, _character(table),
+                       table.line("story"), table.line("source"))
 
 
 def read_toml_file(path: Path, options: ReadingOptions) -> Reading:
@@ -108,7 +105,7 @@ def _provenance(table):
     if not isinstance(origins, dict):
         raise table.refusal("provenance", 'expected a table such as { figures = "patent", apertures = "estimated" }')
     origins = TomlTable(table.path, origins, "provenance, ")
-    _check_known(origins, PARTS)
+    check_known(origins, PARTS)
     return tuple((part, origins.choice(part, ORIGINS)) for part in PARTS if part in origins)
 
 
@@ -117,17 +114,6 @@ def _sensor_mm(table):
         return None
     width, height = table.numbers("sensor_mm", 2)
     return width, height
-
-
-def _check_known(table, known: Sequence[str]):
-    for name in table.values:
-        if name not in known:
-            raise LensError(table.path, f"{table.place}{name}", "unknown", f"expected {', '.join(known)}")
-
-
-def _line(table, name):
-    """Text with line ends and repeated spaces collapsed to a single space."""
-    return " ".join(table.text(name, "").split())
 
 
 def _glasses(table):
@@ -141,7 +127,7 @@ def _glasses(table):
 
 
 def _formula(table):
-    _check_known(table, FIELDS_OF_GLASS)
+    check_known(table, FIELDS_OF_GLASS)
     number = table.number("formula")
     if number not in FORMULAS:
         raise table.refusal("formula", "expected 1 to 9, as refractiveindex.info numbers dispersion formulas")
@@ -162,7 +148,7 @@ def _surfaces(table):
 
 
 def _surface(table):
-    _check_known(table, FIELDS_OF_SURFACE)
+    check_known(table, FIELDS_OF_SURFACE)
     numbers = {name: table.number(name) for name in SURFACE_NUMBERS if name in table}
     if isinstance(table.values.get("thickness_mm"), list):
         numbers["gaps_mm"] = tuple(table.numbers("thickness_mm"))
@@ -170,7 +156,7 @@ def _surface(table):
     elif "thickness_mm" in table:
         numbers["thickness_mm"] = table.number("thickness_mm")
     even, odd = _aspheric(table)
-    return Surface(**numbers, glass=_line(table, "glass"), stop=table.flag("stop"), aspheric=even, odd_aspheric=odd)
+    return Surface(**numbers, glass=table.line("glass"), stop=table.flag("stop"), aspheric=even, odd_aspheric=odd)
 
 
 def _aspheric(table):
@@ -208,8 +194,8 @@ def write_prescription(prescription: Prescription) -> str:
     facts = vars(prescription) | {name: dict([getattr(prescription, name)]) for name in ("aperture", "field")}
     facts |= {"provenance": dict(prescription.provenance) or ()}
     lines = [f"# {MARK}", f'format = "{FORMAT}"', f"version = {VERSION}",
-             *_pairs({name: facts[name] for name in WRITTEN}, DEFAULTS | {"object_distance_mm": first_mm})]
-    rows = (f"  {{ {', '.join(_pairs(_fields_of(surface), DEFAULTS))} }}" for surface in prescription.surfaces)
+             *pairs({name: facts[name] for name in WRITTEN}, DEFAULTS | {"object_distance_mm": first_mm})]
+    rows = (f"  {{ {', '.join(pairs(_fields_of(surface), DEFAULTS))} }}" for surface in prescription.surfaces)
     glasses = (line for glass in prescription.glasses for line in _glass_lines(glass))
     return "\n".join([*lines, "surfaces = [", ",\n".join(rows), "]", *glasses, ""])
 
@@ -228,28 +214,4 @@ def _glass_lines(glass):
     """Lines of the table of a private glass."""
     formula = glass.dispersion
     facts = {"formula": formula.number, "coefficients": formula.coefficients, "range_nm": formula.range_nm}
-    return ["", f"[glasses.{json.dumps(glass.name, ensure_ascii=False)}]", *_pairs(facts, {"range_nm": EVERYWHERE_NM})]
-
-
-def _pairs(values, defaults):
-    """`name = value` for each value that differs from its default."""
-    return [f"{name} = {_written(value)}" for name, value in values.items() if value != defaults.get(name)]
-
-
-def _written(value):
-    """TOML text of a string, flag, number, array or table."""
-    if isinstance(value, str):
-        return _written_text(" ".join("".join(letter if letter.isprintable() else " " for letter in value).split()))
-    if isinstance(value, dict):
-        return f"{{ {', '.join(_pairs(value, {}))} }}"
-    if isinstance(value, tuple):
-        return f"[{', '.join(map(_written, value))}]"
-    return str(value).lower() if isinstance(value, bool) else repr(float(value)).removesuffix(".0")
-
-
-def _written_text(text):
-    """Quoted text on one line, or on several if it is long."""
-    quoted = json.dumps(text, ensure_ascii=False)
-    if len(quoted) <= WIDTH:
-        return quoted
-    return f'"""{textwrap.fill(quoted[1:-1], WIDTH, break_long_words=False, break_on_hyphens=False)}"""'
+    return ["", f"[glasses.{json.dumps(glass.name, ensure_ascii=False)}]", *pairs(facts, {"range_nm": EVERYWHERE_NM})]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy
 
-from lensfield.engine import ImageError, InputError, LensError, SpectralImage
+from lensfield.engine import ImageError, InputError, CameraError, SpectralImage
 from lensfield.engine.sensor.camera import Camera
 from lensfield.engine.sensor.electrons import missing_response, response
 from lensfield.engine.sensor.exposure import Exposure, channels_of, expose
@@ -163,7 +163,7 @@ def test_a_picture_larger_than_the_sensor_is_cut_and_a_coarser_one_resampled():
     ({"quantum_efficiency": EFFICIENCY[:2]}, "4 numbers for each of 3"), ({"gain_dn_per_e": "1"}, "expected a number"),
     ({"black_dn": 5000.0}, "black_dn is 5000.0: expected less than 4095"), ({"shape_px": (0, 4)}, "shape_px is")])
 def test_bad_cameras_are_refused(change, message):
-    with pytest.raises(LensError, match=f"camera test: .*{message}"):
+    with pytest.raises(CameraError, match=f"camera test: .*{message}"):
         replace(CAMERA, **change)
 
 

@@ -1,0 +1,55 @@
+"""Cameras by name or path."""
+
+from functools import lru_cache
+from os import PathLike
+from pathlib import Path
+
+from ..runtime.errors import CameraError
+from ..sensor.camera import Camera
+from ..sensor.camera_file import read_camera
+
+CAMERAS = Path(__file__).resolve().parent / "cameras"
+CameraSource = str | PathLike[str] | Camera
+"""What a camera comes from: its name, its file, or the camera itself."""
+
+
+@lru_cache
+def bundled_cameras() -> dict[str, Camera]:
+    """The bundled cameras, by name."""
+    return {name: _bundled(name) for name in _names()}
+
+
+def find_cameras(words: list[str]) -> dict[str, Camera]:
+    """The bundled cameras that match every word in name, title or maker."""
+    wanted = [word.casefold() for word in words]
+    return {name: camera for name, camera in bundled_cameras().items()
+            if all(word in f"{name} {camera.title} {camera.maker}".casefold() for word in wanted)}
+
+
+def load_camera(source: CameraSource) -> Camera:
+    """Load the camera with this name or in this file.
+
+    Raises
+    ------
+    CameraError
+        The camera is unknown, or its file is damaged.
+    """
+    if isinstance(source, Camera):
+        return source
+    name = str(source)
+    if name in _names():
+        return _bundled(name)
+    if Path(name).suffix != ".toml" and not Path(name).exists():
+        raise CameraError(name, "camera", "unknown", "expected a camera's file (.toml) or its name; `lensfield camera "
+                                                     "list` lists the names")
+    return read_camera(Path(name))
+
+
+@lru_cache
+def _names():
+    return tuple(sorted(path.stem for path in CAMERAS.glob("*.toml")))
+
+
+@lru_cache
+def _bundled(name):
+    return read_camera(CAMERAS / f"{name}.toml")

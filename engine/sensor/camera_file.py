@@ -1,0 +1,101 @@
+"""Reader and writer of cameras: TOML with the fields of `Camera`, and a table of quantum efficiencies."""
+
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+
+from ..runtime.build_identity import MARK
+from ..runtime.errors import CameraError, InputError
+from ..runtime.toml_fields import TomlTable, check_known, pairs, read_toml
+from ..spectral.spectra import parse_wavelengths
+from .camera import NUMBERS, ORIGINS, PARTS, Camera
+
+FORMAT, VERSION = "lensfield-camera", 1
+TEXTS = "name", "title", "maker", "source", "notes"
+WRITTEN = (*TEXTS, "provenance", "shape_px", "filters", "bits", *NUMBERS)
+FIELDS_OF_FILE = ("format", "version", *WRITTEN, "wavelengths_nm", "quantum_efficiency")
+DEFAULTS = {each.name: each.default for each in fields(Camera)}
+
+
+def read_camera(path: Path) -> Camera:
+    """Read a camera from a file.
+
+    Raises
+    ------
+    CameraError
+        The file is missing or damaged, or a value in it is invalid.
+    """
+    table = read_toml(path, FORMAT, VERSION, error=CameraError)
+    check_known(table, FIELDS_OF_FILE)
+    channels, efficiency = _efficiency(table)
+    texts = {"name": path.stem} | {name: table.line(name) for name in TEXTS if name in table}
+    numbers = {name: table.number(name) for name in NUMBERS if name in table or name not in _optional()}
+    try:
+        return Camera(**texts, **numbers, shape_px=tuple(map(_whole, table.numbers("shape_px", 2))),
+                      filters=_filters(table), channels=channels, wavelengths_nm=_wavelengths_nm(table),
+                      quantum_efficiency=efficiency, bits=_whole(table.number("bits")), provenance=_provenance(table))
+    except CameraError as error:
+        raise error.at(path) from None
+
+
+def _whole(number):
+    """The number as an int if it is whole; Camera refuses others."""
+    return int(number) if number.is_integer() else number
+
+
+def _optional():
+    return {name for name, default in DEFAULTS.items() if isinstance(default, float)}
+
+
+def _filters(table):
+    rows = table.values.get("filters", [])
+    if not isinstance(rows, list) or not all(isinstance(row, str) and row for row in rows):
+        raise table.refusal("filters", 'expected rows of the filter array, such as ["RG", "GB"]')
+    return tuple(rows)
+
+
+def _wavelengths_nm(table):
+    given = table.values.get("wavelengths_nm")
+    if not isinstance(given, str):
+        return table.numbers("wavelengths_nm")
+    try:
+        return parse_wavelengths(given)
+    except InputError as error:
+        raise table.refusal("wavelengths_nm", error.remedy) from None
+
+
+def _efficiency(table):
+    """Letters of the channels, and their quantum efficiencies."""
+    rows = table.values.get("quantum_efficiency")
+    if not isinstance(rows, dict) or not rows or not all(len(name) == 1 for name in rows):
+        raise table.refusal("quantum_efficiency", "expected a list of numbers for each channel, such as R = [0.1, 0.2]")
+    rows = TomlTable(table.path, rows, "quantum_efficiency, ", table.error)
+    efficiency = [rows.numbers(name) for name in rows.values]
+    first = len(efficiency[0])
+    for name, values in zip(rows.values, efficiency, strict=True):
+        if len(values) != first:
+            raise CameraError(table.path, f"quantum_efficiency, {name}", f"{len(values)} numbers",
+                              f"expected {first}, as for the first channel")
+    return "".join(rows.values), np.array(efficiency)
+
+
+def _provenance(table):
+    origins = table.values.get("provenance", {})
+    if not isinstance(origins, dict):
+        raise table.refusal("provenance", 'expected a table such as { sensitivity = "measured", noise = "generic" }')
+    origins = TomlTable(table.path, origins, "provenance, ", table.error)
+    check_known(origins, PARTS)
+    return tuple((part, origins.choice(part, ORIGINS)) for part in PARTS if part in origins)
+
+
+def camera_text(camera: Camera) -> str:
+    """The text of a file; reading it returns an equal camera."""
+    values = {name: getattr(camera, name) for name in WRITTEN}
+    values["provenance"] = dict(camera.provenance) or ()
+    efficiency = {name: tuple(row.tolist())
+                  for name, row in zip(camera.channels, camera.quantum_efficiency, strict=True)}
+    return "\n".join([f"# {MARK}", f'format = "{FORMAT}"', f"version = {VERSION}",
+                      *pairs(values, DEFAULTS | {"filters": ()}),
+                      *pairs({"wavelengths_nm": tuple(camera.wavelengths_nm.tolist())}, {}),
+                      "", "[quantum_efficiency]", *pairs(efficiency, {}), ""])
