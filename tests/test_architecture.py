@@ -36,7 +36,7 @@ FLOORS = {
                        "engine.prescription", "engine.rays", "engine.runtime", "engine.sensor"},
     "engine.simulation": {"engine.blur", "engine.depth", "engine.field", "engine.image", "engine.kernels",
                           "engine.lens", "engine.library", "engine.pictures", "engine.plan", "engine.runtime",
-                          "engine.spectral"},
+                          "engine.sensor", "engine.spectral"},
     "engine.inspection": {"engine.field", "engine.lens", "engine.pictures", "engine.prescription", "engine.rays",
                           "engine.runtime", "engine.simulation", "engine.spectral"},
     "engine": {"engine.image", "engine.lens", "engine.library", "engine.plan", "engine.prescription", "engine.rays",

@@ -61,7 +61,8 @@ def with_hidden(radiance: SpectralImage, alphas: Sequence[np.ndarray], depths_mm
             alpha = np.ones_like(alpha)
         layers.append(_continued(light(number), alpha, depth_mm, hidden, usual, radiance.detail))
         clear *= 1 - alphas[number]
-    return LayeredRadiance(tuple(layers), radiance.wavelengths_nm, radiance.grid, radiance.focal_mm, radiance.exposure)
+    return LayeredRadiance(tuple(layers), radiance.wavelengths_nm, radiance.grid, radiance.focal_mm, radiance.exposure,
+                           radiance.arbitrary)
 
 
 def _usual_light(radiance):

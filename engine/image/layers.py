@@ -112,6 +112,8 @@ class LayeredRadiance:
         same sensor is focused elsewhere.
     exposure : float
         Factor for pictures of it, as in `SpectralImage`.
+    arbitrary : bool
+        As in `SpectralImage`.
 
     Raises
     ------
@@ -124,6 +126,7 @@ class LayeredRadiance:
     grid: PixelGrid
     focal_mm: float | None = None
     exposure: float = 1.0
+    arbitrary: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "layers", tuple(self.layers))
@@ -176,7 +179,8 @@ class LayeredRadiance:
             part = cube[:, *layer.place]
             part *= 1 - layer.alpha
             part += layer.cube
-        return SpectralImage(cube, self.wavelengths_nm, self.grid, focal_mm=self.focal_mm, exposure=self.exposure)
+        return SpectralImage(cube, self.wavelengths_nm, self.grid, focal_mm=self.focal_mm, exposure=self.exposure,
+                             arbitrary=self.arbitrary)
 
     def flat_alpha(self) -> np.ndarray:
         """Fraction of each pixel that all layers together cover: float32 array (row, column)."""

@@ -31,7 +31,7 @@ class SpectralImage:
     grid : PixelGrid, optional
     pitch_um, centre_px, overscan_px, projection : optional
         Attributes of the grid, to use instead of a grid or to override its values.
-    quantity, lens_name, f_number_effective, focal_mm, exposure, detail
+    quantity, lens_name, f_number_effective, focal_mm, exposure, detail, arbitrary
         See below.
 
     Attributes
@@ -55,6 +55,8 @@ class SpectralImage:
         The renderer's film exposure: pictures are multiplied by it to be as bright as the renderer's.
     detail : Detail or None
         The distribution of light inside the pixels of a radiance image; None if each pixel is even.
+    arbitrary : bool
+        Whether it is only proportional to watts, by an unknown factor, like most RGB pictures.
 
     Raises
     ------
@@ -71,12 +73,14 @@ class SpectralImage:
     focal_mm: float | None
     exposure: float
     detail: Detail | None
+    arbitrary: bool
 
     def __init__(self, cube: ArrayLike, wavelengths_nm: ArrayLike, grid: PixelGrid | None = None, *,
                  quantity: str = RADIANCE, lens_name: str = "", f_number_effective: float | None = None,
                  focal_mm: float | None = None, exposure: float = 1.0, pitch_um: float | None = None,
                  centre_px: Sequence[float] | None = None, overscan_px: Sequence[int] | None = None,
-                 projection: Projection | None = None, detail: Detail | None = None) -> None:
+                 projection: Projection | None = None, detail: Detail | None = None,
+                 arbitrary: bool = False) -> None:
         cube = np.asarray(cube, dtype=np.float32)
         wavelengths = np.atleast_1d(np.asarray(wavelengths_nm, dtype=np.float64))
         if cube.ndim == 2:
@@ -107,7 +111,8 @@ class SpectralImage:
             raise ImageError("image", "detail", f"of {detail.shape_px} px", f"expected {grid.shape_px}")
         for name, value in (("cube", cube), ("wavelengths_nm", wavelengths), ("grid", grid), ("quantity", quantity),
                             ("lens_name", lens_name), ("f_number_effective", f_number_effective),
-                            ("focal_mm", focal_mm), ("exposure", float(exposure)), ("detail", detail)):
+                            ("focal_mm", focal_mm), ("exposure", float(exposure)), ("detail", detail),
+                            ("arbitrary", bool(arbitrary))):
             object.__setattr__(self, name, value)
 
     @property

@@ -217,5 +217,5 @@ def upsample(picture: RgbPicture, wavelengths_nm: ArrayLike, pitch_um: float,
             plane[negative] = 0
             positive += plane.sum(dtype=np.float64, where=np.isfinite(plane))
     release_memory(cube)
-    image = SpectralImage(cube, wavelengths_nm, pitch_um=pitch_um, overscan_px=picture.overscan_px)
+    image = SpectralImage(cube, wavelengths_nm, pitch_um=pitch_um, overscan_px=picture.overscan_px, arbitrary=True)
     return image, clipped / positive if positive else 0.0

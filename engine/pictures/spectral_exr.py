@@ -36,6 +36,7 @@ PREFIX = dict(Y=1e24, Z=1e21, E=1e18, P=1e15, T=1e12, G=1e9, M=1e6, k=1e3, h=1e2
 # only 10 to 17 % in six times the time. Run-length encoding compresses black areas. RGB pictures gain more by ZIP.
 # only 10 to 17 % in six times the time. Run-length encoding compresses black areas. RGB pictures gain more from ZIP.
 SPECTRAL_COMPRESSION, RGB_COMPRESSION = OpenEXR.RLE_COMPRESSION, OpenEXR.ZIP_COMPRESSION
+ARBITRARY = "arbitrary"
 SPEED_OF_LIGHT_M_S = 299792458.0
 LAYOUT_VERSION = "1.0"
 EMISSIVE_UNITS = "W.m^-2.sr^-1"  # the layout's canonical string; its values are densities per nm
@@ -60,8 +61,8 @@ def write_exr(image: SpectralImage, path: str | os.PathLike, other_planes: dict[
 
     Radiance has the layout's attribute `emissiveUnits`. Irradiance, for which the layout defines no unit, does not.
     The channels of a `Detail` are in `detail_channels.py`. Both have attributes with the prefix `lensfield:`: quantity,
-    units, pitchUm, and centrePx, the point where the optical axis meets the picture, as row and column, in this order
-    and in the pixel coordinates of the windows.
+    units (which may be "arbitrary"), pitchUm, and centrePx, the point where the optical axis meets the picture, as row
+    and column, in this order and in the pixel coordinates of the windows.
     Captured radiance has focalMm, and a panorama's also projection and anglePerRadius, as in `Projection`; irradiance
     has lens and fNumberEffective. If R, G and B are exposed, exposure is the factor; the spectral channels are never
     exposed.
@@ -111,7 +112,7 @@ def _header(image):
     top, left = image.overscan_px
     header = _windows(image.frame_px, (-top, -left), image.cube.shape[1:]) | {
         "spectralLayoutVersion": LAYOUT_VERSION,
-        "lensfield:quantity": image.quantity, "lensfield:units": UNITS[image.quantity],
+        "lensfield:quantity": image.quantity, "lensfield:units": ARBITRARY if image.arbitrary else UNITS[image.quantity],
         "lensfield:pitchUm": np.array([image.pitch_um]),  # stored in double precision, unlike a float
         "lensfield:centrePx": np.array([image.centre_px[0] - top, image.centre_px[1] - left]),
     }
@@ -318,7 +319,7 @@ def _layered(image, parts, path):
                    centre_px=image.centre_px + first[0] + overscan)
     try:
         return LayeredRadiance([_layer(*part, image.wavelengths_nm, overscan, path) for part in layers],
-                               image.wavelengths_nm, grid, image.focal_mm, image.exposure)
+                               image.wavelengths_nm, grid, image.focal_mm, image.exposure, image.arbitrary)
     except ImageError as error:
         raise error.at(path) from None
 
@@ -363,7 +364,8 @@ def _first_image(parts, path, pitch_um, stacked=_stacked):
                               lens_name=header.get("lensfield:lens", ""),
                               f_number_effective=_number(header, "lensfield:fNumberEffective"),
                               focal_mm=_number(header, "lensfield:focalMm"),
-                              exposure=_number(header, "lensfield:exposure", 1.0), detail=detail_of(channels, path))
+                              exposure=_number(header, "lensfield:exposure", 1.0), detail=detail_of(channels, path),
+                              arbitrary=header.get("lensfield:units") == ARBITRARY)
     except ImageError as error:
         raise error.at(path) from None
     except (TypeError, ValueError) as error:

@@ -112,10 +112,12 @@ def expose(irradiance: SpectralImage, camera: Camera, exposure: Exposure) -> Raw
     Raises
     ------
     ImageError
-        The picture is not irradiance, or has no pitch.
+        The picture is not irradiance in W m^-2 nm^-1.
     """
     if irradiance.quantity != IRRADIANCE:
         raise ImageError("image", "quantity", irradiance.quantity, "expected irradiance, from a lens")
+    if irradiance.arbitrary:
+        raise ImageError("image", "units", "arbitrary", "expected W m^-2 nm^-1: `photograph` scales other light")
     shape = covered_px(irradiance, camera)
     channel, light_e = channels_of(camera, shape), _light(irradiance, camera, exposure, shape)
     planes = () if channel is not None else (len(camera.channels),)

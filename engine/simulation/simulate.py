@@ -102,7 +102,8 @@ def simulate(radiance: Radiance, lens: Lens, options: Options = BY_RESULT, *,
     report.add(tally.facts(lens, plan))
     sensor = replace(sampling.grid.frame(), projection=PLANE, focal_mm=None)
     return SpectralImage(irradiance, sampling.wavelengths_nm, sensor, quantity=IRRADIANCE, lens_name=lens.name,
-                         f_number_effective=lens.f_number_effective, exposure=radiance.exposure)
+                         f_number_effective=lens.f_number_effective, exposure=radiance.exposure,
+                         arbitrary=radiance.arbitrary)
 
 
 def _frame(blurred, frame_px):

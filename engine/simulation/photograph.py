@@ -1,0 +1,135 @@
+"""The second main function: sensor irradiance becomes a raw picture of a camera."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..image.spectral_image import SpectralImage
+from ..sensor.camera import Camera
+from ..sensor.electrons import missing_response
+from ..sensor.exposure import Exposure, RawImage, expose
+from ..sensor.metering import COMMON_SHUTTER_S, exposure_factor, metered
+from .report import Report
+from .report_parts import Part
+
+MISSING_LIMIT = 0.01  # of a channel's response
+DARKEST = 0.01  # share of the pixels
+
+
+@dataclass(frozen=True)
+class CameraFacts(Part):
+    """Facts about a raw picture.
+
+    Attributes
+    ----------
+    camera, title : str
+    shutter_s, iso : float
+    metered : bool
+        Whether the exposure is the camera's meter's.
+    arbitrary : bool
+        Whether the light was in arbitrary units, and was scaled to suit the exposure.
+    raw_px : (int, int)
+        Rows and columns.
+    saturated : float
+        Share of the pixels.
+    darkest_snr : float
+        Signal-to-noise ratio of the darkest hundredth of the pixels.
+    resampled : float or None
+        As in `RawImage`.
+    missing : tuple of (str, float)
+        Share of each channel's response beyond the wavelengths of the light.
+    """
+
+    camera: str
+    title: str
+    shutter_s: float
+    iso: float
+    metered: bool
+    arbitrary: bool
+    raw_px: tuple[int, int]
+    saturated: float
+    darkest_snr: float
+    resampled: float | None
+    missing: tuple[tuple[str, float], ...]
+
+    def remarks(self, parts):
+        chosen = " (metered)" if self.metered else ""
+        yield (f"{self.title or self.camera}: {shutter_text(self.shutter_s)} at ISO {self.iso:.0f}{chosen}; "
+               f"{self.saturated:.2%} of the pixels saturated, signal-to-noise ratio of the darkest "
+               f"{DARKEST:.0%}: {self.darkest_snr:.2g}")
+        if self.arbitrary:
+            yield "the light is in arbitrary units: it was scaled so that this exposure is the metered one"
+        if self.resampled:
+            yield (f"pixels of the lens image are {self.resampled:.3g} times as large as the camera's: resampled to "
+                   "{1} x {0} px".format(*self.raw_px))
+        if line := missing_text(self.missing):
+            yield line
+
+    def as_dict(self):
+        return {"camera": super().as_dict() | {"missing": dict(self.missing)}}
+
+
+def photograph(irradiance: SpectralImage, camera: Camera, iso: float | None = None, shutter_s: float | None = None, *,
+               report: Report | None = None, **others: int | bool) -> RawImage:
+    """Take a picture with a camera that stands where the lens image is.
+
+    Parameters
+    ----------
+    irradiance : SpectralImage
+        W m^-2 nm^-1. In arbitrary units it is scaled so that the exposure is the metered one.
+    camera : Camera
+    iso, shutter_s : float, optional
+        What is left out is metered: the shutter, at `base_iso` without an ISO; or the ISO if only the shutter is given.
+    report : Report, optional
+        Gets CameraFacts.
+    others : by name
+        Further fields of `Exposure`: seed, frame, serial, noise.
+
+    Raises
+    ------
+    ImageError
+        The picture is not irradiance.
+    InputError
+        A value is not valid.
+    """
+    if irradiance.arbitrary:
+        exposure = Exposure(shutter_s or COMMON_SHUTTER_S, iso or camera.base_iso, **others)
+        factor = np.float32(exposure_factor(irradiance, camera, exposure))
+        light = replace(irradiance, cube=irradiance.cube * factor, arbitrary=False)
+    else:
+        exposure, light = metered(irradiance, camera, iso, shutter_s, **others), irradiance
+    raw = expose(light, camera, exposure)
+    if report:
+        report.add(CameraFacts(
+            camera.name, camera.title, exposure.shutter_s, exposure.iso, iso is None or shutter_s is None,
+            irradiance.arbitrary, raw.numbers.shape[-2:], raw.saturated, darkest_snr(raw), raw.resampled,
+            missing_channels(camera, irradiance.wavelengths_nm)))
+    return raw
+
+
+def darkest_snr(raw: RawImage) -> float:
+    """Signal-to-noise ratio, over time and pixels, of the darkest hundredth of a raw picture's pixels."""
+    camera, iso = raw.camera, raw.exposure.iso
+    dark_e = camera.dark_current_e_per_s * raw.exposure.shutter_s
+    darkest_dn = np.quantile(raw.numbers[..., ::4, ::4], DARKEST)
+    light_e = max(0.0, float(darkest_dn - camera.black_dn) / camera.gain_at(iso) - dark_e)
+    quantised_e2 = 1 / 12 / camera.gain_at(iso)**2
+    variance_e2 = (light_e + dark_e + camera.dark_noise_at(iso)**2 + quantised_e2 + camera.dsnu_e**2
+                   + (camera.prnu * light_e)**2)
+    return light_e / float(np.sqrt(variance_e2))
+
+
+def missing_channels(camera: Camera, wavelengths_nm: np.ndarray) -> tuple[tuple[str, float], ...]:
+    """(channel, share of its response beyond these wavelengths), for a picture's light."""
+    return tuple(zip(camera.channels, missing_response(camera, wavelengths_nm).tolist(), strict=True))
+
+
+def missing_text(missing: tuple[tuple[str, float], ...]) -> str:
+    """A line on the channels that miss a noticeable part of their response; "" if none does."""
+    listed = ", ".join(f"{share:.1%} of {channel}" for channel, share in missing if share > MISSING_LIMIT)
+    return f"the wavelengths leave out part of the camera's response: {listed}; add wavelengths" if listed else ""
+
+
+def shutter_text(shutter_s: float) -> str:
+    """An exposure time as cameras show it."""
+    return f"1/{1 / shutter_s:.3g} s" if shutter_s < 0.3 else f"{shutter_s:.3g} s"
