@@ -17,6 +17,7 @@ from .engine.depth.iris import Iris
 from .engine.field.overscan import CAMERA_VIEW, LENS_VIEW, VIEWS
 from .engine.lens.formats import FORMATS, format_mm
 from .engine.library import LensSource
+from .engine.library.bodies import CameraSource, load_camera
 from .engine.runtime.setting import check_choices, documented, option_of, setting, settings_of
 from .engine.spectral.spectra import parse_wavelengths
 from .engine.spectral.wavelength_choice import IMAGE_WAVELENGTHS, SpectralOptions
@@ -106,6 +107,26 @@ class RenderRequest:
                  ON: ("On", "One pass is rendered in pixels of half the side, and light is blurred and sharpened in "
                             "these. Edges are as sharp as the lens and the pixels; the lens takes longer, and noise "
                             "increases slightly")})
+    camera: CameraSource = setting(
+        "", name="Camera", metavar="NAME|FILE", recorded=False,
+        text="Camera that takes a picture of the lens image: a bundled camera (lensfield camera list), or a camera's file "
+             "(.toml). Its sensor replaces the lens's unless --view names another", unset="none")
+    iso: float = setting(
+        0.0, name="ISO", kind=float, metavar="ISO", limits=(0, inf), precision=0, panel="camera", unset="auto",
+        text="ISO of the camera. 0, or auto: the camera's base ISO, or the metered one if only the shutter is given")
+    shutter_s: float = setting(
+        0.0, name="Shutter (s)", kind=float, option="shutter", metavar="SECONDS", limits=(0, inf), precision=4,
+        panel="camera", unset="auto",
+        text="Exposure time of the camera in seconds, such as 1/60. 0, or auto: metered for each picture")
+    noise: bool = setting(
+        True, name="Noise", kind=bool, panel="camera",
+        text="Photon noise, read noise, dark current, and the differences between pixels")
+    develop: bool = setting(
+        True, name="Develop", kind=bool, panel="camera",
+        text="The lens image for the compositor and the PNG are the camera's developed picture. Otherwise they show the "
+             "light itself. The spectral files are the same")
+    dng: bool = setting(
+        False, name="Raw File (DNG)", kind=bool, panel="camera", text="Also write the camera's raw picture")
     view_layer: str = setting(
         "", name="View Layer", text="View layer to render. Empty: the one enabled for rendering",
         metavar="NAME", panel="")
@@ -137,9 +158,19 @@ class RenderRequest:
             format_mm(self.view, "view", VIEWS)
 
     @property
+    def view_on_sensor(self) -> str:
+        """The field of view: on the camera's sensor, unless the lens's is not asked for."""
+        return view_on_sensor(self.view, self.camera)
+
+    @property
     def traced(self) -> bool:
         """Whether Cycles renders the film behind the lens instead of a pinhole's view."""
         return self.depth == TRACED
+
+
+def view_on_sensor(view: str, camera: CameraSource) -> str:
+    """The field of view of a request: the lens's becomes that of the camera's sensor, if there is a camera."""
+    return "{:.6g}x{:.6g}".format(*load_camera(camera).size_mm) if camera and view == LENS_VIEW else view
 
 
 def to_arguments(**given: object) -> list[str]:

@@ -2,6 +2,7 @@
 
 import os
 from argparse import BooleanOptionalAction
+from math import inf
 from pathlib import Path
 
 from ..engine import InputError, Options
@@ -41,7 +42,7 @@ def add_settings(group, owner, names, unset=None):
         applies = (unset or {}).get(name, each.unset) or (each.default if each.choices else "")
         text = ". ".join(filter(None, (each.text, each.choices_text))) + (f" (default: {applies})" if applies else "")
         kind = {"action": BooleanOptionalAction} if each.kind is bool else {
-            "type": each.kind, "metavar": each.metavar, "choices": (not each.metavar and tuple(each.choices)) or None}
+            "type": None if each.kind is float and name in PARSERS else each.kind, "metavar": each.metavar, "choices": (not each.metavar and tuple(each.choices)) or None}
         group.add_argument(f"--{option_of(name, each)}", default=None, help=text.replace("%", "%%"), **kind)
 
 
@@ -137,7 +138,24 @@ def _focus(text):
     return CAMERA if text.lower() == CAMERA else distance_mm(text)
 
 
-PARSERS = {"focus": _focus, "wavelengths_nm": parse_wavelengths, "output_folder": Path.resolve}
+def _number_or_auto(option, expected):
+    """A parser of a positive number, a fraction such as 1/60, or "auto", which is 0."""
+    def parsed(text):
+        try:
+            over, _, under = str(text).lower().removesuffix("s").partition("/")
+            value = 0.0 if str(text).lower() == "auto" else float(over) / float(under or 1)
+            if not 0 <= value < inf:
+                raise ValueError
+        except (ValueError, ZeroDivisionError):
+            raise InputError("options", option, text, expected) from None
+        return value
+
+    return parsed
+
+
+PARSERS = {"focus": _focus, "iso": _number_or_auto("--iso", "expected a positive number such as 800, or auto"),
+           "shutter_s": _number_or_auto("--shutter", "expected seconds such as 1/60 or 0.5, or auto"),
+           "wavelengths_nm": parse_wavelengths, "output_folder": Path.resolve}
 """Functions that parse option texts into values of fields; they raise InputError for invalid texts."""
 
 

@@ -1,4 +1,4 @@
-"""The shift-variant lens engine: lens design data + spectral radiance -> spectral irradiance.
+"""The shift-variant lens engine: lens design data + spectral radiance -> spectral irradiance -> a camera's picture.
 
 It needs numpy, scipy and OpenEXR, and never Blender. Each of the names below is imported when it is first used, so that
 a program that needs few of them starts quickly.
@@ -11,21 +11,23 @@ if TYPE_CHECKING:
     from .image.spectral_image import SpectralImage
     from .lens import Lens
     from .library import load_lens
+    from .library.bodies import load_camera
     from .plan.options import Options
     from .prescription.readers import ReadingOptions, read_prescription
     from .rays.rings import Rings
-    from .runtime.errors import ImageError, InputError, LensError
+    from .runtime.errors import CameraError, ImageError, InputError, LensError
     from .simulation.channel_cache import ChannelCache
+    from .simulation.photograph import photograph
     from .simulation.report import Report
     from .simulation.simulate import simulate
 
-__all__ = ["ChannelCache", "ImageError", "InputError", "Lens", "LensError", "Options", "ReadingOptions", "Report",
-           "Rings", "SpectralImage", "load_lens", "read_prescription", "simulate"]
+__all__ = ["CameraError", "ChannelCache", "ImageError", "InputError", "Lens", "LensError", "Options", "ReadingOptions",
+           "Report", "Rings", "SpectralImage", "load_camera", "load_lens", "photograph", "read_prescription", "simulate"]
 
-_MODULES = {"ChannelCache": "simulation.channel_cache", "ImageError": "runtime.errors", "InputError": "runtime.errors",
-            "Lens": "lens", "LensError": "runtime.errors", "Options": "plan.options",
+_MODULES = {"CameraError": "runtime.errors", "ChannelCache": "simulation.channel_cache", "ImageError": "runtime.errors",
+            "InputError": "runtime.errors", "Lens": "lens", "LensError": "runtime.errors", "Options": "plan.options",
             "ReadingOptions": "prescription.readers", "Report": "simulation.report", "Rings": "rays.rings",
-            "SpectralImage": "image.spectral_image", "load_lens": "library",
+            "SpectralImage": "image.spectral_image", "load_camera": "library.bodies", "load_lens": "library", "photograph": "simulation.photograph",
             "read_prescription": "prescription.readers", "simulate": "simulation.simulate"}
 
 

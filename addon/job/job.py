@@ -75,7 +75,7 @@ def job_of(scene, **given):
     rings = {name: getattr(request, name) for name in RING_FIELDS}
     iris = scene_iris(scene, request.lens, request.iris, **rings)
     quality = request.lens_quality or request.spectral.tier
-    lens, warning, words = scene_lens(scene, request.lens, request.view, quality, request.wavelengths_nm, **rings)
+    lens, warning, words = scene_lens(scene, request.lens, request.view_on_sensor, quality, request.wavelengths_nm, **rings)
     decided = {"lens": lens, "iris": iris, "wavelengths_nm": np.array(request.wavelengths_nm),
                "denoise": ON if denoises(scene, request) else OFF}
     return Job(**vars(request) | decided, frame=scene.frame_current, clamp=request.spectral.tier != REFERENCE,
@@ -136,7 +136,7 @@ def set_blend_folder(folder):
     folder : path
     """
     for scene in bpy.data.scenes:
-        for field in ("lens_file", "output_folder"):
+        for field in ("lens_file", "camera_file", "output_folder"):
             setattr(scene.lensfield, field, bpy.path.abspath(getattr(scene.lensfield, field), start=str(folder)))
     for block in (*bpy.data.materials, *bpy.data.lights, *bpy.data.worlds):
         for field in LOADERS:

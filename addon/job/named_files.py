@@ -7,13 +7,13 @@ from ..scene.errors import SceneError
 from ..scene.trust import REMEDY, is_near_blend, is_trusted, trust, trusts_all
 from ..shading.assigned import named_spectra
 
-FROM_FILE = "FILE"  # the setting for a lens that is not from the library
+FROM_FILE = "FILE"  # the setting for a lens or camera that is not from the library
 
 
 def named_files():
     """Untrusted paths that the .blend names: dict of path to kind. No path is accessed.
 
-    Lens data and spectra are read from any path. Pictures are written to folders and looked up there, which is safe in
+    Lens data, cameras and spectra are read from any path. Pictures are written to folders and looked up there, which is safe in
     the .blend's own folder.
     """
     if trusts_all():
@@ -21,8 +21,9 @@ def named_files():
     named = {}
     for scene in bpy.data.scenes:
         settings = scene.lensfield
-        if settings.lens == FROM_FILE and settings.lens_file:
-            named[bpy.path.abspath(settings.lens_file)] = "lens"
+        for kind in "lens", "camera":
+            if getattr(settings, kind) == FROM_FILE and (path := getattr(settings, f"{kind}_file")):
+                named[bpy.path.abspath(path)] = kind
         for folder in filter(None, (bpy.path.abspath(settings.output_folder), picture_folder(scene))):
             if not is_near_blend(folder):
                 named[folder] = "output"

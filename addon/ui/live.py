@@ -20,6 +20,7 @@ from bpy.app.handlers import persistent
 from ...engine.depth.depth_range import blur_per_nearness_px
 from ...engine.depth.iris import opening
 from ...engine.depth.lens_tables import COLOURS_NM, LensTables, lens_tables
+from ...engine.field.overscan import LENS_VIEW
 from ...engine.image.pixel_grid import PixelGrid
 from ...engine.lens.entrance_pupil import focus_nearness
 from ...engine.lens.pinhole import fitting_pitch_um
@@ -188,7 +189,7 @@ def frame_question(scene, at_rest):
     settings, name = scene.lensfield, scene.lensfield.lens_name_or_path()
     focal_mm = scene.camera.data.lens if settings.view == "CAMERA" else None
     _, sensor_mm = size_for_view(scene, at_rest, settings.view_text())
-    if settings.view == "LENS":
+    if settings.view_text() == LENS_VIEW:
         sensor_mm = None  # at another focus, a lens that states no sensor has another one
     return (name, stamp_of(name), rings_for(scene, name), focal_mm, sensor_mm, frame_px(scene),
             scene_iris(scene, name), settings.out_of_field == "VIGNETTE")

@@ -10,6 +10,7 @@ from math import isinf
 
 import bpy
 
+from ...engine.field.overscan import LENS_VIEW
 from ...engine.lens.formats import crop_factor
 from ...engine.library import has_rings
 from ...engine.runtime.errors import InputError
@@ -22,18 +23,20 @@ from ..scene.requirements import check_scene
 from ..scene.rings import FEWEST_BLADES
 from .animation import draw_animation
 from .another_lens import draw_another_lens
+from .camera_panel import draw_camera
 from .comparison import CHOOSE, draw_compare
 from .compositor_panel import draw_compositor, draw_shown
 from .favourites import draw_favourite
 from .fixes import draw_refusal
 from .lens_worker import lens_request, requested_lens
 from .lint_panel import draw_check
+from .listed_settings import draw_listed
 from .live import draw_live, draw_live_status
 from .panel_pictures import draw_picture
 from .plan_line import plan_text
 from .preview import draw_preview, draw_preview_status
 from .previews import growing_preview, sheet_preview
-from .properties import SETTINGS, lens_title
+from .properties import lens_title
 from .quick_look import draw_quick_look
 from .session import session
 from .sheets import drawn_sheet, stored_sheet
@@ -168,7 +171,7 @@ def _draw_notes(layout, scene):
     if facts := _facts(scene):
         for word in facts[0].words:
             draw_wrapped(column, word, "INFO")
-        if scene.lensfield.view != "LENS" and (covered := _field_of_view(scene, facts)[2]) < COMPLETE:
+        if scene.lensfield.view_text() != LENS_VIEW and (covered := _field_of_view(scene, facts)[2]) < COMPLETE:
             draw_wrapped(column, f"The lens covers {covered:.0%} of the picture's diagonal", "INFO")
         if scene.lensfield.view != "CAMERA" and not _sees_alike(scene, replace(facts[0], sensor_mm=facts[2])):
             draw_wrapped(column, "Your camera has a different field of view", "INFO")
@@ -305,7 +308,7 @@ def _draw_wavelengths(layout, scene):
         column.prop(settings, "wavelength_first_nm", text="First (nm)")
         column.prop(settings, "wavelength_last_nm", text="Last (nm)")
         column.prop(settings, "wavelength_count")
-    _draw_listed(layout, settings, "wavelengths")
+    draw_listed(layout, settings, "wavelengths")
 
 
 def _draw_quality(layout, scene):
@@ -320,14 +323,7 @@ def _draw_quality(layout, scene):
         else:
             layout.prop(settings, "accuracy", slider=True)
         layout.prop(settings, "supersampling")
-    _draw_listed(layout, settings, "quality")
-
-
-def _draw_listed(layout, settings, panel):
-    """Draw the settings that belong to a subpanel."""
-    for name, each in SETTINGS.items():
-        if each.panel == panel:
-            layout.prop(settings, name)
+    draw_listed(layout, settings, "quality")
 
 
 def _draw_output(layout, scene):
@@ -343,7 +339,7 @@ def _draw_output(layout, scene):
     draw_quick_look(layout, scene)
 
 
-_PARTS = (("view", "View and Depth", _draw_view),
+_PARTS = (("view", "View and Depth", _draw_view), ("body", "Camera", draw_camera),
           ("sheet", "Lens Sheet", _draw_sheet), ("wavelengths", "Wavelengths and Spectra", _draw_wavelengths),
           ("quality", "Quality", _draw_quality), ("check", "Scene Check", draw_check),
           ("output", "Output", _draw_output))

@@ -38,7 +38,7 @@ def plan_text(scene, lens):
     """
     request = scene.lensfield.to_request(lens=lens)
     wavelengths_nm = request.wavelengths_nm
-    lens = lens_for_view(scene, lens, request.view)[0]
+    lens = lens_for_view(scene, lens, request.view_on_sensor)[0]
     times = _detail_times(scene, request)
     future = _planned(request.options, lens, frame_px(scene), wavelengths_nm, times)
     text = _passes(scene, len(wavelengths_nm))

@@ -23,13 +23,14 @@ from ...engine.blur import METHODS
 from ...engine.depth.iris import Iris
 from ...engine.lens.formats import FORMATS
 from ...engine.library import described_lenses
+from ...engine.library.bodies import bundled_cameras
 from ...engine.plan.options import AUTO, KNOBS, TIER_ACCURACY
 from ...engine.prescription.readers import READERS
 from ...engine.runtime.setting import settings_of
 from ...engine.spectral.refraction import refraction_names
 from ...engine.spectral.spectra import library_names, parse_wavelengths
 from ...engine.spectral.wavelength_choice import IMAGE_WAVELENGTHS, SpectralOptions
-from ...request import RenderRequest
+from ...request import RenderRequest, view_on_sensor
 from ..job.job import folder_for
 from ..job.named_files import FROM_FILE
 from ..scene.compositor import refresh
@@ -46,6 +47,8 @@ NOT_OFFERED = {"method": AUTO}
 MORE_ITEMS = {"tier": [("RESULT", "Custom", "Set the accuracy of colours and blur, or the size of sections")],
               "view": [("SENSOR", "Custom Sensor", "The lens's field of view on a sensor of your size")]}
 """Items that only the panel has."""
+NO_CAMERA = "NONE"
+OWN_CAMERA = "Your own camera (.toml), with the parameters of EMVA 1288"
 OWN_LENS = f"Your own prescription ({', '.join(READERS)}), with adjustable focus and f-stop, or a lens package (.npz)"
 BLEND_RELATIVE = {"PATH_SUPPORTS_BLEND_RELATIVE"}  # paths that start with // are relative to the .blend
 
@@ -120,6 +123,20 @@ def offered_lenses():
     return [*bundled, from_file]
 
 
+def camera_items(self, context):
+    """The cameras to choose from, as an items callback."""
+    return _offered_cameras()
+
+
+@cache
+def _offered_cameras():
+    bundled = [(name, camera.title, "{:.3g} \u00d7 {:.3g} mm, {} \u00d7 {} pixels".format(
+        *camera.size_mm, *reversed(camera.shape_px)), "CAMERA_DATA", _lasting_number(name))
+        for name, camera in bundled_cameras().items()]
+    none = NO_CAMERA, "None", "The lens image is the light on the sensor", "X", _lasting_number(NO_CAMERA)
+    return [none, *bundled, (FROM_FILE, "From File", OWN_CAMERA, "FILE_FOLDER", _lasting_number(FROM_FILE))]
+
+
 def searched_lens_items(self, context):
     """Like `lens_items`, with all searchable words in each name."""
     return _searched_lenses()
@@ -140,7 +157,7 @@ def matching_lenses(words):
 
 def forget_items():
     """Clear the cached items, which refer to icons."""
-    for items in (offered_lenses, _searched_lenses):
+    for items in (offered_lenses, _searched_lenses, _offered_cameras):
         items.cache_clear()
 
 
@@ -199,6 +216,10 @@ class LensfieldSettings(bpy.types.PropertyGroup):
         items=lens_items)
     lens_file: StringProperty(name="Lens File", description=OWN_LENS, subtype="FILE_PATH", options=BLEND_RELATIVE,
                               update=_choose_path("lens_file"))
+    camera: EnumProperty(name="Camera", description="Camera that takes a picture of the lens image. Its sensor replaces the "
+                                                    "lens's", default=_lasting_number(NO_CAMERA), items=camera_items)
+    camera_file: StringProperty(name="Camera File", description=OWN_CAMERA, subtype="FILE_PATH", options=BLEND_RELATIVE,
+                                update=_choose_path("camera_file"))
     iris_roundness: _property("iris_roundness", settings_of(Iris)["roundness"])
     sensor_mm: FloatVectorProperty(name="Sensor (mm)", description="Width and height of the sensor", size=2,
                                    default=FORMATS["fullframe"][1], min=0.1, max=1000, precision=2)
@@ -238,9 +259,19 @@ class LensfieldSettings(bpy.types.PropertyGroup):
         """The name or the path, as entered."""
         return self.lens_file if self.lens == FROM_FILE else self.lens
 
+    def camera_name_or_path(self):
+        """The name or path for `load_camera`, "" for none; raises SceneError for an untrusted file."""
+        if self.camera != FROM_FILE:
+            return "" if self.camera == NO_CAMERA else self.camera
+        path = bpy.path.abspath(self.camera_file)
+        if path:
+            check_trusted(path, "scene settings", "camera file", "lensfield camera info FILE quotes it")
+        return path
+
     def view_text(self):
-        """The field of view in the syntax of `lensfield render --view`."""
-        return "{:.6g}x{:.6g}".format(*self.sensor_mm) if self.view == "SENSOR" else self.view.lower()
+        """The field of view in the syntax of `lensfield render --view`, on the camera's sensor if there is one."""
+        view = "{:.6g}x{:.6g}".format(*self.sensor_mm) if self.view == "SENSOR" else self.view.lower()
+        return view_on_sensor(view, self.camera_name_or_path())
 
     def wavelengths_text(self):
         """The wavelengths in the syntax of `lensfield render --wavelengths`."""
@@ -264,7 +295,7 @@ class LensfieldSettings(bpy.types.PropertyGroup):
         """
         given = {name: value for name, value in given.items() if value is not None}
         readers = {name: partial(self.value_of, name) for name in settings_of(RenderRequest) if name in SETTINGS} | {
-            "lens": self.lens_name_or_path, "view": self.view_text, "wavelengths_nm": self.wavelengths_nm,
+            "lens": self.lens_name_or_path, "view": self.view_text, "camera": self.camera_name_or_path, "wavelengths_nm": self.wavelengths_nm,
             "options": self.to_options, "spectral": self.to_spectral_options, "output_folder": lambda: None}
         request = RenderRequest(**{name: read() for name, read in readers.items() if name not in given} | given)
         return replace(request, wavelengths_nm=tuple(map(float, request.wavelengths_nm)),

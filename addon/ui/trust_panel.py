@@ -7,7 +7,7 @@ from .areas import redraw_panels
 from .text_wrap import draw_wrapped
 
 MOST_SHOWN = 20
-WORDS = {"lens": "Lens", "spectrum": "Spectrum", "output": "Output folder"}
+WORDS = {"lens": "Lens", "camera": "Camera", "spectrum": "Spectrum", "output": "Output folder"}
 
 
 def draw_named_files(layout, named):

@@ -1,6 +1,8 @@
 """The second main function: sensor irradiance becomes a raw picture of a camera."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -10,10 +12,11 @@ from ..sensor.electrons import missing_response
 from ..sensor.exposure import Exposure, RawImage, expose
 from ..sensor.metering import COMMON_SHUTTER_S, exposure_factor, metered
 from .report import Report
-from .report_parts import Part
+from .report_parts import Part, Parts
 
 MISSING_LIMIT = 0.01  # of a channel's response
 DARKEST = 0.01  # share of the pixels
+BLOCK_PX = 12  # a multiple of the sides of usual filter arrays
 
 
 @dataclass(frozen=True)
@@ -33,7 +36,7 @@ class CameraFacts(Part):
     saturated : float
         Share of the pixels.
     darkest_snr : float
-        Signal-to-noise ratio of the darkest hundredth of the pixels.
+        As in `darkest_snr`.
     resampled : float or None
         As in `RawImage`.
     missing : tuple of (str, float)
@@ -52,7 +55,7 @@ class CameraFacts(Part):
     resampled: float | None
     missing: tuple[tuple[str, float], ...]
 
-    def remarks(self, parts):
+    def remarks(self, parts: Parts) -> Iterator[str]:
         chosen = " (metered)" if self.metered else ""
         yield (f"{self.title or self.camera}: {shutter_text(self.shutter_s)} at ISO {self.iso:.0f}{chosen}; "
                f"{self.saturated:.2%} of the pixels saturated, signal-to-noise ratio of the darkest "
@@ -65,7 +68,7 @@ class CameraFacts(Part):
         if line := missing_text(self.missing):
             yield line
 
-    def as_dict(self):
+    def as_dict(self) -> dict[str, Any]:
         return {"camera": super().as_dict() | {"missing": dict(self.missing)}}
 
 
@@ -108,10 +111,16 @@ def photograph(irradiance: SpectralImage, camera: Camera, iso: float | None = No
 
 
 def darkest_snr(raw: RawImage) -> float:
-    """Signal-to-noise ratio, over time and pixels, of the darkest hundredth of a raw picture's pixels."""
+    """Signal-to-noise ratio, over time and pixels, of a pixel in the darkest hundredth of a raw picture.
+
+    Means of blocks of pixels tell dark pixels from noisy ones.
+    """
     camera, iso = raw.camera, raw.exposure.iso
     dark_e = camera.dark_current_e_per_s * raw.exposure.shutter_s
-    darkest_dn = np.quantile(raw.numbers[..., ::4, ::4], DARKEST)
+    rows, columns = (max(1, n // BLOCK_PX) for n in raw.numbers.shape[-2:])
+    blocks = raw.numbers[..., :rows * BLOCK_PX, :columns * BLOCK_PX]
+    blocks = blocks.reshape(-1, rows, blocks.shape[-2] // rows, columns, blocks.shape[-1] // columns)
+    darkest_dn = np.quantile(blocks.mean(axis=(0, 2, 4), dtype=np.float64), DARKEST)
     light_e = max(0.0, float(darkest_dn - camera.black_dn) / camera.gain_at(iso) - dark_e)
     quantised_e2 = 1 / 12 / camera.gain_at(iso)**2
     variance_e2 = (light_e + dark_e + camera.dark_noise_at(iso)**2 + quantised_e2 + camera.dsnu_e**2
@@ -132,4 +141,4 @@ def missing_text(missing: tuple[tuple[str, float], ...]) -> str:
 
 def shutter_text(shutter_s: float) -> str:
     """An exposure time as cameras show it."""
-    return f"1/{1 / shutter_s:.3g} s" if shutter_s < 0.3 else f"{shutter_s:.3g} s"
+    return f"1/{1 / shutter_s:.0f} s" if shutter_s < 0.3 else f"{shutter_s:.3g} s"

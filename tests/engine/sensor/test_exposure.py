@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy
 
-from lensfield.engine import ImageError, InputError, CameraError, SpectralImage
+from lensfield.engine import CameraError, ImageError, InputError, SpectralImage
 from lensfield.engine.sensor.camera import Camera
 from lensfield.engine.sensor.electrons import missing_response, response
 from lensfield.engine.sensor.exposure import Exposure, channels_of, expose

@@ -1,0 +1,28 @@
+"""The part of the panel for the camera that takes a picture of the lens image."""
+
+from ...engine.library.bodies import load_camera
+from ...engine.runtime.errors import InputError
+from ...engine.simulation.photograph import missing_channels, missing_text
+from ..job.named_files import FROM_FILE
+from .listed_settings import draw_listed
+from .text_wrap import draw_wrapped
+
+
+def draw_camera(layout, scene):
+    """Draw the camera, its sensor, and the exposure."""
+    settings = scene.lensfield
+    layout.prop(settings, "camera")
+    if settings.camera == FROM_FILE:
+        layout.prop(settings, "camera_file")
+    name = settings.camera_name_or_path()
+    if not name:
+        return
+    try:
+        camera = load_camera(name)
+    except InputError as error:
+        draw_wrapped(layout, str(error), "ERROR")
+        return
+    layout.label(text="{:.3g} \u00d7 {:.3g} mm, {} \u00d7 {} pixels".format(*camera.size_mm, *reversed(camera.shape_px)))
+    draw_listed(layout, settings, "camera")
+    if missing := missing_text(missing_channels(camera, settings.wavelengths_nm())):
+        draw_wrapped(layout, f"{missing[0].upper()}{missing[1:]}", "INFO")
