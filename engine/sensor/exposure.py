@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..image.pixel_grid import PixelGrid
 from ..image.spectral_image import IRRADIANCE, SpectralImage
 from ..runtime.errors import ImageError, InputError
 from .camera import Camera
@@ -93,6 +94,12 @@ class RawImage:
         full_dn = camera.black_dn + camera.gain_at(self.exposure.iso) * camera.saturation_e
         return min(camera.white_dn, int(full_dn))
 
+    @property
+    def dark_dn(self) -> float:
+        """Mean digital number of pixels without light, below `highest_dn`: the black level and the dark current."""
+        dark_e = self.camera.dark_current_e_per_s * self.exposure.shutter_s
+        return min(self.camera.black_dn + self.camera.gain_at(self.exposure.iso) * dark_e, self.highest_dn - 1)
+
 
 def expose(irradiance: SpectralImage, camera: Camera, exposure: Exposure) -> RawImage:
     """Take a picture of spectral irradiance on a sensor.
@@ -134,11 +141,27 @@ def expose(irradiance: SpectralImage, camera: Camera, exposure: Exposure) -> Raw
     return RawImage(numbers, channel, camera, exposure, None if resampled == 1 else resampled)
 
 
-def covered_px(irradiance: SpectralImage, camera: Camera) -> tuple[int, int]:
+def covered_px(irradiance: SpectralImage | PixelGrid, camera: Camera) -> tuple[int, int]:
     """Rows and columns of the camera's pixels that the picture covers, at most all."""
     rows, columns = (min(n, max(1, round(picture * irradiance.pitch_um / camera.pitch_um)))
                      for n, picture in zip(camera.shape_px, irradiance.frame_px, strict=True))
     return rows, columns
+
+
+def raw_grid(grid: PixelGrid, camera: Camera) -> PixelGrid:
+    """The pixels of the raw picture that a camera takes of a picture on these."""
+    frame = grid.frame()
+    shape = covered_px(frame, camera)
+    centre = [(n - 1) / 2 + (axis - (picture - 1) / 2) * grid.pitch_um / camera.pitch_um
+              for n, picture, axis in zip(shape, frame.shape_px, frame.centre_px, strict=True)]
+    return PixelGrid(shape, camera.pitch_um, tuple(centre))
+
+
+def filter_cell(camera: Camera, shape_px: tuple[int, int]) -> np.ndarray:
+    """The filter array's cell from the first pixel of a picture in the middle of a sensor: indices of its channels."""
+    cell = np.array([[camera.channels.index(letter) for letter in row] for row in camera.filters], dtype=np.uint8)
+    first = [(n - part) // 2 for n, part in zip(camera.shape_px, shape_px, strict=True)]
+    return np.roll(cell, [-n for n in first], axis=(0, 1))
 
 
 def channels_of(camera: Camera, shape_px: tuple[int, int]) -> np.ndarray | None:
@@ -146,9 +169,7 @@ def channels_of(camera: Camera, shape_px: tuple[int, int]) -> np.ndarray | None:
     """
     if not camera.filters:
         return None
-    cell = np.array([[camera.channels.index(letter) for letter in row] for row in camera.filters], dtype=np.uint8)
-    first = [(n - part) // 2 for n, part in zip(camera.shape_px, shape_px, strict=True)]
-    cell = np.roll(cell, [-n for n in first], axis=(0, 1))
+    cell = filter_cell(camera, shape_px)
     repeats = [-(-part // n) for part, n in zip(shape_px, cell.shape, strict=True)]
     return np.tile(cell, repeats)[:shape_px[0], :shape_px[1]]
 

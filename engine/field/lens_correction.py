@@ -1,0 +1,126 @@
+"""The correction of a lens's distortion, lateral colour and falloff, in the polynomials of raw files.
+
+DNG's opcodes WarpRectilinear and FixVignetteRadial (DNG 1.6, chapter 7) measure radii from the optical axis in units of
+the distance to the farthest pixel. The gain compensates for the falloff first. The warp then gives, for each place in
+the straightened picture, the place in the lens's picture: for light of radius r, r (k0 + k1 r^2 + k2 r^4 + k3 r^6).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..image.pixel_grid import PixelGrid
+from ..lens.lens import Lens
+from ..runtime.values import Value
+from .field_map import field_map
+
+WARP_POWERS, GAIN_POWERS = np.arange(0, 8, 2), np.arange(2, 12, 2)
+FIT_RADII = np.linspace(0, 1, 257)[1:]
+STRONGEST_DISTORTION = 0.25  # beyond it, a lens is a fisheye: straightened, most of its picture would be lost
+LARGEST_DISTORTION_ERROR = 1e-3  # of the distance from the axis
+LARGEST_GAIN, LARGEST_GAIN_ERROR = 16.0, 0.02
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LensCorrection(Value):
+    """Polynomials that correct a lens's picture.
+
+    Attributes
+    ----------
+    centre : (float, float)
+        The optical axis: 0 in the first pixel of a column and of a row, 1 in the last.
+    warp : array (channel, 4) or None
+        Coefficients of r^0 to r^6; None if the lens's distortion is not corrected.
+    gain : array (5,) or None
+        Coefficients of r^2 to r^10 of the gain minus 1; None if the falloff is not corrected.
+    distortion : float
+        Of the lens at the farthest pixel, relative to the distance from the axis.
+    distortion_error, gain_error : float
+        Largest relative errors of the polynomials.
+    magnification : float
+        Of the straightened picture in its middle. It is 1 unless the lens's picture would not fill the frame.
+    """
+
+    centre: tuple[float, float]
+    warp: np.ndarray | None
+    gain: np.ndarray | None
+    distortion: float
+    distortion_error: float
+    gain_error: float
+    magnification: float
+
+    @property
+    def remarks(self) -> list[str]:
+        """What is not corrected, and why: a line for each."""
+        lines = []
+        if self.warp is None:
+            lines.append(f"distortion of {self.distortion:.1%} is not corrected: raw files describe up to "
+                         f"{STRONGEST_DISTORTION:.0%}, and this to {self.distortion_error:.2%}")
+        if self.gain is None:
+            lines.append(f"falloff is not corrected: raw files describe a gain of up to {LARGEST_GAIN:g}, and this "
+                         f"to {self.gain_error:.1%}")
+        return lines
+
+
+def lens_correction(lens: Lens, frame: PixelGrid, wavelengths_nm: np.ndarray, weights: np.ndarray) -> LensCorrection:
+    """The correction of a lens's picture in a camera's channels.
+
+    Parameters
+    ----------
+    lens : Lens
+    frame : PixelGrid
+        Of the raw picture, which may be off the lens's axis.
+    wavelengths_nm : array (wavelength,)
+    weights : array (channel, wavelength)
+        Share of each wavelength in a channel's light in front of the lens.
+
+    Returns
+    -------
+    LensCorrection
+        Without polynomials that cannot describe this lens to LARGEST_DISTORTION_ERROR or LARGEST_GAIN_ERROR.
+    """
+    centre, radius_mm = _axis(frame)
+    nm = lens.nearest_nm(wavelengths_nm)
+    shares = weights * np.interp(nm, lens.wavelengths_nm, lens.transmittance)
+    shares /= shares.sum(axis=1, keepdims=True)
+    fields = [field_map(lens).at_wavelength(float(each)) for each in nm]
+    at_mm, axis_mm = FIT_RADII * radius_mm, np.zeros_like(FIT_RADII)
+    source = shares @ [field.source_mm(at_mm, axis_mm)[0] for field in fields] / at_mm
+    shrinkage = min(1.0, float(source[:, FIT_RADII >= _nearest_edge(frame)].min()))
+    landing = shares @ [field.landing_mm(shrinkage * at_mm, axis_mm)[0] for field in fields] / at_mm
+    distortion = float(landing[:, -1].mean() / shrinkage - 1)
+    warp, distortion_error = _fitted(landing, WARP_POWERS, landing)
+    middle = field_map(lens).at_wavelength(float(shares.mean(axis=0) @ nm))  # falloff hardly varies with wavelength
+    gain = 1 / np.maximum(middle.relative_illumination(at_mm, axis_mm), 0.5 / LARGEST_GAIN)
+    gain_terms, gain_error = _fitted(gain - 1, GAIN_POWERS, gain)
+    straight = distortion_error <= LARGEST_DISTORTION_ERROR and abs(distortion) <= STRONGEST_DISTORTION
+    even = gain_error <= LARGEST_GAIN_ERROR and gain.max() <= LARGEST_GAIN
+    inside = all(0 <= place <= 1 for place in centre)
+    return LensCorrection(centre, warp if straight and inside else None, gain_terms if even and inside else None,
+                          distortion, distortion_error, gain_error, 1 / shrinkage)
+
+
+def _axis(frame):
+    """Position of the axis, to the right and down, in the frame, and distance of the farthest pixel in mm."""
+    last = np.maximum(np.subtract(frame.shape_px, 1), 1)
+    down, right = np.divide(frame.centre_px, last)
+    farthest = np.maximum(frame.centre_px, last - frame.centre_px)
+    return (float(right), float(down)), float(np.hypot(*farthest)) * frame.pitch_um * 1e-3
+
+
+def _nearest_edge(frame):
+    """Distance of the nearest edge from the axis, relative to the farthest pixel."""
+    last = np.subtract(frame.shape_px, 1)
+    nearest = np.minimum(frame.centre_px, last - frame.centre_px).min()
+    return nearest / np.hypot(*np.maximum(frame.centre_px, last - frame.centre_px))
+
+
+def _fitted(values, powers, scale):
+    """Coefficients of curves (..., radius) with the least relative squares, and the largest error relative to `scale`.
+    """
+    terms = FIT_RADII[:, None]**powers
+    rows = np.atleast_2d(values)
+    fits = np.stack([np.linalg.lstsq(terms / each[:, None], row / each, rcond=None)[0]
+                     for row, each in zip(rows, np.atleast_2d(scale), strict=True)])
+    error = float(np.abs((fits @ terms.T - rows) / scale).max())
+    return fits.reshape(*values.shape[:-1], powers.size), error

@@ -1,0 +1,236 @@
+"""Raw pictures as Digital Negatives (DNG 1.6), with the camera's colours and noise and the correction of its lens.
+
+The pixels are uncompressed: a mosaic behind filters, otherwise linear planes. `OpcodeList3` and the tags below 50000 that
+photographs share are described in the DNG specification and in TIFF/EP (ISO 12234-2).
+"""
+
+import struct
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import IO, Any
+
+import numpy as np
+
+from ..field.lens_correction import LensCorrection
+from ..runtime.build_identity import software
+from ..runtime.errors import InputError, LensError, printable
+from ..runtime.files import AnyPath, atomic_path
+from ..sensor.camera import Camera
+from ..sensor.colour import camera_colour, filter_channels
+from ..sensor.exposure import RawImage, filter_cell
+
+VERSION, OLDEST_READER = bytes((1, 6, 0, 0)), bytes((1, 3, 0, 0))
+FILTER_CODES = "RGBCMYW"  # a filter's colour in a file is its place among these letters
+MOST_CHANNELS = 4
+BYTE, ASCII, SHORT, LONG, RATIONAL, UNDEFINED, SRATIONAL, DOUBLE = 1, 2, 3, 4, 5, 7, 10, 12
+CFA, LINEAR_RAW = 32803, 34892
+D65, UPRIGHT, UNCOMPRESSED = 21, 1, 1
+WARP_RECTILINEAR, FIX_VIGNETTE_RADIAL = 1, 3
+OPCODE_VERSION, OPTIONAL = bytes((1, 3, 0, 0)), 1
+MOST_SHORT, MOST_LONG = 2**16 - 1, 2**31 - 1
+MATRIX_DENOMINATOR = 10000
+
+Tags = dict[int, tuple[int, Any]]
+"""Fields of a TIFF directory: type and value by code."""
+
+
+@dataclass(frozen=True)
+class MountedLens:
+    """The lens of a photograph, as its file names it.
+
+    Raises
+    ------
+    InputError
+        A number is not positive.
+    """
+
+    name: str
+    focal_mm: float
+    f_number: float
+
+    def __post_init__(self) -> None:
+        for field in ("focal_mm", "f_number"):
+            if not 0 < getattr(self, field) < np.inf:
+                raise InputError("lens", field, getattr(self, field), "expected a positive number")
+
+
+def write_dng(raw: RawImage, path: AnyPath, lens: MountedLens | None = None,
+              correction: LensCorrection | None = None) -> None:
+    """Write a raw picture as a DNG file, which appears complete or not at all.
+
+    The same picture gives the same bytes: the file has no date.
+
+    Parameters
+    ----------
+    raw : RawImage
+    path : path
+    lens : MountedLens, optional
+    correction : LensCorrection, optional
+        Of its lens, in the camera's channels; for converters that apply opcodes.
+
+    Raises
+    ------
+    LensError
+        DNG has no code for the camera's channels.
+    """
+    tags = dng_tags(raw, lens, correction)
+    with atomic_path(path) as temporary, open(temporary, "wb") as stream:
+        write_tiff(stream, tags, _samples(raw))
+
+
+def write_tiff(stream: IO[bytes], tags: Tags, samples: np.ndarray) -> None:
+    """Write a little-endian TIFF with one strip of uint16 samples (row, column), or (row, column, channel)."""
+    from PIL.TiffImagePlugin import ImageFileDirectory_v2  # only needed here, and rarely
+
+    directory = ImageFileDirectory_v2(prefix=b"II")
+    for code, (kind, value) in tags.items():
+        directory.tagtype[code] = kind
+        directory[code] = value
+    directory.save(stream)
+    stream.write(np.ascontiguousarray(samples, "<u2").data)
+
+
+def dng_tags(raw: RawImage, lens: MountedLens | None = None, correction: LensCorrection | None = None) -> Tags:
+    """The fields of a raw picture's file, by code."""
+    camera = raw.camera
+    tags = _layout(raw) | _identity(camera) | _levels(raw) | _exif(raw, lens)
+    order = _order(camera)
+    if order:
+        tags |= _colour(camera, order)
+    if raw.exposure.noise:
+        tags |= _noise(raw, max(1, len(order)))
+    if len(order) > 1 and raw.channel is not None:
+        tags |= _mosaic(raw, order)
+    if correction and (opcodes := _opcodes(correction, order)):
+        tags[51022] = UNDEFINED, opcodes
+    return tags
+
+
+def _order(camera):
+    """Positions of a camera's channels in the order of the file's planes; empty for monochrome pictures.
+
+    Without filters, all channels are planes.
+    """
+    channels = filter_channels(camera)
+    if len(channels) == 1:
+        return []
+    for letter in channels:
+        if letter not in FILTER_CODES:
+            raise LensError(f"camera {camera.name}", "channels", letter, f"a DNG has only {', '.join(FILTER_CODES)}")
+    if len(channels) > MOST_CHANNELS:
+        raise LensError(f"camera {camera.name}", "channels", channels, f"a DNG has at most {MOST_CHANNELS}")
+    return sorted(range(len(channels)), key=lambda index: FILTER_CODES.index(channels[index]))
+
+
+def _samples(raw):
+    """The samples of a file: array (row, column), or (row, column, plane)."""
+    if raw.channel is not None:
+        return raw.numbers
+    return raw.numbers[_order(raw.camera) or [0]].transpose(1, 2, 0)
+
+
+def _layout(raw):
+    rows, columns = raw.numbers.shape[-2:]
+    planes = 1 if raw.channel is not None else len(raw.numbers)
+    mosaic = raw.channel is not None and len(filter_channels(raw.camera)) > 1
+    return {254: (LONG, 0), 256: (LONG, columns), 257: (LONG, rows), 258: (SHORT, (16,) * planes),
+            259: (SHORT, UNCOMPRESSED), 262: (SHORT, CFA if mosaic else LINEAR_RAW), 273: (LONG, 0),
+            274: (SHORT, UPRIGHT), 277: (SHORT, planes), 278: (LONG, rows), 279: (LONG, 2 * planes * rows * columns),
+            284: (SHORT, 1), 50829: (LONG, (0, 0, rows, columns)), 50719: (LONG, (0, 0)),
+            50720: (LONG, (columns, rows))}
+
+
+def _identity(camera):
+    """The name of a simulated camera, for which converters do not have other data than the file's."""
+    name = _ascii(camera.name)
+    return {271: (ASCII, "Lensfield"), 272: (ASCII, name), 305: (ASCII, software()), 50706: (BYTE, VERSION),
+            50707: (BYTE, OLDEST_READER), 50708: (ASCII, f"Lensfield {name}")}
+
+
+def _ascii(text):
+    return printable(text).encode("ascii", "replace").decode()
+
+
+def _levels(raw):
+    planes = 1 if raw.channel is not None else len(raw.numbers)
+    return {50713: (SHORT, (1, 1)), 50714: (RATIONAL, (_rational(raw.dark_dn),) * planes),
+            50717: (LONG, (raw.highest_dn,) * planes)}
+
+
+def _colour(camera, order):
+    colour = camera_colour(camera)
+    matrix = np.rint(colour.xyz_to_camera[order] * MATRIX_DENOMINATOR).astype(int).ravel()
+    return {50721: (SRATIONAL, tuple(_ratio(int(each), MATRIX_DENOMINATOR) for each in matrix)),
+            50728: (RATIONAL, tuple(_rational(each) for each in colour.neutral[order])), 50778: (SHORT, D65)}
+
+
+def _mosaic(raw, order):
+    channels = filter_channels(raw.camera)
+    cell = smallest_cell(filter_cell(raw.camera, raw.numbers.shape))
+    codes = np.array([FILTER_CODES.find(letter) for letter in raw.camera.channels])
+    return {33421: (SHORT, cell.shape), 33422: (BYTE, codes[cell].astype(np.uint8).tobytes()),
+            50710: (BYTE, bytes(FILTER_CODES.index(channels[index]) for index in order)), 50711: (SHORT, 1)}
+
+
+def smallest_cell(cell: np.ndarray) -> np.ndarray:
+    """The smallest part of a cell that gives the same array when repeated."""
+    for axis, size in enumerate(cell.shape):
+        for period in range(1, size):
+            if size % period == 0 and np.array_equal(cell, np.roll(cell, period, axis)):
+                cell = cell.take(range(period), axis)
+                break
+    return cell
+
+
+def _noise(raw, planes):
+    """Variance of the signal x = (number - black) / (white - black): S x + O, the same in all planes."""
+    camera, exposure = raw.camera, raw.exposure
+    gain, span_dn = camera.gain_at(exposure.iso), raw.highest_dn - raw.dark_dn
+    dark_e2 = (camera.dark_noise_at(exposure.iso)**2 + camera.dsnu_e**2
+               + camera.dark_current_e_per_s * exposure.shutter_s)
+    constant_dn2 = gain**2 * dark_e2 + 1 / 12  # the last from rounding
+    return {51041: (DOUBLE, (gain / span_dn, constant_dn2 / span_dn**2) * planes)}
+
+
+def _exif(raw, lens):
+    exposure = raw.exposure
+    fields: dict[int, Any] = {
+        33434: _rational(exposure.shutter_s), 34855: min(max(1, round(exposure.iso)), MOST_SHORT), 36864: b"0232"}
+    tags: Tags = {50735: (ASCII, str(exposure.serial))}
+    if lens:
+        focal, f_number = _rational(lens.focal_mm), _rational(lens.f_number)
+        fields |= {33437: f_number, 37386: focal, 42034: (focal, focal, f_number, f_number), 42036: _ascii(lens.name)}
+        tags[50736] = RATIONAL, (focal, focal, f_number, f_number)
+    return tags | {34665: (LONG, fields)}
+
+
+def _rational(value):
+    """The nearest ratio of two integers that a file can hold."""
+    value = min(float(value), float(MOST_LONG))
+    fraction = Fraction(value).limit_denominator(int(MOST_LONG / max(1.0, value)))
+    return _ratio(fraction.numerator, fraction.denominator)
+
+
+def _ratio(numerator, denominator):
+    from PIL.TiffImagePlugin import IFDRational
+
+    return IFDRational(numerator, denominator)
+
+
+def _opcodes(correction, order):
+    """The opcodes of a correction, in big-endian order as in every DNG; empty without any.
+
+    Falloff comes first, because it belongs to the places in the lens's own picture.
+    """
+    opcodes, centre = [], struct.pack(">2d", *correction.centre)
+    if correction.gain is not None:
+        opcodes.append(_opcode(FIX_VIGNETTE_RADIAL, struct.pack(">5d", *correction.gain) + centre))
+    if correction.warp is not None:
+        planes = correction.warp[order or [0]]
+        terms = b"".join(struct.pack(">6d", *radial, 0, 0) for radial in planes)  # without tangential terms
+        opcodes.append(_opcode(WARP_RECTILINEAR, struct.pack(">I", len(planes)) + terms + centre))
+    return struct.pack(">I", len(opcodes)) + b"".join(opcodes) if opcodes else b""
+
+
+def _opcode(number, parameters):
+    return struct.pack(">I4s2I", number, OPCODE_VERSION, OPTIONAL, len(parameters)) + parameters
