@@ -17,7 +17,7 @@ from ..runtime.errors import InputError, LensError, printable
 from ..runtime.files import AnyPath, atomic_path
 from ..sensor.camera import Camera
 from ..sensor.colour import camera_colour, filter_channels
-from ..sensor.exposure import RawImage, filter_cell
+from ..sensor.exposure import RawImage
 
 VERSION, OLDEST_READER = bytes((1, 6, 0, 0)), bytes((1, 3, 0, 0))
 FILTER_CODES = "RGBCMYW"  # a filter's colour in a file is its place among these letters
@@ -75,7 +75,7 @@ def write_dng(raw: RawImage, path: AnyPath, lens: MountedLens | None = None,
     """
     tags = dng_tags(raw, lens, correction)
     with atomic_path(path) as temporary, open(temporary, "wb") as stream:
-        write_tiff(stream, tags, _samples(raw))
+        write_tiff(stream, tags, dng_samples(raw))
 
 
 def write_tiff(stream: IO[bytes], tags: Tags, samples: np.ndarray) -> None:
@@ -94,7 +94,7 @@ def dng_tags(raw: RawImage, lens: MountedLens | None = None, correction: LensCor
     """The fields of a raw picture's file, by code."""
     camera = raw.camera
     tags = _layout(raw) | _identity(camera) | _levels(raw) | _exif(raw, lens)
-    order = _order(camera)
+    order = plane_order(camera)
     if order:
         tags |= _colour(camera, order)
     if raw.exposure.noise:
@@ -106,10 +106,13 @@ def dng_tags(raw: RawImage, lens: MountedLens | None = None, correction: LensCor
     return tags
 
 
-def _order(camera):
-    """Positions of a camera's channels in the order of the file's planes; empty for monochrome pictures.
+def plane_order(camera: Camera) -> list[int]:
+    """Positions of a camera's channels in the order of a file's planes: red, green, blue; empty for monochrome pictures.
 
-    Without filters, all channels are planes.
+    Raises
+    ------
+    LensError
+        DNG has no code for a channel, or fewer planes.
     """
     channels = filter_channels(camera)
     if len(channels) == 1:
@@ -122,11 +125,11 @@ def _order(camera):
     return sorted(range(len(channels)), key=lambda index: FILTER_CODES.index(channels[index]))
 
 
-def _samples(raw):
-    """The samples of a file: array (row, column), or (row, column, plane)."""
+def dng_samples(raw: RawImage) -> np.ndarray:
+    """The samples of a raw picture's file: uint16 array (row, column), or (row, column, plane) without filters."""
     if raw.channel is not None:
         return raw.numbers
-    return raw.numbers[_order(raw.camera) or [0]].transpose(1, 2, 0)
+    return raw.numbers[plane_order(raw.camera) or [0]].transpose(1, 2, 0)
 
 
 def _layout(raw):
@@ -166,19 +169,19 @@ def _colour(camera, order):
 
 def _mosaic(raw, order):
     channels = filter_channels(raw.camera)
-    cell = smallest_cell(filter_cell(raw.camera, raw.numbers.shape))
+    cell = filter_cell(raw)
     codes = np.array([FILTER_CODES.find(letter) for letter in raw.camera.channels])
     return {33421: (SHORT, cell.shape), 33422: (BYTE, codes[cell].astype(np.uint8).tobytes()),
             50710: (BYTE, bytes(FILTER_CODES.index(channels[index]) for index in order)), 50711: (SHORT, 1)}
 
 
-def smallest_cell(cell: np.ndarray) -> np.ndarray:
-    """The smallest part of a cell that gives the same array when repeated."""
+def filter_cell(raw: RawImage) -> np.ndarray:
+    """The smallest cell that repeats over a mosaic from its first pixel: indices of the camera's channels."""
+    cell = raw.channel[:len(raw.camera.filters), :len(raw.camera.filters[0])]
     for axis, size in enumerate(cell.shape):
-        for period in range(1, size):
-            if size % period == 0 and np.array_equal(cell, np.roll(cell, period, axis)):
-                cell = cell.take(range(period), axis)
-                break
+        period = next(n for n in range(1, size + 1)
+                      if size % n == 0 and np.array_equal(cell, np.roll(cell, n, axis)))
+        cell = cell.take(range(period), axis)
     return cell
 
 

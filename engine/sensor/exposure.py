@@ -157,19 +157,14 @@ def raw_grid(grid: PixelGrid, camera: Camera) -> PixelGrid:
     return PixelGrid(shape, camera.pitch_um, tuple(centre))
 
 
-def filter_cell(camera: Camera, shape_px: tuple[int, int]) -> np.ndarray:
-    """The filter array's cell from the first pixel of a picture in the middle of a sensor: indices of its channels."""
-    cell = np.array([[camera.channels.index(letter) for letter in row] for row in camera.filters], dtype=np.uint8)
-    first = [(n - part) // 2 for n, part in zip(camera.shape_px, shape_px, strict=True)]
-    return np.roll(cell, [-n for n in first], axis=(0, 1))
-
-
 def channels_of(camera: Camera, shape_px: tuple[int, int]) -> np.ndarray | None:
     """Index of the channel of each pixel in the middle of a sensor: uint8 array (row, column), or None without filters.
     """
     if not camera.filters:
         return None
-    cell = filter_cell(camera, shape_px)
+    cell = np.array([[camera.channels.index(letter) for letter in row] for row in camera.filters], dtype=np.uint8)
+    first = [(n - part) // 2 for n, part in zip(camera.shape_px, shape_px, strict=True)]
+    cell = np.roll(cell, [-n for n in first], axis=(0, 1))
     repeats = [-(-part // n) for part, n in zip(shape_px, cell.shape, strict=True)]
     return np.tile(cell, repeats)[:shape_px[0], :shape_px[1]]
 

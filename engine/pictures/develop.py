@@ -1,0 +1,144 @@
+"""Developing raw pictures: demosaicing by LibRaw, to linear light in the camera's channels or in Rec. 709."""
+
+import io
+from dataclasses import replace
+
+import numpy as np
+
+from ..runtime.errors import ImageError, LensError
+from ..sensor.camera import MOST_BITS
+from ..sensor.colour import camera_colour, filter_channels
+from ..sensor.exposure import RawImage, channels_of
+from ..spectral.colour import XYZ_TO_REC709
+from .dng import dng_samples, dng_tags, filter_cell, plane_order, write_tiff
+
+XTRANS = "GBGGRG", "RGRBGB", "GBGGRG", "GRGGBG", "BGBRGR", "GRGGBG"
+BAYER, QUAD_BAYER = ("RG", "GB"), ("RRGG", "RRGG", "GGBB", "GGBB")
+FULL_SCALE = 65535  # of LibRaw's pictures
+LEAST_PX, LARGEST_PERIOD = 512, 6  # a side of a picture that LibRaw demosaics; a multiple of the periods of patterns
+LEAST_MOSAIC_PX = 2 * LARGEST_PERIOD
+
+
+def signal(raw: RawImage) -> np.ndarray:
+    """The digital numbers above the dark level, 1 at saturation: float32 array of the shape of `raw.numbers`."""
+    return (raw.numbers - np.float32(raw.dark_dn)) / np.float32(raw.highest_dn - raw.dark_dn)
+
+
+def camera_rgb(raw: RawImage) -> np.ndarray:
+    """Linear light in the camera's channels, 1 at saturation: as in `signal`, but with all channels in each pixel.
+
+    LibRaw demosaics Bayer patterns (AHD) and X-Trans (Markesteijn). Of a Quad Bayer pattern, 2 x 2 pixels of the same
+    channel are added first.
+
+    Parameters
+    ----------
+    raw : RawImage
+
+    Returns
+    -------
+    float32 array (row, column, channel)
+        Red, green and blue, in the order of a DNG's planes; a single channel of a monochrome camera. Half the rows and
+        columns of a Quad Bayer pattern.
+
+    Raises
+    ------
+    LensError
+        Pictures with this filter array cannot be demosaiced.
+    """
+    if raw.channel is None or len(filter_channels(raw.camera)) == 1:
+        return np.atleast_3d(signal(replace(raw, numbers=dng_samples(raw))))
+    if min(raw.numbers.shape) < LEAST_MOSAIC_PX:
+        raise ImageError("raw picture", "size", f"{raw.numbers.shape} px",
+                         f"expected at least {LEAST_MOSAIC_PX} rows and columns to demosaic them")
+    return _demosaiced(_demosaicable(raw))
+
+
+def developed(raw: RawImage) -> np.ndarray:
+    """A raw picture in linear Rec. 709, balanced for daylight (D65): white is 1 where the first channel saturates.
+
+    Parameters
+    ----------
+    raw : RawImage
+
+    Returns
+    -------
+    float32 array (row, column, 3)
+        As `camera_rgb`; grey of a monochrome camera. `preview.write_png` writes it.
+
+    Raises
+    ------
+    LensError
+        From `camera_rgb`, or the camera has two channels.
+    """
+    order, light = plane_order(raw.camera), camera_rgb(raw)
+    if not order:
+        return np.repeat(light, 3, axis=-1)
+    colour = camera_colour(raw.camera)
+    balanced = light / colour.neutral[order].astype(np.float32)
+    to_rec709 = XYZ_TO_REC709 @ colour.balanced_to_xyz[:, order]
+    return np.minimum(balanced, 1, out=balanced) @ to_rec709.T.astype(np.float32)
+
+
+def _demosaiced(raw):
+    import rawpy  # only needed here, and rarely
+
+    neutral = camera_colour(raw.camera).neutral[plane_order(raw.camera)]
+    red, green, blue = 1 / neutral  # balanced, channels resemble each other, which demosaicing assumes
+    file = io.BytesIO()
+    rows, columns = raw.numbers.shape
+    pixels = np.ix_(_extended(rows), _extended(columns))
+    extended = replace(raw, numbers=raw.numbers[pixels], channel=raw.channel[pixels])
+    write_tiff(file, dng_tags(extended), extended.numbers)
+    file.seek(0)
+    with rawpy.imread(file) as reader:
+        # with the dark level, because without it LibRaw would set numbers below it to 0, and dark parts be too bright
+        picture = reader.postprocess(
+            user_black=0, user_sat=raw.highest_dn, user_wb=[red, green, blue, green], adjust_maximum_thr=0.0,
+            highlight_mode=rawpy.HighlightMode.Ignore, no_auto_bright=True, gamma=(1, 1), output_bps=16,
+            output_color=rawpy.ColorSpace.raw, user_flip=0)
+    numbers = picture[:rows, :columns] * (neutral / neutral.min() * raw.highest_dn / FULL_SCALE).astype(np.float32)
+    return (numbers - np.float32(raw.dark_dn)) / np.float32(raw.highest_dn - raw.dark_dn)
+
+
+def _extended(size):
+    """Indices of `size` rows or columns, and of the last ones again up to a size that LibRaw accepts."""
+    indices = np.arange(max(size, LEAST_PX))
+    beyond = indices[size:]
+    beyond -= LARGEST_PERIOD * (1 + (beyond - size) // LARGEST_PERIOD)
+    return indices
+
+
+def _demosaicable(raw):
+    """The picture, if LibRaw demosaics its filter array; of a Quad Bayer pattern, the sums of 2 x 2 pixels."""
+    camera = raw.camera
+    cell = np.array(list(camera.channels))[filter_cell(raw)]
+    if _shift(cell, BAYER) or _shift(cell, XTRANS):
+        return raw
+    shift = _shift(cell, QUAD_BAYER)
+    if not shift:
+        raise LensError(f"camera {camera.name}", "filters", "/".join(camera.filters),
+                        "expected a Bayer, Quad Bayer or X-Trans pattern of R, G and B to develop its pictures")
+    return _binned(raw, *(n % 2 for n in shift))
+
+
+def _shift(cell, pattern):
+    """Rows and columns by which a cell is a shifted pattern; None if it is not."""
+    letters = np.array([list(row) for row in pattern])
+    return next((shift for shift in np.ndindex(letters.shape)
+                 if np.array_equal(np.roll(letters, shift, (0, 1)), cell)), None)
+
+
+def _binned(raw, above, left):
+    """A raw picture with sums of 2 x 2 pixels, from a row and a column on; in 16 bits, as many as the sums permit."""
+    numbers, camera = raw.numbers[above:, left:], raw.camera
+    rows, columns = (n // 2 for n in numbers.shape)
+    blocks = numbers[:2 * rows, :2 * columns].reshape(rows, 2, columns, 2).sum(axis=(1, 3), dtype=np.uint32)
+    bits = min(camera.bits + 2, MOST_BITS)
+    scale = 2**(bits - camera.bits) / 4  # of the sums
+    letters = np.array(list(camera.channels))[raw.channel[above::2, left::2][:2, :2]]
+    binned = replace(camera, shape_px=(rows, columns), filters=tuple(map("".join, letters)), bits=bits,
+                     pitch_um=2 * camera.pitch_um, black_dn=4 * scale * camera.black_dn,
+                     gain_dn_per_e=scale * camera.gain_dn_per_e, saturation_e=4 * camera.saturation_e,
+                     dark_current_e_per_s=4 * camera.dark_current_e_per_s)
+    return replace(raw, numbers=np.rint(scale * blocks).astype(np.uint16), camera=binned,
+                   channel=channels_of(binned, (rows, columns)))
