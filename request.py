@@ -25,6 +25,7 @@ from .engine.spectral.wavelength_choice import IMAGE_WAVELENGTHS, SpectralOption
 CAMERA = "camera"
 BY_SCENE, ON = "scene", "on"
 RING_FIELDS = "focus", "f_number", "focused_wide_open"
+CAMERA_FIELDS = "camera", "iso", "shutter_s", "noise", "develop", "dng"
 FOLLOWER_FIELDS = "picture", "state", "source"
 """Fields that a program sets when it starts a render and monitors it."""
 

@@ -8,6 +8,7 @@ from .job.animation import Animation, render_animation
 from .job.child import sweep
 from .job.comparison import plan_comparison, render_comparison
 from .job.job import check_output_folder, folder_for, set_blend_folder
+from .job.photo import camera_words
 from .job.preflight import preflight
 from .job.refilter import apply_lens
 from .job.render import render_through_lens, shared_cache
@@ -46,7 +47,7 @@ from .ui import (
 from .ui.keys import register_keys, unregister_keys
 from .ui.previews import forget_previews
 
-__all__ = ["Animation", "RenderRequest", "apply_lens", "changed_scene", "check_next_to_frames", "check_output_folder",
+__all__ = ["Animation", "RenderRequest", "apply_lens", "camera_words", "changed_scene", "check_next_to_frames", "check_output_folder",
            "folder_for", "open_preview", "opened_preview", "plan_comparison", "preflight", "register",
            "render_animation", "render_comparison", "render_through_lens", "set_blend_folder", "source_digest",
            "take_session", "unregister"]

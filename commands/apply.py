@@ -4,10 +4,12 @@ from pathlib import Path
 
 from ..engine.depth.depth_range import AUTO, OFF
 from ..engine.field.overscan import LENS_VIEW
+from ..request import CAMERA_FIELDS, RenderRequest
 from .arguments import (
     add_engine_options,
     add_iris,
     add_lens_settings,
+    add_settings,
     add_untrusted,
     check_outputs,
     engine_options,
@@ -39,6 +41,8 @@ def add_options(apply):
     add_engine_options(apply)
     add_lens_settings(apply)
     add_iris(apply)
+    add_settings(apply.add_argument_group("camera", "that takes a picture of the lens image"), RenderRequest,
+                 CAMERA_FIELDS)
     add_progress_options(apply.add_argument_group("for programs that run this command"))
     add_untrusted(apply)
     apply.set_defaults(run=_apply, confines=_folders)

@@ -8,7 +8,7 @@ from ..engine.library import ALL_LENSES
 from ..engine.plan.options import KNOBS, TIER_ACCURACY
 from ..engine.runtime.setting import option_of, settings_of
 from ..engine.spectral.wavelength_choice import SpectralOptions
-from ..request import RING_FIELDS, RenderRequest
+from ..request import CAMERA_FIELDS, RING_FIELDS, RenderRequest
 from .arguments import (
     LENSES,
     add_filter_options,
@@ -26,7 +26,9 @@ from .render import add_followed, restore_copied, scene_and_fields
 from .render_options import add_capture_options
 
 TIER = "preview"
-OF_LENSES = "view", "output_folder"  # every lens has the camera's view, and its own folder
+OF_LENSES = "view", "output_folder", *CAMERA_FIELDS
+"""Fields that are not the user's: every lens has the view of the scene's camera, and its own folder; the sheet shows
+the light."""
 OF_FILES = "tier", "depth", "focus", "focused_wide_open", "lens_quality"  # fields that a radiance file can obey
 
 

@@ -91,6 +91,7 @@ def _render_here(options, write):
     restore_copied(options)
     _check_next_to_frames(options, scene)
     print(f"output: {_output_folder(options, scene)}", flush=True)
+    _print_camera_words(scene, given)
     return (_render_one if options.frames is None else _render_frames)(options, scene, given, write)
 
 
@@ -110,6 +111,13 @@ def _check_next_to_frames(options, scene):
     from ..addon import check_next_to_frames
 
     check_next_to_frames(_output_folder(options, scene), options.report, options.picture)
+
+
+def _print_camera_words(scene, given):
+    from ..addon import camera_words
+
+    for line in camera_words(scene.lensfield.to_request(**given)):
+        print(f"camera: {line}", flush=True)
 
 
 def _output_folder(options, scene):

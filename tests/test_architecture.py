@@ -11,7 +11,7 @@ import pytest
 import lensfield.engine
 from places import ROOT
 
-ENGINE_LIBRARIES = {"numpy", "scipy", "OpenEXR", "PIL", "yaml", "matplotlib"}
+ENGINE_LIBRARIES = {"numpy", "scipy", "OpenEXR", "PIL", "yaml", "matplotlib", "rawpy"}
 
 FLOORS = {
     # engine: foundations
@@ -30,7 +30,8 @@ FLOORS = {
     "engine.blur": {"engine.field", "engine.kernels", "engine.runtime"},
     "engine.plan": {"engine.blur", "engine.field", "engine.image", "engine.kernels", "engine.lens", "engine.runtime"},
     "engine.depth": {"engine.field", "engine.image", "engine.kernels", "engine.lens", "engine.rays", "engine.runtime"},
-    "engine.pictures": {"engine.depth", "engine.image", "engine.lens", "engine.runtime", "engine.spectral"},
+    "engine.pictures": {"engine.depth", "engine.field", "engine.image", "engine.lens", "engine.runtime", "engine.sensor",
+                        "engine.spectral"},
     "engine.sensor": {"engine.image", "engine.runtime", "engine.spectral"},
     "engine.library": {"engine.bake", "engine.field", "engine.lens", "engine.lens_files",
                        "engine.prescription", "engine.rays", "engine.runtime", "engine.sensor"},
@@ -163,7 +164,7 @@ def test_parts_of_scipy_are_imported_when_they_are_used():
 
 
 @pytest.mark.parametrize("code, absent", [
-    ("from lensfield.engine import *", {"scipy.fft", "scipy.interpolate", "scipy.optimize", "matplotlib"}),
+    ("from lensfield.engine import *", {"scipy.fft", "scipy.interpolate", "scipy.optimize", "matplotlib", "rawpy"}),
     ("import lensfield.engine; lensfield.engine.LensError", {"numpy"}),
     ("import lensfield.cli; lensfield.cli.main(['--version'])", {"numpy", "scipy"}),
     ("import lensfield.cli; lensfield.cli.main(['lint', '--help'])", {"scipy.fft", "lensfield.commands.filter"})])

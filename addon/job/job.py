@@ -18,6 +18,7 @@ from ...request import BY_SCENE, ON, RING_FIELDS, RenderRequest
 from ..scene.rings import scene_iris, scene_lens
 from ..scene.trust import check_output
 from ..shading.assigned import LOADERS
+from .photo import chosen_camera
 from .record import picture_settings
 
 
@@ -30,6 +31,7 @@ class Job(RenderRequest):
     lens : Lens
         Focused and stopped down as in this frame.
     wavelengths_nm : float64 array (wavelength,)
+    camera : Camera or ""
     denoise : "on" or "off"
     iris : Iris or None
         Blades that stop the lens down; None for a round stop.
@@ -76,7 +78,7 @@ def job_of(scene, **given):
     iris = scene_iris(scene, request.lens, request.iris, **rings)
     quality = request.lens_quality or request.spectral.tier
     lens, warning, words = scene_lens(scene, request.lens, request.view_on_sensor, quality, request.wavelengths_nm, **rings)
-    decided = {"lens": lens, "iris": iris, "wavelengths_nm": np.array(request.wavelengths_nm),
+    decided = {"lens": lens, "camera": chosen_camera(request), "iris": iris, "wavelengths_nm": np.array(request.wavelengths_nm),
                "denoise": ON if denoises(scene, request) else OFF}
     return Job(**vars(request) | decided, frame=scene.frame_current, clamp=request.spectral.tier != REFERENCE,
                settings=picture_settings(scene), lens_warning=warning, ring_words=words)

@@ -26,7 +26,7 @@ def write_radiance(captured, path):
               captured.layers)
 
 
-def write_pictures(captured, irradiance, lens, options, iris, result):
+def write_pictures(captured, irradiance, after, exposure, lens, options, iris, result):
     """Write the lens image and its planes; and, at equal exposure, PNGs of the frame through a perfect pinhole and
     through the lens.
 
@@ -34,39 +34,42 @@ def write_pictures(captured, irradiance, lens, options, iris, result):
     ----------
     captured : Captured
     irradiance : SpectralImage
+    after : array (row, column, 3)
+        The lens image, or its developed picture, in linear Rec. 709.
+    exposure : float
+        Of the lens image's PNG.
     lens : Lens
     options : Options
     iris : Iris or None
     result : Result
         Names the files.
     """
-    after, frame, nm = to_rec709(irradiance), irradiance.grid, reference_nm(lens)
+    frame, nm = irradiance.grid, reference_nm(lens)
     alpha = np.ones(frame.shape_px) if captured.alpha is None else alpha_through_lens(
         captured, lens, options, iris)
     write_rgb_exr(after, result.lens_image, captured.cut(alpha))
     write_plane_exr(nearest_samples(captured.depth_m, lens, captured.radiance.grid, nm), result.depth)
     _write_lens_planes(lens, frame, result)
-    exposure = auto_exposure(after)
     before = pinhole_view(np.moveaxis(to_rec709(captured.radiance), -1, 0), lens, captured.radiance.grid)
     write_png(np.moveaxis(captured.cut(before), 0, -1), result.before, exposure)
     write_png(after, result.after, exposure)
 
 
-def write_film_pictures(film, irradiance, lens, result):
+def write_film_pictures(film, irradiance, picture, exposure, lens, result):
     """Write the lens image and its planes, for a film that was rendered through the lens itself.
 
     Parameters
     ----------
     film : Captured
-    irradiance, lens, result
+    irradiance, picture, exposure, lens, result
         As in `write_pictures`.
     """
-    picture, frame = to_rec709(irradiance), irradiance.grid
+    frame = irradiance.grid
     alpha = np.ones(frame.shape_px) if film.alpha is None else alpha_on_film(film.alpha, irradiance, lens)
     write_rgb_exr(picture, result.lens_image, film.cut(alpha))
     write_plane_exr(film.depth_m, result.depth)
     _write_lens_planes(lens, frame, result)
-    write_png(picture, result.after, auto_exposure(picture))
+    write_png(picture, result.after, exposure)
 
 
 def _write_lens_planes(lens, frame, result):

@@ -7,7 +7,6 @@ renders damaged or outdated frames again.
 import json
 from dataclasses import asdict, is_dataclass
 
-from ...engine.library.bodies import load_camera
 from ...engine.pictures.header_check import has_header
 from ...engine.runtime.build_identity import software
 from ...engine.runtime.files import atomic_path, file_status
@@ -59,7 +58,7 @@ def recorded_fields(job):
     fields = {name: getattr(job, name) for name, each in settings_of(job).items() if each.recorded}
     values = {name: asdict(value) if is_dataclass(value) else value for name, value in fields.items()}
     return json_value(values | {"lens": job.lens.name, "lens_digest": job.lens.digest.hex(), "clamp": job.clamp,
-                                "camera_digest": load_camera(job.camera).digest.hex() if job.camera else "",
+                                "camera_digest": job.camera.digest.hex() if job.camera else "",
                                 "settings": job.settings})
 
 

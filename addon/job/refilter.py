@@ -24,11 +24,12 @@ from ...engine.rays.rings import Rings, resized_rings
 from ...engine.runtime.errors import absence
 from ...engine.runtime.files import check_target, discard, file_status
 from ...engine.simulation.report_parts import FileFacts
-from ...request import CAMERA, RING_FIELDS, RenderRequest
+from ...request import CAMERA, CAMERA_FIELDS, RING_FIELDS, RenderRequest
 from ..scene.camera import captured_region, frame_px, sensor_warning, size_warning
 from ..scene.lens_cache import lens_on_sensor, load_lens, scaled_lens
 from ..scene.rings import ring_fields, rings_for, scene_iris
 from .job import check_output_folder, folder_for
+from .photo import chosen_camera
 from .pictures import REGION
 from .radiance import Captured
 from .remarks import ROUND_BLUR
@@ -37,7 +38,8 @@ from .result import Result
 from .steps import Work
 
 APPLIED_DEPTHS = AUTO, OFF
-APPLIED_FIELDS = ("lens", "output_folder", "options", "view", *RING_FIELDS, "iris", "lens_quality", "depth")
+APPLIED_FIELDS = ("lens", "output_folder", "options", "view", *RING_FIELDS, "iris", "lens_quality", "depth",
+                  *CAMERA_FIELDS)
 STANDARD = "standard"  # quality
 SAME = 0.005  # relative difference in sensor size up to which a lens counts as having its own view
 
@@ -54,7 +56,7 @@ def apply_lens(radiance, *, progress=None, **given):
     progress : callable (fraction, label), optional
     given : by name
         Fields of a `RenderRequest`: `lens`, and optionally `output_folder` (by default the radiance's), `options`,
-        `view`, `focus`, `f_number`, `focused_wide_open`, `iris`, `lens_quality` and `depth`.
+        `view`, `focus`, `f_number`, `focused_wide_open`, `iris`, `lens_quality` and `depth`, and those of a camera.
 
     Returns
     -------
@@ -98,12 +100,14 @@ def applied_fields(scene, request):
     unless depth is off."""
     return {"lens": request.lens, "view": request.view, "options": request.options,
             "lens_quality": request.spectral.tier, "depth": OFF if request.depth == OFF else AUTO,
-            "iris": scene_iris(scene, request.lens), **ring_fields(rings_for(scene, request.lens))}
+            "iris": scene_iris(scene, request.lens), **{name: getattr(request, name) for name in CAMERA_FIELDS},
+            **ring_fields(rings_for(scene, request.lens))}
 
 
 def _steps(path, request):
     if request.depth not in APPLIED_DEPTHS:
         raise InputError("options", "depth", request.depth, f"expected {' or '.join(APPLIED_DEPTHS)}")
+    request = replace(request, view=request.view_on_sensor, camera=chosen_camera(request))
     lens, iris, rings = request.lens, request.iris, requested_rings(request)
     result = replace(Result.from_file(path, "radiance", request.output_folder), radiance=path)
     result.report.files["radiance"] = str(path)
@@ -124,7 +128,7 @@ def _steps(path, request):
     warning = "; ".join(filter(None, (*words, warning, _blur_warning(lens, captured, iris))))
     _check_region(lens, captured, request.options, path)
     discard(result.record)  # the files that it describes are about to change
-    yield from lens_steps(captured, lens, request.options, iris, result, 0.1)
+    yield from lens_steps(captured, lens, request, iris, result, 0.1)
     result.report.add(_facts(lens, captured, warning, result))
     result.report.write(result.record)
     return result

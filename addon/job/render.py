@@ -18,6 +18,7 @@ from ..scene.undo import Journal
 from ..scene.watch import samples_watched
 from .finished_passes import remove_passes
 from .job import check_output_folder, job_of
+from .photo import shown_picture, take_photo
 from .pictures import write_film_pictures, write_pictures, write_radiance
 from .radiance import capture
 from .record import write_record
@@ -124,11 +125,11 @@ def render_steps(scene, job, one=None):
         captured = yield from capture_by(scene, job, result, RENDER_SHARE)
     discard(result.record)  # the files that it describes are about to change
     if job.traced:
-        yield from _film_steps(captured, job.lens, result)
+        yield from _film_steps(captured, job, result)
     else:
         yield Work(_timed(report, "write radiance", lambda _: write_by(captured, result.radiance)),
                    "Writing radiance", RENDER_SHARE)
-        yield from lens_steps(captured, job.lens, job.options, job.iris, result, RENDER_SHARE + 0.02)
+        yield from lens_steps(captured, job.lens, job, job.iris, result, RENDER_SHARE + 0.02)
     write_record(job, result)
     if one is None:
         remove_passes(scene, job.output_folder, job.frame)
@@ -137,33 +138,42 @@ def render_steps(scene, job, one=None):
     return result
 
 
-def lens_steps(captured, lens, options, iris, result, fraction):
-    """Steps that put a Captured through a lens and write the resulting files; `fraction` is that of the job so far."""
+def lens_steps(captured, lens, request, iris, result, fraction):
+    """Steps that put a Captured through a lens and write the resulting files; `fraction` is that of the job so far.
+
+    Options and camera are those of a RenderRequest.
+    """
     report = result.report
     discard(result.record)  # the files that it describes are about to change
-    irradiance = yield Work(lambda on_progress: simulate(captured.layers or captured.radiance, lens, options, iris=iris,
+    irradiance = yield Work(lambda on_progress: simulate(captured.layers or captured.radiance, lens, request.options, iris=iris,
                                                          progress=on_progress, report=report, cache=shared_cache()),
                             f"Through {lens.name}", fraction, 0.98 - fraction)
     irradiance = replace(irradiance, cube=captured.cut(irradiance.cube))
-    yield from _file_steps(irradiance, result,
-                           lambda: write_pictures(captured, irradiance, lens, options, iris, result))
+    yield from _file_steps(irradiance, lens, request, result,
+                           lambda *shown: write_pictures(captured, irradiance, *shown, lens, request.options, iris, result))
 
 
-def _film_steps(film, lens, result):
+def _film_steps(film, job, result):
     """Steps that write the files of a film Captured through the lens itself."""
+    lens = job.lens
     irradiance = replace(film.radiance, cube=film.cut(film.radiance.cube), quantity=IRRADIANCE, lens_name=lens.name,
                          f_number_effective=lens.f_number_effective, focal_mm=None)
     for name in PINHOLE_FILES:  # an earlier render may have left them
         discard(getattr(result, name))
         del result.report.files[name]
-    yield from _file_steps(irradiance, result, lambda: write_film_pictures(film, irradiance, lens, result))
+    yield from _file_steps(irradiance, lens, job, result,
+                           lambda *shown: write_film_pictures(film, irradiance, *shown, lens, result))
 
 
-def _file_steps(irradiance, result, write_its_pictures):
+def _file_steps(irradiance, lens, request, result, write_its_pictures):
+    """Steps that write an irradiance, take a picture with the request's camera, and write what pictures show."""
     report = result.report
     yield Work(_timed(report, "write irradiance", lambda _: write_exr(irradiance, result.irradiance)),
-               "Writing irradiance", 0.98)
-    yield Work(_timed(report, "write pictures", lambda _: write_its_pictures()), "Writing pictures", 0.99)
+               "Writing irradiance", 0.97)
+    raw = yield Work(_timed(report, "camera", lambda _: take_photo(request, irradiance, lens, result)),
+                     "Taking the picture", 0.98)
+    shown = yield Work(_timed(report, "camera", lambda _: shown_picture(request, irradiance, raw)), "Developing", 0.98)
+    yield Work(_timed(report, "write pictures", lambda _: write_its_pictures(*shown)), "Writing pictures", 0.99)
 
 
 def _timed(report, stage, call):

@@ -10,7 +10,8 @@ from ...engine import Report
 from ...engine.runtime.errors import InputError
 
 FRAME_FILES = {"radiance": "radiance.exr", "irradiance": "irradiance.exr", "lens_image": "lens_image.exr",
-               "depth": "depth.exr", "before": "before.png", "after": "after.png", "record": "report.json"}
+               "depth": "depth.exr", "before": "before.png", "after": "after.png", "raw": "raw.dng",
+               "record": "report.json"}
 PINHOLE_FILES = "radiance", "before"
 """The FRAME_FILES that a traced lens does not write: they show the view of a pinhole."""
 LENS_FILES = {name: f"{name}.exr" for name in ("relative_illumination", "stmap_distort", "stmap_undistort")}
@@ -30,10 +31,13 @@ class Result:
         In metres, by the scene's Unit Scale, distorted like the lens image: nearest samples, 1e10 for the background.
     before, after : Path
         PNGs: the scene through a perfect pinhole and through the lens.
+    raw : Path
+        The camera's picture, if there is a camera and its raw file is wanted.
     record : Path
         JSON: the report and the frame's settings, which `record.py` reads back.
     relative_illumination, stmap_distort, stmap_undistort : Path
         Properties of the lens, one file for all frames; docs/stmap.md has the convention.
+    frame : int
     report : Report
     """
 
@@ -43,10 +47,12 @@ class Result:
     depth: Path
     before: Path
     after: Path
+    raw: Path
     record: Path
     relative_illumination: Path
     stmap_distort: Path
     stmap_undistort: Path
+    frame: int
     report: Report
 
     @classmethod
@@ -59,7 +65,7 @@ class Result:
         """The Result of a frame whose file names start with `stem`."""
         files = {name: folder / f"{stem}_{frame:04d}_{end}" for name, end in FRAME_FILES.items()} | {
             name: folder / f"{stem}_{end}" for name, end in LENS_FILES.items()}
-        return cls(**files, report=Report(files={name: str(path) for name, path in files.items()}))
+        return cls(**files, frame=frame, report=Report(files={name: str(path) for name, path in files.items()}))
 
     @classmethod
     def from_file(cls, path, name, folder=None):

@@ -1,0 +1,82 @@
+"""The camera of a job: its raw picture of the lens image, and the developed one."""
+
+import numpy as np
+
+from ...engine import load_camera, photograph
+from ...engine.pictures.develop import developed
+from ...engine.pictures.preview import auto_exposure, to_rec709
+from ...engine.runtime.files import discard
+from ...engine.sensor.resampling import pixel_means
+from ...engine.simulation.photograph import missing_channels, missing_text
+from ...engine.simulation.raw_file import write_raw_file
+
+FRAMES = 2**32  # different noise in each; Blender has negative frames
+DEVELOPED_EXPOSURE = 1.0  # of a developed picture: white is where the camera saturates
+
+
+def chosen_camera(request):
+    """The Camera of a request, "" without one.
+
+    Raises
+    ------
+    CameraError
+        It is unknown, or its file is damaged.
+    """
+    return load_camera(request.camera) if request.camera else ""
+
+
+def camera_words(request):
+    """What users should know about a request's camera before the render: list of lines."""
+    camera = chosen_camera(request)
+    return [line for line in [camera and missing_text(missing_channels(camera, request.wavelengths_nm))] if line]
+
+
+def take_photo(request, irradiance, lens, result):
+    """Take a picture of the lens image with a request's camera, and write its raw file if it is wanted.
+
+    Parameters
+    ----------
+    request : RenderRequest
+    irradiance : SpectralImage
+    lens : Lens
+    result : Result
+
+    Returns
+    -------
+    RawImage or None
+        None without a camera.
+    """
+    camera = chosen_camera(request)
+    if not camera or not request.dng:  # an earlier render may have left one
+        discard(result.raw)
+        result.report.files.pop("raw", None)
+    if not camera:
+        return None
+    raw = photograph(irradiance, camera, request.iso or None, request.shutter_s or None,
+                     report=result.report, noise=request.noise, frame=result.frame % FRAMES)
+    if request.dng:
+        write_raw_file(raw, irradiance, result.raw, lens)
+    return raw
+
+
+def shown_picture(request, irradiance, raw):
+    """The lens image as pictures show it: linear Rec. 709 (row, column, 3), and its exposure in PNGs.
+
+    Parameters
+    ----------
+    request : RenderRequest
+    irradiance : SpectralImage
+    raw : RawImage or None
+    """
+    if raw is None or not request.develop:
+        picture = to_rec709(irradiance)
+        return picture, auto_exposure(picture)
+    return in_frame(developed(raw), raw, irradiance), DEVELOPED_EXPOSURE
+
+
+def in_frame(picture, raw, irradiance):
+    """A developed picture (row, column, channel) in the pixels of the lens image: 0 beyond the sensor."""
+    pitch_um = raw.camera.pitch_um * raw.numbers.shape[-2] / len(picture)  # developing may add pixels together
+    planes = [pixel_means(plane, pitch_um, irradiance.frame_px, irradiance.pitch_um)
+              for plane in np.moveaxis(picture, -1, 0)]
+    return np.stack(planes, axis=-1)
