@@ -23,7 +23,7 @@ from lensfield.engine.runtime import build_identity
 
 ROOT = Path(__file__).resolve().parent.parent
 KERNELS = "engine/kernels/lib"
-COMPILED = "scipy", "OpenEXR", "pillow", "PyYAML", "matplotlib", "contourpy", "kiwisolver"
+COMPILED = "scipy", "OpenEXR", "pillow", "PyYAML", "rawpy", "matplotlib", "contourpy", "kiwisolver"
 PURE = "cycler", "fonttools", "packaging", "pyparsing", "python-dateutil", "six"
 """Requirements in Python alone, dependencies of matplotlib, which draws lens sheets. fonttools also has wheels with
 compiled parts, which are four times as large and which matplotlib does not need for pictures."""
@@ -32,7 +32,7 @@ PLATFORMS = {
     "windows-x64": ("win_amd64",),
     "macos-arm64": ("macosx_14_0_arm64", "macosx_12_0_arm64", "macosx_11_0_arm64"),
 }
-LARGEST_MB = 65
+LARGEST_MB = 70
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..runtime.errors import ImageError, LensError
+from ..runtime.errors import CameraError, ImageError
 from ..sensor.camera import MOST_BITS
 from ..sensor.colour import camera_colour, filter_channels
 from ..sensor.exposure import RawImage, channels_of
@@ -42,7 +42,7 @@ def camera_rgb(raw: RawImage) -> np.ndarray:
 
     Raises
     ------
-    LensError
+    CameraError
         Pictures with this filter array cannot be demosaiced.
     """
     if raw.channel is None or len(filter_channels(raw.camera)) == 1:
@@ -67,7 +67,7 @@ def developed(raw: RawImage) -> np.ndarray:
 
     Raises
     ------
-    LensError
+    CameraError
         From `camera_rgb`, or the camera has two channels.
     """
     order, light = plane_order(raw.camera), camera_rgb(raw)
@@ -116,7 +116,7 @@ def _demosaicable(raw):
         return raw
     shift = _shift(cell, QUAD_BAYER)
     if not shift:
-        raise LensError(f"camera {camera.name}", "filters", "/".join(camera.filters),
+        raise CameraError(f"camera {camera.name}", "filters", "/".join(camera.filters),
                         "expected a Bayer, Quad Bayer or X-Trans pattern of R, G and B to develop its pictures")
     return _binned(raw, *(n % 2 for n in shift))
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..field.lens_correction import LensCorrection
 from ..runtime.build_identity import software
-from ..runtime.errors import InputError, LensError, printable
+from ..runtime.errors import CameraError, InputError, printable
 from ..runtime.files import AnyPath, atomic_path
 from ..sensor.camera import Camera
 from ..sensor.colour import camera_colour, filter_channels
@@ -29,6 +29,7 @@ WARP_RECTILINEAR, FIX_VIGNETTE_RADIAL = 1, 3
 OPCODE_VERSION, OPTIONAL = bytes((1, 3, 0, 0)), 1
 MOST_SHORT, MOST_LONG = 2**16 - 1, 2**31 - 1
 MATRIX_DENOMINATOR = 10000
+MARGIN_PX = 2  # of a mosaic, whose outermost pixels converters need but do not show
 
 Tags = dict[int, tuple[int, Any]]
 """Fields of a TIFF directory: type and value by code."""
@@ -70,7 +71,7 @@ def write_dng(raw: RawImage, path: AnyPath, lens: MountedLens | None = None,
 
     Raises
     ------
-    LensError
+    CameraError
         DNG has no code for the camera's channels.
     """
     tags = dng_tags(raw, lens, correction)
@@ -111,7 +112,7 @@ def plane_order(camera: Camera) -> list[int]:
 
     Raises
     ------
-    LensError
+    CameraError
         DNG has no code for a channel, or fewer planes.
     """
     channels = filter_channels(camera)
@@ -119,9 +120,9 @@ def plane_order(camera: Camera) -> list[int]:
         return []
     for letter in channels:
         if letter not in FILTER_CODES:
-            raise LensError(f"camera {camera.name}", "channels", letter, f"a DNG has only {', '.join(FILTER_CODES)}")
+            raise CameraError(f"camera {camera.name}", "channels", letter, f"a DNG has only {', '.join(FILTER_CODES)}")
     if len(channels) > MOST_CHANNELS:
-        raise LensError(f"camera {camera.name}", "channels", channels, f"a DNG has at most {MOST_CHANNELS}")
+        raise CameraError(f"camera {camera.name}", "channels", channels, f"a DNG has at most {MOST_CHANNELS}")
     return sorted(range(len(channels)), key=lambda index: FILTER_CODES.index(channels[index]))
 
 
@@ -136,16 +137,17 @@ def _layout(raw):
     rows, columns = raw.numbers.shape[-2:]
     planes = 1 if raw.channel is not None else len(raw.numbers)
     mosaic = raw.channel is not None and len(filter_channels(raw.camera)) > 1
+    margin = MARGIN_PX if mosaic and min(rows, columns) > 2 * MARGIN_PX else 0
     return {254: (LONG, 0), 256: (LONG, columns), 257: (LONG, rows), 258: (SHORT, (16,) * planes),
             259: (SHORT, UNCOMPRESSED), 262: (SHORT, CFA if mosaic else LINEAR_RAW), 273: (LONG, 0),
             274: (SHORT, UPRIGHT), 277: (SHORT, planes), 278: (LONG, rows), 279: (LONG, 2 * planes * rows * columns),
-            284: (SHORT, 1), 50829: (LONG, (0, 0, rows, columns)), 50719: (LONG, (0, 0)),
-            50720: (LONG, (columns, rows))}
+            284: (SHORT, 1), 50829: (LONG, (0, 0, rows, columns)), 50719: (LONG, (margin, margin)),
+            50720: (LONG, (columns - 2 * margin, rows - 2 * margin))}
 
 
 def _identity(camera):
     """The name of a simulated camera, for which converters do not have other data than the file's."""
-    name = _ascii(camera.name)
+    name = _ascii(camera.title or camera.name)
     return {271: (ASCII, "Lensfield"), 272: (ASCII, name), 305: (ASCII, software()), 50706: (BYTE, VERSION),
             50707: (BYTE, OLDEST_READER), 50708: (ASCII, f"Lensfield {name}")}
 

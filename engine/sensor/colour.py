@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..runtime.errors import LensError
+from ..runtime.errors import CameraError
 from ..runtime.values import Value
 from ..spectral.spectra import BAND_NM, colour_matching, library_names, load_spectrum
 from .camera import Camera
@@ -58,12 +58,12 @@ def camera_colour(camera: Camera, illuminant: str = ILLUMINANT) -> CameraColour:
 
     Raises
     ------
-    LensError
+    CameraError
         The camera has fewer than three channels.
     """
     channels = filter_channels(camera)
     if len(channels) < 3:
-        raise LensError(f"camera {camera.name}", "channels", channels, "expected at least three to reproduce colours")
+        raise CameraError(f"camera {camera.name}", "channels", channels, "expected at least three to reproduce colours")
     nm, light = light_of(illuminant)
     reflectances = np.stack([load_spectrum(name).at(nm) for name in library_names("reflectance")])
     curves = np.hstack([colour_matching(nm), _response(camera, nm).T])
