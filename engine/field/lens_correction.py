@@ -54,12 +54,16 @@ class LensCorrection(Value):
         """What is not corrected, and why: a line for each."""
         lines = []
         if self.warp is None:
-            lines.append(f"distortion of {self.distortion:.1%} is not corrected: raw files describe up to "
-                         f"{STRONGEST_DISTORTION:.0%}, and this to {self.distortion_error:.2%}")
+            strong = abs(self.distortion) > STRONGEST_DISTORTION
+            reason = f"more than {STRONGEST_DISTORTION:.0%}" if strong else self._reason(self.distortion_error)
+            lines.append(f"the raw file does not correct the lens's distortion of {self.distortion:.1%}: {reason}")
         if self.gain is None:
-            lines.append(f"falloff is not corrected: raw files describe a gain of up to {LARGEST_GAIN:g}, and this "
-                         f"to {self.gain_error:.1%}")
+            lines.append(f"the raw file does not correct the lens's falloff: {self._reason(self.gain_error)}")
         return lines
+
+    def _reason(self, error):
+        inside = all(0 <= place <= 1 for place in self.centre)
+        return f"its polynomial would be {error:.2%} off" if inside else "the optical axis is outside the frame"
 
 
 def lens_correction(lens: Lens, frame: PixelGrid, wavelengths_nm: np.ndarray, weights: np.ndarray) -> LensCorrection:

@@ -28,7 +28,7 @@ D65, UPRIGHT, UNCOMPRESSED = 21, 1, 1
 WARP_RECTILINEAR, FIX_VIGNETTE_RADIAL = 1, 3
 OPCODE_VERSION, OPTIONAL = bytes((1, 3, 0, 0)), 1
 MOST_SHORT, MOST_LONG = 2**16 - 1, 2**31 - 1
-MATRIX_DENOMINATOR = 10000
+DENOMINATOR = 100000  # of colours
 MARGIN_PX = 2  # of a mosaic, whose outermost pixels converters need but do not show
 
 Tags = dict[int, tuple[int, Any]]
@@ -164,9 +164,8 @@ def _levels(raw):
 
 def _colour(camera, order):
     colour = camera_colour(camera)
-    matrix = np.rint(colour.xyz_to_camera[order] * MATRIX_DENOMINATOR).astype(int).ravel()
-    return {50721: (SRATIONAL, tuple(_ratio(int(each), MATRIX_DENOMINATOR) for each in matrix)),
-            50728: (RATIONAL, tuple(_rational(each) for each in colour.neutral[order])), 50778: (SHORT, D65)}
+    return {50721: (SRATIONAL, _decimals(colour.xyz_to_camera[order])),
+            50728: (RATIONAL, _decimals(colour.neutral[order])), 50778: (SHORT, D65)}
 
 
 def _mosaic(raw, order):
@@ -207,6 +206,11 @@ def _exif(raw, lens):
         fields |= {33437: f_number, 37386: focal, 42034: (focal, focal, f_number, f_number), 42036: _ascii(lens.name)}
         tags[50736] = RATIONAL, (focal, focal, f_number, f_number)
     return tags | {34665: (LONG, fields)}
+
+
+def _decimals(values):
+    """Fractions of few digits, which are the same on all platforms."""
+    return tuple(_ratio(round(float(value) * DENOMINATOR), DENOMINATOR) for value in np.ravel(values))
 
 
 def _rational(value):

@@ -1,0 +1,230 @@
+"""Raw files: their fields, and what other programs make of them."""
+
+import io
+import shutil
+import struct
+import subprocess
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import rawpy
+from scipy.ndimage import map_coordinates
+
+from lensfield.engine import InputError, Options, SpectralImage, load_lens, simulate
+from lensfield.engine.field.field_map import field_map
+from lensfield.engine.field.lens_correction import LensCorrection, lens_correction
+from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.pictures.dng import MountedLens, dng_samples, write_dng
+from lensfield.engine.runtime.errors import CameraError
+from lensfield.engine.sensor.colour import camera_colour, channel_weights
+from lensfield.engine.sensor.exposure import Exposure, expose, raw_grid
+from lensfield.engine.spectral.colour import REC709_TO_XYZ
+from lensfield.engine.spectral.spectra import load_spectrum
+from raw_pictures import NM, QUAD_BAYER, XTRANS, chart_error, chart_raw, small_camera, uneven_light, uneven_raw
+from seed import SEED
+
+pytestmark = pytest.mark.one_blender
+
+PATTERNS = [("RG", "GB"), ("GR", "BG"), ("BG", "GR"), ("GB", "RG"), XTRANS, QUAD_BAYER, ("RGRG", "GBGB"), ("G",), ()]
+LENS = MountedLens("Edmund 54-852", 6.0, 2.8)
+EXIF, DOTS_PX = 34665, 48
+KINDS = {1: (1, None), 2: (1, None), 3: (2, "u2"), 4: (4, "u4"), 5: (8, "u4"), 7: (1, None), 10: (8, "i4"),
+         12: (8, "f8")}  # of TIFF's fields: bytes, and the type in numpy
+
+
+def fields(path):
+    """Two dictionaries of values by code: of a little-endian TIFF's first directory, and of its EXIF directory."""
+    data = path.read_bytes()
+    assert data[:4] == b"II*\0"
+    tags = directory(data, struct.unpack_from("<I", data, 4)[0])
+    return tags, directory(data, int(tags[EXIF]))
+
+
+def directory(data, place):
+    return dict(field(data, place + 2 + 12 * index) for index in range(struct.unpack_from("<H", data, place)[0]))
+
+
+def field(data, place):
+    code, kind, count = struct.unpack_from("<2HI", data, place)
+    size, letter = KINDS[kind]
+    if size * count > 4:
+        place = struct.unpack_from("<I", data, place + 8)[0] - 8
+    raw = data[place + 8:place + 8 + size * count]
+    if letter is None:
+        return code, raw.rstrip(b"\0").decode() if kind == 2 else raw
+    values = np.frombuffer(raw, f"<{letter}").astype(float)
+    if kind in (5, 10):
+        values = values[::2] / values[1::2]
+    return code, values[0] if values.size == 1 else values
+
+
+@pytest.mark.parametrize("filters", PATTERNS, ids=lambda filters: "-".join(filters[:2]) or "three-chip")
+@pytest.mark.parametrize("shape_px", [(123, 201), (64, 30)])
+def test_libraw_reads_every_pixel_and_its_filter(tmp_path, filters, shape_px):
+    raw = uneven_raw(small_camera(filters=filters), shape_px)
+    write_dng(raw, tmp_path / "a.dng", LENS)
+    with rawpy.imread(str(tmp_path / "a.dng")) as file:
+        planes = raw.numbers if raw.channel is None else raw.numbers[None]
+        read = np.atleast_3d(file.raw_image)
+        np.testing.assert_array_equal(np.moveaxis(read, -1, 0)[:len(planes)], planes)
+        if raw.channel is not None and len(filters) in (2, 6):  # it does not know Quad Bayer
+            letters = np.array(list(file.color_desc.decode()))[file.raw_colors]
+            np.testing.assert_array_equal(letters, np.array(list("RGB"))[raw.channel])
+
+
+def test_the_file_states_levels_colours_and_how_the_picture_was_taken(tmp_path):
+    camera = small_camera(black_dn=510.0, dark_current_e_per_s=40.0, filters=("GB", "RG"))
+    raw = expose(uneven_light((123, 201)), camera, Exposure(1 / 8, 400.0, SEED, serial=7))
+    write_dng(raw, tmp_path / "a.dng", LENS)
+    tags, exif = fields(tmp_path / "a.dng")
+    assert tags[50706] == bytes([1, 6, 0, 0]) and tags[50708] == "Lensfield Sony Alpha 7 IV" and tags[305].startswith("Made")
+    assert tuple(tags[33421]) == (2, 2) and tags[33422] == bytes([[0, 1, 2][n] for n in raw.channel[:2, :2].ravel()])
+    assert tags[50714] == pytest.approx(510 + camera.gain_at(400) * 40 / 8, rel=1e-9)
+    assert tags[50717] == min(2**14 - 1, int(510 + camera.gain_at(400) * camera.saturation_e))
+    colour = camera_colour(camera)
+    np.testing.assert_allclose(np.reshape(tags[50721], (3, 3)), colour.xyz_to_camera, atol=5e-6)
+    np.testing.assert_allclose(tags[50728], colour.neutral, atol=5e-6)
+    assert tags[50778] == 21 and tags[274] == 1 and tuple(tags[50829]) == (0, 0, 123, 201)
+    assert (exif[33434], exif[33437], exif[34855], exif[37386], exif[42036]) == (1 / 8, 2.8, 400, 6.0, "Edmund 54-852")
+
+
+def test_other_orders_of_the_channels_give_the_same_planes(tmp_path):
+    camera = small_camera()
+    shuffled = replace(camera, channels="BRG", quantum_efficiency=camera.quantum_efficiency[[2, 0, 1]])
+    for filters in (("RG", "GB"), ()):
+        for name, each in (("a", camera), ("b", shuffled)):
+            write_dng(uneven_raw(replace(each, filters=filters), (40, 50), noise=False), tmp_path / f"{name}.dng")
+        assert (tmp_path / "a.dng").read_bytes() == (tmp_path / "b.dng").read_bytes()
+
+
+def test_four_channels_are_four_planes(tmp_path):
+    camera = small_camera()
+    white = np.minimum(camera.quantum_efficiency.sum(axis=0), 1)
+    camera = replace(camera, filters=("RWGW", "WRWG", "GWBW", "WGWB"), channels="RGBW",
+                     quantum_efficiency=np.vstack([camera.quantum_efficiency, white]))
+    raw = uneven_raw(camera, (40, 52))
+    write_dng(raw, tmp_path / "a.dng")
+    tags, _ = fields(tmp_path / "a.dng")
+    assert tags[50710] == bytes([0, 1, 2, 6]) and len(tags[50721]) == 12 and len(tags[50728]) == 4
+    pattern = np.frombuffer(tags[33422], np.uint8).reshape(tags[33421].astype(int))
+    np.testing.assert_array_equal(np.tile(pattern, (10, 13)), np.array([0, 1, 2, 6])[raw.channel])
+
+
+def test_the_noise_profile_is_the_variance_of_flat_pictures(tmp_path):
+    camera = small_camera(filters=("G",), shape_px=(400, 400), prnu=0.0, dark_current_e_per_s=50.0, dsnu_e=4.0)
+    for level in (0.0, 0.002, 0.006):
+        light = SpectralImage(np.full((1, 400, 400), level), [550.0], pitch_um=4.0, quantity="irradiance")
+        raw = expose(light, camera, Exposure(1 / 60, 800.0, SEED))
+        write_dng(raw, tmp_path / "a.dng")
+        tags, _ = fields(tmp_path / "a.dng")
+        signal = (raw.numbers - tags[50714]) / (tags[50717] - tags[50714])
+        slope, constant = tags[51041]
+        expected = slope * signal.mean() + constant
+        assert signal.var() == pytest.approx(expected, abs=5 * expected * np.sqrt(2 / signal.size))
+    write_dng(replace(raw, exposure=replace(raw.exposure, noise=False)), tmp_path / "a.dng")
+    assert 51041 not in fields(tmp_path / "a.dng")[0]
+
+
+def test_the_same_picture_gives_the_same_bytes_and_other_files_stay(tmp_path):
+    raw = uneven_raw(small_camera(), (40, 50))
+    for name in ("a.dng", "b.dng", "b.dng"):
+        write_dng(raw, tmp_path / name, LENS)
+    assert (tmp_path / "a.dng").read_bytes() == (tmp_path / "b.dng").read_bytes()
+    (tmp_path / "holiday.dng").write_bytes(b"II*\0 not ours")
+    with pytest.raises(InputError, match="did not write"):
+        write_dng(raw, tmp_path / "holiday.dng")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.dng", "b.dng", "holiday.dng"]
+
+
+@pytest.mark.parametrize("channels, message", [("RGX", "channels is X: a DNG has only R, G, B"),
+                                               ("RGBCM", "channels is RGBCM: a DNG has at most 4")])
+def test_channels_without_a_code_are_refused(tmp_path, channels, message):
+    camera = small_camera()
+    efficiency = np.resize(camera.quantum_efficiency, (len(channels), camera.wavelengths_nm.size))
+    camera = replace(camera, filters=(channels,), channels=channels, quantum_efficiency=efficiency)
+    with pytest.raises(CameraError, match=message):
+        write_dng(uneven_raw(camera, (40, 50)), tmp_path / "a.dng")
+    assert not any(tmp_path.iterdir())
+
+
+def opcodes(path):
+    """{number: (flags, doubles after any count of planes)} of the third opcode list, by the specification's layout."""
+    data, found = fields(path)[0][51022], {}
+    count, place = struct.unpack_from(">I", data)[0], 4
+    for _ in range(count):
+        number, _, flags, size = struct.unpack_from(">I4s2I", data, place)
+        begin = 4 if number == 1 else 0
+        found[number] = flags, struct.unpack_from(f">{(size - begin) // 8}d", data, place + 16 + begin)
+        place += 16 + size
+    assert place == len(data)
+    return found
+
+
+def test_opcodes_are_stored_as_the_specification_says(tmp_path):
+    correction = LensCorrection((0.25, 0.75), np.arange(12.0).reshape(3, 4), np.arange(5.0), -0.1, 0.0, 0.0, 1.0)
+    write_dng(uneven_raw(small_camera(), (40, 50)), tmp_path / "a.dng", correction=correction)
+    assert list(opcodes(tmp_path / "a.dng").items()) == [
+        (3, (1, (0, 1, 2, 3, 4, 0.25, 0.75))),
+        (1, (1, (0, 1, 2, 3, 0, 0, 4, 5, 6, 7, 0, 0, 8, 9, 10, 11, 0, 0, 0.25, 0.75)))]
+    write_dng(uneven_raw(small_camera(), (40, 50)), tmp_path / "b.dng", correction=replace(correction, warp=None,
+                                                                                         gain=None))
+    assert 51022 not in fields(tmp_path / "b.dng")[0]
+
+
+def corrected(planes, path):
+    """Planes (row, column, channel) with the opcodes of a file applied: first the gain, then the warp."""
+    found = opcodes(path)
+    *gain, right, down = found[3][1]
+    warp = np.reshape(found[1][1][:-2], (planes.shape[-1], 6))
+    last = np.subtract(planes.shape[:2], 1)
+    centre = np.array([down, right]) * last
+    rows, columns = np.indices(planes.shape[:2]) - centre[:, None, None]
+    r2 = (rows**2 + columns**2) / np.sum(np.maximum(centre, last - centre)**2)
+    even = planes * (1 + np.polyval([*gain[::-1], 0], r2))[..., None]
+    ratios = [np.polyval(terms[3::-1], r2) for terms in warp]
+    return np.stack([map_coordinates(even[..., channel], [centre[0] + rows * ratio, centre[1] + columns * ratio], order=3)
+                     for channel, ratio in enumerate(ratios)], axis=-1)
+
+
+def test_the_opcodes_straighten_the_papers_lens(tmp_path):
+    """Dots on a grid under daylight, through the lens and the camera, are on the grid again in every channel."""
+    lens, nm = load_lens("edmund-54852"), np.linspace(420, 680, 9)
+    frame = PixelGrid((384, 512), 9.375, centre_px=(199.5, 247.5))
+    radiance = SpectralImage(load_spectrum("illuminant-d65").at(nm)[:, None, None] * dots(frame.framed(60)), nm,
+                             grid=frame.framed(60))
+    irradiance = simulate(radiance, lens, Options(accuracy=0.03))
+    camera = replace(small_camera(filters=(), shape_px=frame.shape_px), pitch_um=9.375)
+    raw = expose(irradiance, camera, Exposure(5e-7, 100.0, noise=False))
+    grid = raw_grid(irradiance.grid, camera)
+    correction = lens_correction(lens, grid, NM, channel_weights(camera, NM))
+    write_dng(raw, tmp_path / "a.dng", correction=correction)
+    plain = dng_samples(raw) - camera.black_dn
+    straight = corrected(plain, tmp_path / "a.dng")
+    print(raw.numbers.max())
+    assert grid.centre_px == frame.centre_px and not raw.saturated
+    for channel in range(3):
+        errors = list(displacements(straight[..., channel], grid))
+        assert len(errors) > 60
+        print([max(e) for e in zip(*errors)])
+    before = max(error for error, _ in displacements(plain[..., 1], grid))
+    print(before)
+
+
+def dots(grid, step_px=DOTS_PX):
+    """Round dots, of 2 px standard deviation, on a square grid about the axis: array (row, column)."""
+    down, across = (np.exp(-((np.arange(n) - axis + step_px / 2) % step_px - step_px / 2)**2 / 8)
+                    for n, axis in zip(grid.shape_px, grid.centre_px, strict=True))
+    return down[:, None] * across
+
+
+def displacements(plane, grid, reach_px=14):
+    """(distance of a dot from its place relative to the distance from the axis, its light) of the dots well inside."""
+    for steps in np.ndindex(15, 15):
+        offset = DOTS_PX * (np.array(steps) - 7)
+        place = np.array(grid.centre_px) + offset
+        first = np.rint(place).astype(int) - reach_px
+        if np.hypot(*offset) > 90 and np.all(first > 2) and np.all(first + 2 * reach_px < np.subtract(plane.shape, 2)):
+            dot = plane[first[0]:first[0] + 2 * reach_px + 1, first[1]:first[1] + 2 * reach_px + 1]
+            mean = first + [dot.sum(axis=1 - axis) @ np.arange(2 * reach_px + 1) / dot.sum() for axis in (0, 1)]
+            yield np.hypot(*(mean - place)) / np.hypot(*offset), dot.sum()
