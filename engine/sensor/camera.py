@@ -13,8 +13,9 @@ MOST_BITS = 16
 LARGEST_CELL = 64
 PARTS = "size", "sensitivity", "noise"
 ORIGINS = "measured", "published", "generic"
-POSITIVE = ("pitch_um", "gain_dn_per_e", "base_iso", "saturation_e")
-NOT_NEGATIVE = ("black_dn", "dark_noise_e", "readout_noise_dn", "dark_current_e_per_s", "dsnu_e", "prnu")
+POSITIVE = ("pitch_um", "gain_dn_per_e", "base_iso", "saturation_e", "pixel_aperture")
+NOT_NEGATIVE = ("black_dn", "dark_noise_e", "readout_noise_dn", "dark_current_e_per_s", "dsnu_e", "prnu", "crosstalk")
+UP_TO_1 = ("pixel_aperture", "crosstalk")
 NUMBERS = POSITIVE + NOT_NEGATIVE
 
 
@@ -56,6 +57,11 @@ class Camera(Value):
         DSNU1288, the spatial standard deviation of the dark signal, in electrons.
     prnu : float
         PRNU1288, the spatial standard deviation of the response over its mean.
+    pixel_aperture : float
+        Side of the square of light that a pixel's microlens collects, in pitches. The MTF of pixels of side a is
+        sin(pi a f) / (pi a f) at f cycles per pitch. Even light gives the same electrons through any.
+    crosstalk : float
+        Share of a pixel's electrons that its four neighbours receive in equal parts.
     title, maker : str
         What lists of cameras show.
     source, notes : str
@@ -86,6 +92,8 @@ class Camera(Value):
     dark_current_e_per_s: float = 0.0
     dsnu_e: float = 0.0
     prnu: float = 0.0
+    pixel_aperture: float = 1.0
+    crosstalk: float = 0.0
     title: str = field(default="", repr=False)
     maker: str = field(default="", repr=False)
     source: str = field(default="", repr=False)
@@ -129,6 +137,8 @@ def _check(camera: Camera) -> None:
         refuse(name, "expected a positive number")
     for name in (name for name in NOT_NEGATIVE if getattr(camera, name) < 0):
         refuse(name, "expected 0 or more")
+    for name in (name for name in UP_TO_1 if getattr(camera, name) > 1):
+        refuse(name, "expected at most 1")
     if len(camera.shape_px) != 2 or not all(isinstance(n, int) and 0 < n <= MOST_PX for n in camera.shape_px):
         refuse("shape_px", f"expected whole numbers of rows and columns, up to {MOST_PX}")
     if not isinstance(camera.bits, int) or not 1 <= camera.bits <= MOST_BITS:

@@ -8,6 +8,7 @@ their response (PRNU) and in their dark signal (DSNU), and always in the same wa
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 from ..image.pixel_grid import PixelGrid
 from ..image.spectral_image import IRRADIANCE, SpectralImage
@@ -128,15 +129,13 @@ def expose(irradiance: SpectralImage, camera: Camera, exposure: Exposure) -> Raw
     if irradiance.arbitrary:
         raise ImageError("image", "units", "arbitrary", "expected W m^-2 nm^-1: `photograph` scales other light")
     shape = covered_px(irradiance, camera)
-    channel, light_e = channels_of(camera, shape), _light(irradiance, camera, exposure, shape)
+    channel = channels_of(camera, shape)
+    light_e = _behind_filters(_light(irradiance, camera, exposure, shape), channel)
     planes = () if channel is not None else (len(camera.channels),)
     numbers = np.empty((*planes, *shape), np.uint16)
     for first in range(0, shape[0], BLOCK_ROWS):
         rows = slice(first, min(first + BLOCK_ROWS, shape[0]))
-        block_e = light_e(rows)
-        if channel is not None:
-            block_e = _behind_filters(block_e, channel[rows])
-        numbers[..., rows, :] = _converted(block_e, camera, exposure, first)
+        numbers[..., rows, :] = _converted(_shared(light_e, rows, shape[0], camera), camera, exposure, first)
     resampled = irradiance.pitch_um / camera.pitch_um
     return RawImage(numbers, channel, camera, exposure, None if resampled == 1 else resampled)
 
@@ -173,21 +172,39 @@ def _light(irradiance, camera, exposure, shape):
     """A function of rows of the raw picture: mean electrons from their light, array (channel, row, column)."""
     per_plane = (response(camera, irradiance.wavelengths_nm) * exposure.shutter_s).astype(np.float32)
     cube = irradiance.frame().cube
-    if irradiance.pitch_um == camera.pitch_um:
+    if irradiance.pitch_um == camera.pitch_um:  # each pixel is even: the same through any aperture
         above, left = ((n - part) // 2 for n, part in zip(cube.shape[1:], shape, strict=True))
         cube = cube[:, above:above + shape[0], left:left + shape[1]]
         return lambda rows: np.tensordot(per_plane, cube[:, rows], 1)
-    planes = np.stack([pixel_means(np.tensordot(each, cube, 1), irradiance.pitch_um, shape, camera.pitch_um)
+    planes = np.stack([pixel_means(np.tensordot(each, cube, 1), irradiance.pitch_um, shape, camera.pitch_um,
+                                   camera.pixel_aperture)
                        for each in per_plane])
     return lambda rows: planes[:, rows]
 
 
 def _behind_filters(light_e, channel):
-    """Of the electrons in each channel, those of each pixel's own: array (row, column)."""
-    pixel_e = np.empty(channel.shape, np.float32)
-    for index, plane in enumerate(light_e):
-        np.copyto(pixel_e, plane, where=channel == index)
+    """The function of rows with, of the electrons in each channel, those of each pixel's own: array (row, column)."""
+    if channel is None:
+        return light_e
+
+    def pixel_e(rows):
+        chosen_e = np.empty(channel[rows].shape, np.float32)
+        for index, plane in enumerate(light_e(rows)):
+            np.copyto(chosen_e, plane, where=channel[rows] == index)
+        return chosen_e
+
     return pixel_e
+
+
+def _shared(pixel_e, rows, number, camera):
+    """Mean electrons in some of a number of rows after crosstalk. None leave the picture."""
+    if not camera.crosstalk:
+        return pixel_e(rows)
+    around = slice(max(rows.start - 1, 0), min(rows.stop + 1, number))
+    before_e = pixel_e(around)
+    exchange = np.float32(camera.crosstalk / 4) * np.array([1, -2, 1])
+    after_e = before_e + sum(scipy.ndimage.correlate1d(before_e, exchange, axis, mode="nearest") for axis in (-2, -1))
+    return after_e[..., rows.start - around.start:rows.stop - around.start, :]
 
 
 def _converted(light_e, camera, exposure, first_row):

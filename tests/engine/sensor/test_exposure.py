@@ -161,6 +161,7 @@ def test_a_picture_larger_than_the_sensor_is_cut_and_a_coarser_one_resampled():
     ({"filters": ("RG", "G")}, "filters is .*same length"),
     ({"quantum_efficiency": EFFICIENCY * 2}, "is 1.2: expected 0 to 1"),
     ({"quantum_efficiency": EFFICIENCY[:2]}, "4 numbers for each of 3"), ({"gain_dn_per_e": "1"}, "expected a number"),
+    ({"crosstalk": 1.5}, "is 1.5: expected at most 1"), ({"pixel_aperture": 0.0}, "expected a positive number"),
     ({"black_dn": 5000.0}, "black_dn is 5000.0: expected less than 4095"), ({"shape_px": (0, 4)}, "shape_px is")])
 def test_bad_cameras_are_refused(change, message):
     with pytest.raises(CameraError, match=f"camera test: .*{message}"):
@@ -174,3 +175,42 @@ def test_bad_exposures_are_refused():
         Exposure(1.0, 100.0, seed=-1)
     with pytest.raises(ImageError, match="quantity is radiance: expected irradiance"):
         expose(SpectralImage(np.ones((2, 2)), [500.0], pitch_um=1.0), CAMERA, Exposure(1.0, 100.0))
+
+
+def rippled(cycles_per_pixel, parts, axis):
+    """Irradiance on 40 x 40 pixels of 4 um, a cosine across or down: its means over parts of a pixel."""
+    x = (np.arange(40 * parts) + 0.5) / parts
+    wave = 0.01 * (1 + np.sinc(cycles_per_pixel / parts) * np.cos(2 * np.pi * cycles_per_pixel * x))
+    wave = np.broadcast_to(wave, (40 * parts, 40 * parts))
+    return SpectralImage((wave if axis else wave.T)[None], [500.0], pitch_um=4 / parts, quantity="irradiance")
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("aperture, crosstalk", [(1.0, 0.0), (0.5, 0.0), (0.75, 0.3)])
+def test_aperture_and_crosstalk_have_the_mtf_of_their_shapes(aperture, crosstalk, axis):
+    camera = replace(MONO, shape_px=(40, 40), pixel_aperture=aperture, crosstalk=crosstalk, gain_dn_per_e=5.0,
+                     bits=16, black_dn=0.0, dark_current_e_per_s=0.0)
+    middle = np.arange(40) + 0.5
+    for cycles in (0.1, 0.25, 0.4):
+        numbers = expose(rippled(cycles, 16, axis), camera, Exposure(0.01, 100.0, noise=False)).numbers
+        wave = numbers.mean(axis=1 - axis)[1:-1] / (5 * 0.01 * 16e-14 / PHOTON_J * 0.6) - 1  # without the edges
+        expected = np.sinc(aperture * cycles) * (1 - crosstalk * np.sin(np.pi * cycles)**2)
+        np.testing.assert_allclose(wave, expected * np.cos(2 * np.pi * cycles * middle[1:-1]), atol=1e-4)
+
+
+def test_crosstalk_keeps_all_electrons_and_crosses_filters():
+    light = np.zeros((1, 150, 40), np.float32)
+    light[0, 63, 10] = light[0, 64, 0] = light[0, 149, 39] = 0.02  # by the ends of a block, at an edge and in a corner
+    image = SpectralImage(light, [500.0], pitch_um=4.0, quantity="irradiance")
+    for filters in (("G",), ("RG", "GB"), ()):
+        camera = replace(CAMERA, shape_px=(150, 40), filters=filters, gain_dn_per_e=4.0, bits=16,
+                         dark_current_e_per_s=0.0, black_dn=0.0)
+        apart, shared = (expose(image, replace(camera, crosstalk=share), Exposure(0.01, 100.0, noise=False)).numbers
+                         .astype(float) for share in (0.0, 0.2))
+        assert shared.sum() == pytest.approx(apart.sum(), abs=15)  # each of 13 numbers is rounded
+        assert shared[..., 63, 10] == pytest.approx(0.8 * apart[..., 63, 10], abs=1)
+        for row, column in ((62, 10), (64, 10), (63, 9), (63, 11)):
+            assert shared[..., row, column] == pytest.approx(0.05 * apart[..., 63, 10], abs=1)
+    camera = replace(MONO, crosstalk=0.2, pixel_aperture=0.5)
+    even = expose(flat(0.02, (150, 40)), camera, Exposure(0.01, 100.0, noise=False))
+    assert np.ptp(even.numbers) == 0
