@@ -177,6 +177,14 @@ class SpectralImage:
                        detail=Detail.of(self.cube, self.wavelengths_nm, times))
 
 
+def check_irradiance(image: SpectralImage) -> None:
+    """Raise an ImageError if an image is not irradiance in W m^-2 nm^-1."""
+    if image.quantity != IRRADIANCE:
+        raise ImageError("image", "quantity", image.quantity, "expected irradiance, from a lens")
+    if image.arbitrary:
+        raise ImageError("image", "units", "arbitrary", "expected W m^-2 nm^-1: `photograph` scales other light")
+
+
 def check_capture(where: str, wavelengths_nm: np.ndarray, focal_mm: float | None, exposure: float) -> None:
     """Raise an ImageError that names the first invalid figure of a capture."""
     nm = wavelengths_nm

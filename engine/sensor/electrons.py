@@ -1,8 +1,10 @@
 """Electrons from spectral irradiance: E(wavelength) A t wavelength / (h c) QE(wavelength), summed over wavelengths."""
 
+from collections.abc import Callable
+
 import numpy as np
 
-from ..spectral.spectra import trapezoid_weights
+from ..spectral.spectra import linear_weights, trapezoid_weights
 from .camera import Camera
 
 PLANCK_J_S, LIGHT_M_PER_S = 6.62607015e-34, 299792458.0
@@ -17,20 +19,36 @@ def photons_per_joule(wavelengths_nm: np.ndarray) -> np.ndarray:
 def response(camera: Camera, wavelengths_nm: np.ndarray) -> np.ndarray:
     """Electrons per second in each channel, for each W m^-2 nm^-1 of an image's planes: array (channel, wavelength).
 
-    Between its wavelengths an image is linear; beyond them it has no light. An image with one wavelength is
-    monochromatic light, in W m^-2.
-
     Parameters
     ----------
     camera : Camera
     wavelengths_nm : ascending array (wavelength,)
     """
-    nm, area_m2 = np.asarray(wavelengths_nm, dtype=np.float64), (camera.pitch_um * 1e-6)**2
+    area_m2 = (camera.pitch_um * 1e-6)**2
+    return area_m2 * plane_weights(wavelengths_nm, camera.wavelengths_nm, lambda nm: _electrons_per_joule(camera, nm))
+
+
+def plane_weights(wavelengths_nm: np.ndarray, nodes_nm: np.ndarray,
+                  response_at: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+    """Weights of an image's planes in the integral of its spectrum times a response: array (channel, wavelength).
+
+    Between its wavelengths an image is linear; beyond them it has no light. An image with one wavelength is
+    monochromatic light, in W m^-2.
+
+    Parameters
+    ----------
+    wavelengths_nm : ascending array (wavelength,)
+        Of the image.
+    nodes_nm : array
+        Wavelengths at which the slope of the response changes.
+    response_at : function of wavelengths in nm
+        Returns the response of each channel: array (channel, wavelength).
+    """
+    nm = np.asarray(wavelengths_nm, dtype=np.float64)
     if nm.size == 1:
-        return area_m2 * _per_photon(camera, nm) * photons_per_joule(nm)
-    fine_nm = _fine(nm[0], nm[-1], nm, camera.wavelengths_nm)
-    hats = np.stack([np.interp(fine_nm, nm, unit) for unit in np.eye(nm.size)])
-    return area_m2 * (_electrons_per_joule(camera, fine_nm) * trapezoid_weights(fine_nm)) @ hats.T
+        return response_at(nm)
+    fine_nm = _fine(nm[0], nm[-1], nm, nodes_nm)
+    return (response_at(fine_nm) * trapezoid_weights(fine_nm)) @ linear_weights(nm, fine_nm)
 
 
 def missing_response(camera: Camera, wavelengths_nm: np.ndarray) -> np.ndarray:

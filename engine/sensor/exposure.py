@@ -11,8 +11,8 @@ import numpy as np
 import scipy
 
 from ..image.pixel_grid import PixelGrid
-from ..image.spectral_image import IRRADIANCE, SpectralImage
-from ..runtime.errors import ImageError, InputError
+from ..image.spectral_image import SpectralImage, check_irradiance
+from ..runtime.errors import InputError
 from .camera import Camera
 from .electrons import response
 from .resampling import pixel_means
@@ -124,10 +124,7 @@ def expose(irradiance: SpectralImage, camera: Camera, exposure: Exposure) -> Raw
     ImageError
         The picture is not irradiance in W m^-2 nm^-1.
     """
-    if irradiance.quantity != IRRADIANCE:
-        raise ImageError("image", "quantity", irradiance.quantity, "expected irradiance, from a lens")
-    if irradiance.arbitrary:
-        raise ImageError("image", "units", "arbitrary", "expected W m^-2 nm^-1: `photograph` scales other light")
+    check_irradiance(irradiance)
     shape = covered_px(irradiance, camera)
     channel = channels_of(camera, shape)
     light_e = _behind_filters(_light(irradiance, camera, exposure, shape), channel)

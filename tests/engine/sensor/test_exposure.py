@@ -61,6 +61,37 @@ def test_the_filter_array_starts_at_the_sensors_corner(filters, corner):
         assert camera.channels[channel[row, column]] == letter
 
 
+X_TRANS = ("GBGGRG", "RGRBGB", "GBGGRG", "GRGGBG", "BGBRGR", "GRGGBG")
+RGBW = ("WRWG", "RWGW", "WGWB", "GWBW")
+
+
+@pytest.mark.parametrize("filters, shares", [
+    (X_TRANS, {"R": 8 / 36, "G": 20 / 36, "B": 8 / 36}), (RGBW, {"R": 2 / 16, "G": 4 / 16, "B": 2 / 16, "W": 8 / 16}),
+    (("RRGG", "RRGG", "GGBB", "GGBB"), {"R": 1 / 4, "G": 1 / 2, "B": 1 / 4}), (("W",), {"W": 1}), ((), {})])
+def test_each_pixel_counts_the_light_at_its_place_behind_its_own_filter(filters, shares):
+    """X-Trans, RGBW, Quad Bayer, monochrome and three chips, under light whose colour changes across and down."""
+    efficiency = dict(zip("RGBW", [*EFFICIENCY, [0.5, 0.8, 0.7, 0.4]], strict=True))
+    channels = "".join(shares) or "RGB"
+    camera = replace(CAMERA, shape_px=(84, 132), filters=filters, channels=channels,
+                     quantum_efficiency=[efficiency[letter] for letter in channels], dark_current_e_per_s=0.0)
+    rows, columns = np.mgrid[:72, :108]
+    light = np.stack([0.01 + 2e-4 * columns, 0.02 + 1e-4 * rows, 0.03 - 1e-4 * columns])
+    image = SpectralImage(light, [500.0, 600.0, 700.0], pitch_um=4.0, quantity="irradiance")
+    raw = expose(image, camera, Exposure(6e-5, 100.0, noise=False))
+    per_s = response(camera, image.wavelengths_nm)
+    electrons = {letter: np.tensordot(each, light, 1) * 6e-5 for letter, each in zip(channels, per_s, strict=True)}
+    if filters:
+        letters = np.array([[filters[(6 + row) % len(filters)][(12 + column) % len(filters[0])]
+                             for column in range(108)] for row in range(72)])  # the picture is in the middle
+        assert {letter: (letters == letter).mean() for letter in channels} == pytest.approx(shares)
+        expected = np.choose([channels.index(letter) for letter in letters.ravel()],
+                             [each.ravel() for each in electrons.values()]).reshape(72, 108)
+    else:
+        expected = np.stack(list(electrons.values()))
+    np.testing.assert_allclose(raw.numbers, 64 + 0.25 * expected, atol=0.51)
+    assert np.ptp(raw.numbers) > 500 and raw.saturated == 0
+
+
 def test_light_keeps_its_energy_and_its_place_in_other_pixels():
     generator = np.random.default_rng(SEED)
     picture = generator.random((37, 54)).astype(np.float32)

@@ -1,0 +1,178 @@
+"""Film: from spectral irradiance to the exposure and density of each emulsion layer."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from ..image.spectral_image import SpectralImage, check_irradiance
+from ..runtime.errors import InputError
+from ..runtime.toml_fields import TomlTable, read_toml
+from ..runtime.values import Value
+from .electrons import plane_weights
+
+FORMAT, VERSION = "lensfield-film", 1
+LOG_M2_PER_J = {"J/m2": 0.0, "erg/cm2": 3.0}
+"""What to add to the logarithm of a sensitivity, the reciprocal of an exposure in this unit."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Film(Value):
+    """A film stock.
+
+    Attributes
+    ----------
+    name : str
+    layers : tuple of str
+        Names of the emulsion layers, such as red, green and blue for the light that they record.
+    wavelengths_nm : array (wavelength,)
+        Ascending.
+    log_sensitivity : array (layer, wavelength)
+        Common logarithm of the spectral sensitivity in m^2 J^-1: the reciprocal of the monochromatic exposure that gives the
+        reference density. Linear between the wavelengths; beyond them there is no sensitivity. Data sheets
+        in cm^2 erg^-1 state numbers that are smaller by 3.
+    log_exposure : array (point,) or None
+        Common logarithms, ascending, of a layer's exposure relative to the one that gives the reference density.
+    density : array (layer, point) or None
+        Density at each of these: the characteristic curves. Linear between the points, held beyond them.
+    source : str
+        Where the figures come from.
+
+    Raises
+    ------
+    InputError
+        A table is invalid, or tables do not match.
+    """
+
+    name: str
+    layers: tuple[str, ...]
+    wavelengths_nm: np.ndarray
+    log_sensitivity: np.ndarray
+    log_exposure: np.ndarray | None = None
+    density: np.ndarray | None = None
+    source: str = field(default="", repr=False)
+
+    def __post_init__(self) -> None:
+        for name in ("wavelengths_nm", "log_sensitivity", "log_exposure", "density"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=np.float64))
+        self._check("wavelengths_nm", self.wavelengths_nm, "log_sensitivity", self.log_sensitivity)
+        if not self.wavelengths_nm[0] > 0:
+            raise InputError(f"film {self.name}", "wavelengths_nm", self.wavelengths_nm[0], "expected positive numbers")
+        if (self.log_exposure is None) != (self.density is None):
+            raise InputError(f"film {self.name}", "log_exposure, density", "incomplete", "expected both or neither")
+        if self.density is not None:
+            self._check("log_exposure", self.log_exposure, "density", self.density)
+        super().__post_init__()
+
+    def _check(self, along, points, across, values):
+        where = f"film {self.name}"
+        if points.ndim != 1 or points.size < 2 or not np.all(np.isfinite(points)) or not np.all(np.diff(points) > 0):
+            raise InputError(where, along, f"of shape {points.shape}", "expected two or more ascending numbers")
+        if not self.layers or values.shape != (len(self.layers), points.size):
+            raise InputError(where, across, f"of shape {values.shape}", f"expected {points.size} for each layer")
+        if not np.all(np.isfinite(values)):
+            raise InputError(where, across, "not finite", "expected numbers; -9 stands for no sensitivity")
+
+
+def read_film(path: Path) -> Film:
+    """Read a film stock from a TOML file.
+
+        format = "lensfield-film"
+        version = 1
+        name = "MINE"
+        unit = "erg/cm2"               # of the exposures whose reciprocal is the sensitivity, or "J/m2"
+        wavelengths_nm = [400, 410]
+        log_exposure = [-2, 0, 1]      # optional, with the densities
+        [log_sensitivity]
+        red = [-1.2, -1.1]
+        [density]
+        red = [0.1, 0.8, 1.4]
+
+    Raises
+    ------
+    InputError
+        The file is missing or damaged, or a value in it is invalid.
+    """
+    table = read_toml(path, FORMAT, VERSION)
+    log_m2_per_j = LOG_M2_PER_J[table.choice("unit", list(LOG_M2_PER_J))]
+    sensitivity = _by_layer(table, "log_sensitivity")
+    curves = _by_layer(table, "density") if "density" in table else {}
+    if curves and set(curves) != set(sensitivity):
+        raise table.refusal("density", f"expected {', '.join(sensitivity)}")
+    try:
+        return Film(table.text("name"), tuple(sensitivity), np.array(table.numbers("wavelengths_nm")),
+                    np.array(list(sensitivity.values())) + log_m2_per_j,
+                    np.array(table.numbers("log_exposure")) if "log_exposure" in table else None,
+                    np.array([curves[layer] for layer in sensitivity]) if curves else None, table.text("source", ""))
+    except InputError as error:
+        raise error.at(path) from None
+
+
+def _by_layer(table, name):
+    """The numbers of each layer in a table of the file."""
+    rows = table.values.get(name)
+    if not isinstance(rows, dict) or not rows:
+        raise table.refusal(name, "expected a list of numbers for each layer")
+    rows = TomlTable(table.path, rows, f"{name}, ")
+    first = len(rows.numbers(next(iter(rows.values))))
+    return {layer: rows.numbers(layer, first) for layer in rows.values}
+
+
+def film_exposure(irradiance: SpectralImage, film: Film, shutter_s: float) -> np.ndarray:
+    """Exposure of each layer: the integral of E t S over the wavelengths.
+
+    The exposures to all wavelengths add up. The result has no unit: 1 is the exposure that gives the reference density.
+    Grain, halation and reciprocity failure are not included.
+
+    Parameters
+    ----------
+    irradiance : SpectralImage
+        W m^-2 nm^-1.
+    film : Film
+    shutter_s : float
+
+    Returns
+    -------
+    float32 array (layer, row, column)
+
+    Raises
+    ------
+    ImageError
+        The picture is not irradiance.
+    InputError
+        The shutter time is not positive.
+    """
+    check_irradiance(irradiance)
+    if not 0 < shutter_s < np.inf:
+        raise InputError("exposure", "shutter_s", shutter_s, "expected a positive number")
+    weights = plane_weights(irradiance.wavelengths_nm, film.wavelengths_nm, lambda nm: _sensitivity(film, nm))
+    return np.tensordot((weights * shutter_s).astype(np.float32), irradiance.frame().cube, 1)
+
+
+def _sensitivity(film, wavelengths_nm):
+    """In m^2 J^-1: array (layer, wavelength)."""
+    return 10**np.stack([np.interp(wavelengths_nm, film.wavelengths_nm, each, left=-np.inf, right=-np.inf)
+                         for each in film.log_sensitivity])
+
+
+def film_density(exposure: np.ndarray, film: Film) -> np.ndarray:
+    """Density of each layer by the film's characteristic curves.
+
+    Parameters
+    ----------
+    exposure : array (layer, row, column)
+        From `film_exposure`.
+    film : Film
+
+    Raises
+    ------
+    InputError
+        The film has no characteristic curves.
+    """
+    if film.log_exposure is None or film.density is None:
+        raise InputError(f"film {film.name}", "density", "missing", "expected characteristic curves")
+    with np.errstate(divide="ignore"):
+        log_exposure = np.log10(exposure)
+    return np.stack([np.interp(each, film.log_exposure, curve)
+                     for each, curve in zip(log_exposure, film.density, strict=True)])

@@ -1,0 +1,132 @@
+"""Film: exposures of its layers, with stocks that are made up here."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy
+
+from lensfield.engine import ImageError, InputError, LensError, SpectralImage
+from lensfield.engine.sensor.film import Film, film_density, film_exposure, read_film
+from lensfield.engine.spectral.spectra import colour_matching, load_spectrum
+from seed import SEED
+
+NM = np.arange(380.0, 721.0, 20.0)
+PEAKS_NM = np.array([650.0, 550.0, 440.0])
+CURVES = 1.5 - ((NM - PEAKS_NM[:, None]) / 45)**2  # log sensitivity: bells
+FINE_NM = np.arange(380.0, 720.01, 0.1)
+DAYLIGHT = load_spectrum("illuminant-d55")
+
+
+def sensitivity(log_sensitivity):
+    """In m^2 J^-1 at FINE_NM."""
+    return 10**np.stack([np.interp(FINE_NM, NM, each) for each in log_sensitivity])
+
+
+def balanced():
+    """The stock for which 0.1 J m^-2 of D55 between 380 and 780 nm is a layer's reference exposure."""
+    exposure = scipy.integrate.trapezoid(sensitivity(CURVES) * 0.1 * DAYLIGHT.density_at(FINE_NM), FINE_NM)
+    return Film("made up", ("red", "green", "blue"), NM, CURVES - np.log10(exposure)[:, None])
+
+
+FILM = balanced()
+
+
+def image(spectra, nm=FINE_NM[::100], **changes):
+    """Irradiance of one row of pixels with these spectra (pixel, wavelength)."""
+    return SpectralImage(np.transpose(spectra)[:, None], nm, **{"pitch_um": 5.0, "quantity": "irradiance"} | changes)
+
+
+def test_a_monochromatic_exposure_is_its_energy_times_the_sensitivity():
+    """2 W m^-2 for 50 ms are 0.1 J m^-2, or 100 erg cm^-2."""
+    exposure = film_exposure(image([[2.0], [0.0]], [440.0]), FILM, 0.05)
+    assert exposure.shape == (3, 1, 2) and exposure.dtype == np.float32
+    np.testing.assert_allclose(exposure[:, 0, 0], 0.1 * 10**FILM.log_sensitivity[:, NM == 440][:, 0], rtol=1e-5)
+    np.testing.assert_array_equal(exposure[:, 0, 1], 0)
+    between = film_exposure(image([[2.0]], [447.0]), FILM, 0.05)[2, 0, 0]
+    at_440, at_460 = (0.1 * 10**FILM.log_sensitivity[2, NM == nm][0] for nm in (440, 460))
+    assert between == pytest.approx(at_440**0.65 * at_460**0.35, rel=1e-5), "its logarithm is linear"
+
+
+@pytest.mark.parametrize("step", [20, 100])
+def test_greys_under_daylight_expose_all_layers_evenly(step):
+    nm = FINE_NM[::step]
+    greys = np.array([0.9, 0.18, 0.03])
+    exposure = film_exposure(image(greys[:, None] * DAYLIGHT.density_at(nm) * 0.4, nm), FILM, 0.25)[:, 0]
+    np.testing.assert_allclose(exposure, np.tile(greys, (3, 1)), rtol=2e-3)
+
+
+def test_exposures_add_up():
+    first, second = np.random.default_rng(SEED).random((2, 4, 35))
+    parts = [film_exposure(image(each), FILM, seconds) for each, seconds in ((first, 0.1), (second, 0.3))]
+    np.testing.assert_allclose(film_exposure(image(first + 3 * second), FILM, 0.1), sum(parts), rtol=1e-5)
+
+
+def test_metamers_expose_film_differently():
+    """Two reflectances with the same tristimulus values under D55, one of them with waves that the eye cannot see."""
+    light = DAYLIGHT.density_at(FINE_NM)
+    matching = colour_matching(FINE_NM).T * light
+    wave = np.cos(2 * np.pi * FINE_NM / 70)
+    bells = np.exp(-((FINE_NM - PEAKS_NM[:, None]) / 60)**2)
+    invisible = wave - bells.T @ np.linalg.solve(matching @ bells.T, matching @ wave)
+    pair = np.stack([0.4 + sign * 0.35 * invisible / abs(invisible).max() for sign in (1, -1)])
+    assert pair.min() > 0 and pair.max() < 1
+    seen = pair @ matching.T
+    np.testing.assert_allclose(seen[0], seen[1], rtol=1e-9)
+    one, other = film_exposure(image((pair * light)[:, ::10], FINE_NM[::10]), FILM, 1.0)[:, 0].T
+    true = scipy.integrate.trapezoid(sensitivity(FILM.log_sensitivity)[:, None] * pair * light, FINE_NM)
+    np.testing.assert_allclose([one, other], true.T, rtol=1e-3)
+    assert abs(one / other - 1).max() > 0.1
+
+
+def test_densities_are_those_of_the_characteristic_curves():
+    film = replace(FILM, log_exposure=[-2, 0, 1], density=[[0.1, 0.8, 1.4], [0.2, 0.9, 1.5], [0.3, 1.0, 1.6]])
+    exposure = np.array([1e-5, 0.1, 1, 10**0.5, 1e4, 0]).reshape(1, 2, 3) * np.ones((3, 1, 1))
+    expected = np.array([0.1, 0.45, 0.8, 1.1, 1.4, 0.1]).reshape(2, 3)
+    np.testing.assert_allclose(film_density(exposure, film), [expected, expected + 0.1, expected + 0.2], rtol=1e-6)
+    with pytest.raises(InputError, match="film made up: density is missing"):
+        film_density(exposure, FILM)
+
+
+TEXT = """format = "lensfield-film"
+version = 1
+name = "MINE"
+unit = "erg/cm2"
+wavelengths_nm = [400, 500]
+log_exposure = [-2, 0, 1]
+[log_sensitivity]
+red = [-1.5, -1]
+blue = [0.25, -2]
+[density]
+blue = [0.3, 1.0, 1.6]
+red = [0.1, 0.8, 1.4]
+"""
+
+
+def test_a_stock_is_read_from_a_file(tmp_path):
+    (tmp_path / "mine.toml").write_text(TEXT)
+    film = read_film(tmp_path / "mine.toml")
+    assert film == Film("MINE", ("red", "blue"), [400, 500], [[1.5, 2], [3.25, 1]], [-2, 0, 1],
+                        [[0.1, 0.8, 1.4], [0.3, 1.0, 1.6]])
+    assert film_exposure(image([[2.0]], [400.0]), film, 0.05)[0, 0, 0] == pytest.approx(
+        2 * 0.05 * 1e7 / 1e4 * 10**-1.5), "J m^-2 to erg cm^-2"
+
+
+@pytest.mark.parametrize("old, new, message", [
+    ("erg/cm2", "lux", "unit is lux: expected J/m2 or erg/cm2"), ("[400, 500]", "[500, 400]", "ascending"),
+    ("blue = [0.25, -2]", "blue = [0]", "log_sensitivity, blue is .*expected 2 numbers"),
+    ("[-1.5, -1]", "[-1.5, -inf]", "log_sensitivity is not finite"), ("-film", "-camera", "format"),
+    ("log_exposure = [-2, 0, 1]\n", "", "expected both or neither"),
+    ("red = [0.1", "green = [0.1", "expected red, blue"),
+    ("[400, 500]", "[400, 500, 600]", "expected 3 for each layer")])
+def test_damaged_files_are_refused(tmp_path, old, new, message):
+    (tmp_path / "mine.toml").write_text(TEXT.replace(old, new))
+    with pytest.raises((InputError, LensError), match=rf"mine\.toml: .*{message}"):
+        read_film(tmp_path / "mine.toml")
+
+
+def test_other_pictures_and_times_are_refused():
+    with pytest.raises(ImageError, match="quantity is radiance: expected irradiance"):
+        film_exposure(image([[1.0]], [500.0], quantity="radiance"), FILM, 0.1)
+    with pytest.raises(InputError, match="shutter_s is 0: expected a positive number"):
+        film_exposure(image([[1.0]], [500.0]), FILM, 0)
