@@ -28,9 +28,9 @@ class Film(Value):
     wavelengths_nm : array (wavelength,)
         Ascending.
     log_sensitivity : array (layer, wavelength)
-        Common logarithm of the spectral sensitivity in m^2 J^-1: the reciprocal of the monochromatic exposure that gives the
-        reference density. Linear between the wavelengths; beyond them there is no sensitivity. Data sheets
-        in cm^2 erg^-1 state numbers that are smaller by 3.
+        Common logarithm of the spectral sensitivity in m^2 J^-1: the reciprocal of the monochromatic exposure that
+        gives the reference density. Linear between the wavelengths; beyond them there is no sensitivity. Data sheets in
+        cm^2 erg^-1 state numbers that are smaller by 3.
     log_exposure : array (point,) or None
         Common logarithms, ascending, of a layer's exposure relative to the one that gives the reference density.
     density : array (layer, point) or None
