@@ -7,11 +7,12 @@ import numpy as np
 
 from ..image.spectral_image import SpectralImage, check_irradiance
 from ..runtime.errors import InputError
-from ..runtime.toml_fields import TomlTable, read_toml
+from ..runtime.toml_fields import TomlTable, check_known, read_toml
 from ..runtime.values import Value
 from .electrons import plane_weights
 
 FORMAT, VERSION = "lensfield-film", 1
+FIELDS = ("format", "version", "name", "source", "unit", "wavelengths_nm", "log_exposure", "log_sensitivity", "density")
 LOG_M2_PER_J = {"J/m2": 0.0, "erg/cm2": 3.0}
 """What to add to the logarithm of a sensitivity, the reciprocal of an exposure in this unit."""
 
@@ -94,7 +95,8 @@ def read_film(path: Path) -> Film:
     InputError
         The file is missing or damaged, or a value in it is invalid.
     """
-    table = read_toml(path, FORMAT, VERSION)
+    table = read_toml(path, FORMAT, VERSION, error=InputError)
+    check_known(table, FIELDS)
     log_m2_per_j = LOG_M2_PER_J[table.choice("unit", list(LOG_M2_PER_J))]
     sensitivity = _by_layer(table, "log_sensitivity")
     curves = _by_layer(table, "density") if "density" in table else {}
@@ -104,7 +106,7 @@ def read_film(path: Path) -> Film:
         return Film(table.text("name"), tuple(sensitivity), np.array(table.numbers("wavelengths_nm")),
                     np.array(list(sensitivity.values())) + log_m2_per_j,
                     np.array(table.numbers("log_exposure")) if "log_exposure" in table else None,
-                    np.array([curves[layer] for layer in sensitivity]) if curves else None, table.text("source", ""))
+                    np.array([curves[layer] for layer in sensitivity]) if curves else None, table.line("source"))
     except InputError as error:
         raise error.at(path) from None
 
@@ -114,7 +116,7 @@ def _by_layer(table, name):
     rows = table.values.get(name)
     if not isinstance(rows, dict) or not rows:
         raise table.refusal(name, "expected a list of numbers for each layer")
-    rows = TomlTable(table.path, rows, f"{name}, ")
+    rows = TomlTable(table.path, rows, f"{name}, ", table.error)
     first = len(rows.numbers(next(iter(rows.values))))
     return {layer: rows.numbers(layer, first) for layer in rows.values}
 

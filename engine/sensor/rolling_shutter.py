@@ -43,7 +43,7 @@ def rolling_irradiance(irradiances: Sequence[SpectralImage], shutter_s: float, r
     first, *others = frames = [image.frame() for image in irradiances]
     for other in others:
         if any(getattr(other, name) != getattr(first, name) for name in ("sampling", "quantity", "arbitrary")):
-            raise ImageError("image", "sampling", "different", "expected the pixels, wavelengths and units of the first")
+            raise ImageError("image", "sampling", "different", "expected pixels, wavelengths and units as in the first")
     weights = _row_weights(first.frame_px[0], len(frames), shutter_s, readout_s).astype(np.float32)
     cube = sum(row_weights[:, None] * image.cube for row_weights, image in zip(weights, frames, strict=True))
     return replace(first, cube=cube)

@@ -49,7 +49,7 @@ def test_images_that_do_not_match_are_refused():
     with pytest.raises(InputError, match="irradiances is empty"):
         rolling_irradiance([], 0.01, 0.01)
     for changes in ({"pitch_um": 3.0}, {"quantity": "radiance"}):
-        with pytest.raises(ImageError, match="expected the pixels, wavelengths and units of the first"):
+        with pytest.raises(ImageError, match="expected pixels, wavelengths and units as in the first"):
             rolling_irradiance(images(cube) + images(cube, **changes), 0.01, 0.01)
     with pytest.raises(InputError, match="expected a positive number, and 0 or more"):
         rolling_irradiance(images(cube), 0.0, 0.01)
