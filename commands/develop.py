@@ -1,0 +1,111 @@
+"""`lensfield develop`: take a picture of a lens image with a camera."""
+
+from pathlib import Path
+
+from ..engine import ImageError, InputError, Report, load_camera, photograph
+from ..engine.simulation.photograph import missing_channels, missing_text
+from ..engine.simulation.raw_file import write_raw_file
+from ..engine.simulation.report import together
+from ..request import RenderRequest
+from .arguments import add_lens_settings, add_settings, add_untrusted, check_outputs, chosen_lens, given_fields
+from .camera import CAMERAS
+from .outcome import finish
+from .sequence import find_shots
+from .terminal import quiet
+
+OUTPUTS = ".dng", ".png", ".exr"
+FRAMES = 2**32  # different noise in each; frames may be negative
+
+
+def add_options(develop):
+    develop.description = (
+        "Take a picture of a lens image with a camera, and write it as a raw file (.dng), developed (.png), or as linear "
+        "light in the camera's channels (.exr).")
+    develop.add_argument("irradiance", type=Path, metavar="IRRADIANCE.exr",
+                         help="lens image; in the name of a sequence, #### or %%04d is the frame number")
+    develop.add_argument("--camera", required=True, metavar="NAME|FILE", help=CAMERAS)
+    develop.add_argument("-o", "--output", dest="outputs", type=Path, required=True, action="append", metavar="FILE",
+                         help="file to write, by its suffix: .dng, .png or .exr; can be repeated")
+    develop.add_argument("--mosaic", action="store_true",
+                         help="write the .exr before demosaicing: one channel with the pixels behind their filters")
+    develop.add_argument("--frames", metavar="SPEC",
+                         help="frames of a sequence: 7, 1-50, 1-50:2 or 1,5,10-20 (default: all existing frames)")
+    develop.add_argument("--pitch-um", type=float, help="pixel pitch at the sensor, for a file that does not state it")
+    develop.add_argument("--seed", type=int, default=0, help="other noise for each (default: 0)")
+    add_settings(develop, RenderRequest, ("iso", "shutter_s", "noise"))
+    develop.add_argument("--report", type=Path, metavar="FILE.json",
+                         help="write a report: the exposure, saturated pixels, signal-to-noise ratio")
+    lens = develop.add_argument_group("lens", "that made the picture, for converters to straighten it")
+    lens.add_argument("--lens", metavar="NAME|FILE", help="the lens (default: the raw file has no correction)")
+    add_lens_settings(develop)
+    add_untrusted(develop)
+    develop.set_defaults(run=_develop, confines=lambda options: (options.irradiance, options.outputs[0].parent))
+
+
+def _develop(options):
+    camera = load_camera(options.camera)
+    _check_mosaic(options, camera)
+    by_output = [find_shots(options.irradiance, output, None, options.frames) for output in options.outputs]
+    check_outputs([*((shot.output, _suffix(shot.output)) for shots in by_output for shot in shots),
+                   (options.report, ".json")],
+                  [options.camera, *(shot.radiance for shot in by_output[0]), *filter(None, [options.lens])])
+    lens = chosen_lens(options) if options.lens else None
+    given = {name: value or None for name, value in given_fields(options).items() if name in ("iso", "shutter_s")}
+    reports = {}
+    for shots in zip(*by_output, strict=True):
+        reports[shots[0].frame] = report = Report()
+        raw = _take(shots[0], options, camera, given, report)
+        given = {"iso": raw.exposure.iso, "shutter_s": raw.exposure.shutter_s}  # of the first frame, for all
+        for shot in shots:
+            with report.stage(f"write {shot.output.suffix}"):
+                _write(raw, shot, options, lens)
+            print(shot.output, flush=True)
+    finish(options, reports[None] if None in reports else together(reports), [])
+
+
+def _suffix(path):
+    """The suffix that an output must have: its own, if its kind can be written."""
+    if path.suffix.lower() not in OUTPUTS:
+        raise InputError(path, "suffix", path.suffix or "missing", f"expected {', '.join(OUTPUTS)}")
+    return path.suffix.lower()
+
+
+def _check_mosaic(options, camera):
+    if options.mosaic and not camera.filters:
+        raise InputError("options", "--mosaic", "given", f"leave it out: all pixels of {camera.name} have all channels")
+    if options.mosaic and not any(path.suffix.lower() == ".exr" for path in options.outputs):
+        raise InputError("options", "--mosaic", "given", "also give an output with the suffix .exr")
+
+
+def _take(shot, options, camera, given, report):
+    """The raw picture of one lens image, which is read again for each."""
+    from ..engine.pictures.spectral_exr import read_exr
+
+    with report.stage("read irradiance"), quiet(1, 2):  # the EXR library prints long messages about damage
+        irradiance = read_exr(shot.radiance, options.pitch_um)
+    if line := missing_text(missing_channels(camera, irradiance.wavelengths_nm)):
+        print(f"camera: {line}", flush=True)
+    try:
+        with report.stage("camera"):
+            return photograph(irradiance, camera, **given, report=report, noise=options.noise is not False,
+                              seed=options.seed, frame=(shot.frame or 0) % FRAMES)
+    except ImageError as error:
+        raise error.at(shot.radiance) from None
+
+
+def _write(raw, shot, options, lens):
+    from ..engine.pictures.develop import camera_rgb, developed, signal
+    from ..engine.pictures.preview import write_png
+    from ..engine.pictures.spectral_exr import read_header, write_plane_exr, write_rgb_exr
+
+    suffix = shot.output.suffix.lower()
+    if suffix == ".dng":
+        image, _ = read_header(shot.radiance)
+        for line in write_raw_file(raw, image, shot.output, lens):
+            print(f"lens: {line}", flush=True)
+    elif suffix == ".png":
+        write_png(developed(raw), shot.output, 1.0)
+    elif options.mosaic:
+        write_plane_exr(signal(raw), shot.output)
+    else:
+        write_rgb_exr(camera_rgb(raw), shot.output)
