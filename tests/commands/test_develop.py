@@ -1,0 +1,120 @@
+"""`lensfield develop` and `lensfield camera`."""
+
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from lensfield import cli
+from lensfield.engine import SpectralImage
+from lensfield.engine.library.bodies import bundled_cameras, load_camera
+from lensfield.engine.pictures.spectral_exr import read_parts, write_exr
+from lensfield.engine.sensor.camera_file import camera_text
+from lensfield.engine.spectral.spectra import load_spectrum
+from lensfield.request import CAMERA_FIELDS
+from seed import SEED
+
+rawpy = pytest.importorskip("rawpy")
+NM = np.linspace(400, 700, 7)
+
+
+def run(*arguments):
+    return cli.main([str(argument) for argument in arguments])
+
+
+@pytest.fixture
+def scene(tmp_path):
+    """A lens image of daylight on 90 x 130 of a Nikon D700's pixels: a ramp to the right, and a dark bottom."""
+    light = 0.05 * load_spectrum("illuminant-d65").density_at(NM)[:, None, None] * np.linspace(0.1, 1, 130)
+    cube = np.tile(light, (1, 90, 1))
+    cube[:, 60:] *= 0.1
+    path = tmp_path / "lens_0007_irradiance.exr"
+    write_exr(SpectralImage(cube, NM, pitch_um=8.459, quantity="irradiance", lens_name="any"), path)
+    return path
+
+
+def test_a_lens_image_becomes_a_raw_file_and_pictures(scene, tmp_path, capsys):
+    outputs = [tmp_path / f"shot{suffix}" for suffix in (".dng", ".png", ".exr")]
+    assert run("develop", scene, "--camera", "nikon-d700", "--shutter", "1/250", *(
+        word for path in outputs for word in ("-o", path)), "--report", tmp_path / "r.json") == 0
+    facts = json.loads((tmp_path / "r.json").read_text())["camera"]
+    assert facts["shutter_s"] == 1 / 250 and facts["metered"] and facts["raw_px"] == [90, 130]
+    out = capsys.readouterr().out
+    assert "Nikon D700: 1/250 s at ISO" in out and all(str(path) in out for path in outputs)
+    with rawpy.imread(str(outputs[0])) as raw:
+        numbers, colours = raw.raw_image.copy(), raw.raw_colors
+        assert numbers.shape == (90, 130)
+    green = np.where(colours % 2 == 1, numbers - 512.0, np.nan)
+    assert np.nanmean(green[:60, 100:]) > 3 * np.nanmean(green[:60, :30])
+    assert np.nanmean(green[60:, 100:]) == pytest.approx(0.1 * np.nanmean(green[:60, 100:]), rel=0.1)
+    png = np.asarray(Image.open(outputs[1])).astype(float)
+    assert png.shape == (90, 130, 3) and np.ptp(png[:60, 20:].mean(axis=(0, 1))) < 4, "daylight is grey"
+    _, planes = read_parts(outputs[2])[0]
+    assert sorted(planes) == ["B", "G", "R"] and planes["G"][:60].mean() > planes["R"][:60].mean()
+
+
+def test_frames_share_the_exposure_of_the_first_but_not_its_noise(scene, tmp_path):
+    (tmp_path / "lens_0008_irradiance.exr").write_bytes(scene.read_bytes())
+    brighter = SpectralImage(np.full((7, 90, 130), 0.01), NM, pitch_um=8.459, quantity="irradiance")
+    write_exr(brighter, tmp_path / "lens_0009_irradiance.exr")
+    assert run("develop", tmp_path / "lens_####_irradiance.exr", "--camera", "nikon-d700", "-o", tmp_path / "m_####.exr",
+               "--mosaic", "--seed", SEED % 2**31, "--report", tmp_path / "r.json") == 0
+    mosaics = [read_parts(tmp_path / f"m_{frame:04d}.exr")[0][1]["Y"] for frame in (7, 8, 9)]
+    frames = json.loads((tmp_path / "r.json").read_text())["frames"]
+    assert len({frame["camera"]["shutter_s"] for frame in frames}) == 1 and frames[2]["camera"]["saturated"] > 0.5
+    noise = mosaics[0] - mosaics[1]
+    assert 0 < noise.std() < 0.05 and abs(noise.mean()) < 5 * noise.std() / np.sqrt(noise.size)
+    again = tmp_path / "again.exr"
+    assert run("develop", tmp_path / "lens_0007_irradiance.exr", "--camera", "nikon-d700", "-o", again, "--mosaic",
+               "--no-noise") == 0
+    assert np.abs(read_parts(again)[0][1]["Y"][:60] - mosaics[0][:60]).mean() < 0.05
+
+
+@pytest.mark.parametrize("arguments, words", [
+    (["--camera", "leica-m3", "-o", "a.dng"], "leica-m3: camera is unknown"),
+    (["--camera", "nikon-d700", "-o", "a.jpg"], "suffix is .jpg: expected .dng, .png, .exr"),
+    (["--camera", "nikon-d700", "-o", "a.dng", "--mosaic"], "also give an output with the suffix .exr"),
+    (["--camera", "generic-three-chip", "-o", "a.exr", "--mosaic"], "all pixels of generic-three-chip have all channels"),
+    (["--camera", "nikon-d700", "-o", "a.dng", "--shutter", "1/0"], "--shutter is 1/0: expected seconds such as 1/60"),
+    (["--camera", "nikon-d700", "-o", "a.dng", "--iso", "fast"], "--iso is fast: expected a positive number"),
+    (["--camera", "nikon-d700", "-o", "a.dng", "-o", "a.dng"], "named twice"),
+    (["--camera", "nikon-d700", "-o", "a.dng", "--seed", "-3"], "seed is -3: expected a whole number")])
+def test_bad_requests_are_refused_before_any_work(scene, arguments, words, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert run("develop", scene, *arguments) == 1
+    assert words in capsys.readouterr().err
+    assert not list(tmp_path.glob("a.*"))
+
+
+def test_few_wavelengths_and_radiance_are_reported(scene, tmp_path, capsys):
+    few = tmp_path / "few.exr"
+    write_exr(SpectralImage(np.ones((2, 40, 50)), [500, 560], pitch_um=8.459, quantity="irradiance"), few)
+    assert run("develop", few, "--camera", "nikon-d700", "-o", tmp_path / "few.dng") == 0
+    out = capsys.readouterr().out
+    assert out.index("camera: the wavelengths leave out part of the camera's response") < out.index("few.dng")
+    write_exr(SpectralImage(np.ones((2, 40, 50)), [500, 560], pitch_um=8.459), few)
+    assert run("develop", few, "--camera", "nikon-d700", "-o", tmp_path / "few.png") == 1
+    assert f"{few}: quantity is radiance: expected irradiance" in capsys.readouterr().err
+
+
+def test_cameras_are_listed_and_inspected(tmp_path, capsys):
+    assert run("camera", "list") == 0
+    assert len(capsys.readouterr().out.splitlines()) == len(bundled_cameras())
+    own = tmp_path / "own.toml"
+    own.write_text(camera_text(load_camera("nikon-d700")), encoding="utf-8")
+    assert run("camera", "info", own, "--iso", "1600") == 0
+    text = capsys.readouterr().out
+    assert "36.002 x 23.956 mm, crop factor 1.00" in text and "at ISO 1600" in text
+    assert run("camera", "info", own, "--json") == 0
+    info = json.loads(capsys.readouterr().out)
+    assert info["gain_at_iso_dn_per_e"] == load_camera("nikon-d700").gain_dn_per_e and info["pixels"] == [4256, 2832]
+
+
+def test_every_field_of_a_camera_is_an_option_of_render_and_apply():
+    parser = cli._parser()
+    for command in (["render", "s.blend"], ["apply", "r.exr", "--lens", "any"]):
+        options = parser.parse_args([*command, "--camera", "x", "--iso", "auto", "--shutter", "1/60", "--no-noise",
+                                     "--no-develop", "--dng"])
+        assert (options.camera, options.iso, options.shutter, options.noise, options.develop, options.dng) == (
+            "x", "auto", "1/60", False, False, True) and len(CAMERA_FIELDS) == 6
