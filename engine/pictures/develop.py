@@ -6,11 +6,13 @@ from dataclasses import replace
 import numpy as np
 
 from ..runtime.errors import CameraError, ImageError
-from ..sensor.camera import MOST_BITS
+from ..runtime.files import AnyPath
+from ..sensor.camera import MOST_BITS, Camera
 from ..sensor.colour import camera_colour, filter_channels
 from ..sensor.exposure import RawImage, channels_of
 from ..spectral.colour import XYZ_TO_REC709
 from .dng import dng_samples, dng_tags, filter_cell, plane_order, write_tiff
+from .spectral_exr import write_planes_exr
 
 XTRANS = "GBGGRG", "RGRBGB", "GBGGRG", "GRGGBG", "BGBRGR", "GRGGBG"
 BAYER, QUAD_BAYER = ("RG", "GB"), ("RRGG", "RRGG", "GGBB", "GGBB")
@@ -77,6 +79,24 @@ def developed(raw: RawImage) -> np.ndarray:
     balanced = light / colour.neutral[order].astype(np.float32)
     to_rec709 = XYZ_TO_REC709 @ colour.balanced_to_xyz[:, order]
     return np.minimum(balanced, 1, out=balanced) @ to_rec709.T.astype(np.float32)
+
+
+def write_linear_exr(light: np.ndarray, camera: Camera, path: AnyPath) -> None:
+    """Write a mosaic from `signal`, or a picture from `camera_rgb`, as an EXR, which appears complete or not at all.
+
+    The channels are R, G and B, or Y. `colorInteropID` is "data", because these are not the colours of any RGB space.
+
+    Parameters
+    ----------
+    light : array (row, column) or (row, column, channel)
+    camera : Camera
+    path : path
+    """
+    letters = filter_channels(camera)
+    names = "".join(letters[index] for index in plane_order(camera)) if light.shape[2:] > (1,) else "Y"
+    planes = np.moveaxis(np.atleast_3d(light), -1, 0)
+    write_planes_exr(dict(zip(names, planes, strict=True)), path,
+                     {"colorInteropID": "data", "lensfield:camera": camera.title or camera.name})
 
 
 def _demosaiced(raw):
