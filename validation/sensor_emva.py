@@ -1,0 +1,321 @@
+"""Simulated flat fields and dark frames of five sensors, evaluated by emva1288, the EMVA 1288 reference implementation.
+
+    python validation/sensor_emva.py [PAGE.md PLOT.png]
+
+takes the pictures with `expose` in monochromatic light, gives them to the evaluator as files, and prints each figure of
+the standard next to the camera's own. The exit status is 1 if one is outside its confidence interval. The table is
+written into the page, below the heading "Judged by EMVA 1288", and the photon transfer curves are drawn.
+"""
+
+import logging
+import re
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+from scipy.constants import c, h
+
+from lensfield.engine import SpectralImage
+from lensfield.engine.inspection.style import GRID_COLOUR, INK, require_matplotlib
+from lensfield.engine.library.bodies import load_camera
+from lensfield.engine.sensor.camera import Camera
+from lensfield.engine.sensor.exposure import Exposure, expose
+from lensfield.engine.sensor.metering import full_scale_e
+
+SENSORS = (("generic-phone-48", 50.0), ("generic-three-chip", 400.0), ("fujifilm-x-t4", 160.0), ("sony-a7-iii", 800.0),
+           ("generic-cinema", 800.0))
+"""Cameras, by size of their pixels, and ISOs."""
+CHANNEL = "G"  # the channel whose pixels are evaluated
+SHUTTER_S = 1e-3
+SIGMAS = 5
+FITTED = 0.7  # of saturation: the standard's limit for its linear fits
+NS_PER_S = 1e9
+COLOURS = "#000000", "#E69F00", "#009E73", "#0072B2", "#D55E00"
+MARKERS = "osD^v"
+TABLE = re.compile(r"(?<=\n)\|[^\n]*, ISO .*?(?=\n\n)", re.DOTALL)
+
+
+@dataclass(frozen=True)
+class Series:
+    """How much is measured: pixels of a frame, levels of light, frames for the differences between pixels, and times."""
+
+    frame_px: tuple[int, int] = (480, 640)
+    levels: int = 50
+    frames: int = 50
+    times: int = 6
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure of the standard: the camera's own, the evaluator's, and the interval in which this must be."""
+
+    name: str
+    unit: str
+    digits: int
+    camera: float
+    evaluated: float
+    low: float
+    high: float
+
+    @property
+    def missed(self):
+        return not self.low <= self.evaluated <= self.high
+
+    def __str__(self):
+        camera, evaluated, low, high = self._numbers
+        return (f"  {self.name:10} camera {camera:>7} {self.unit:6} evaluated {evaluated:>7}   interval {low} to {high}   "
+                f"{'MISSED' if self.missed else 'met'}")
+
+    @property
+    def cell(self):
+        """The camera's own figure, the evaluated one, and its interval."""
+        camera, evaluated, low, high = self._numbers
+        return f"{camera}: **{evaluated}**<br>{low} to {high}"
+
+    @property
+    def _numbers(self):
+        return [f"{value:.{self.digits}f}" for value in (self.camera, self.evaluated, self.low, self.high)]
+
+
+class Bench:
+    """A camera in front of an even light of one wavelength, the one of its highest quantum efficiency."""
+
+    def __init__(self, camera: Camera, iso: float, series: Series):
+        self.camera, self.iso, self.series, self.frame = camera, iso, series, 0
+        self.index = camera.channels.index(CHANNEL)
+        peak = np.argmax(camera.quantum_efficiency[self.index])
+        self.nm, self.efficiency = camera.wavelengths_nm[peak], camera.quantum_efficiency[self.index, peak]
+        self.gain, self.capacity_e = camera.gain_at(iso), full_scale_e(camera, iso)
+        self.pixels = self.shot(0.0).size
+
+    def shot(self, photons, shutter_s=SHUTTER_S):
+        """The channel's digital numbers, after so many photons on each pixel: array (row, column)."""
+        joules = photons * h * c / (self.nm * 1e-9)
+        irradiance = joules / ((self.camera.pitch_um * 1e-6)**2 * shutter_s)
+        light = SpectralImage(np.full(self.series.frame_px, irradiance), [self.nm], pitch_um=self.camera.pitch_um,
+                              quantity="irradiance")
+        raw = expose(light, self.camera, Exposure(shutter_s, self.iso, self.series.seed, self.frame, serial=self.series.seed))
+        self.frame += 1
+        chosen = raw.numbers[self.index] if raw.channel is None else raw.numbers[raw.channel == self.index]
+        rows = self.series.frame_px[0]
+        return chosen.ravel()[:chosen.size // rows * rows].reshape(rows, -1)
+
+    @property
+    def dark_variance_dn(self):
+        """Temporal variance of the dark signal, with quantisation."""
+        dark_e2 = self.camera.dark_noise_at(self.iso)**2 + self.camera.dark_current_e_per_s * SHUTTER_S
+        return self.gain**2 * dark_e2 + 1 / 12
+
+    def levels_e(self):
+        """Mean electrons of the series: from few to beyond saturation, close to each other there."""
+        count = self.series.levels
+        spread = np.sqrt(1 / self.capacity_e + self.camera.prnu**2)
+        close = np.linspace(1 - 8 * spread, 1 + 1.5 * spread, count * 2 // 5)
+        even = np.linspace(0.03, 0.95 * close[0], count * 2 // 5)
+        few = np.geomspace(2e-3, 0.025, count - len(close) - len(even))
+        return self.capacity_e * np.concatenate([few, even, close])
+
+
+def evaluated(bench):
+    """The evaluator's results of the series of photons, and its dark current in DN/s from a series of times."""
+    from emva1288.process.data import Data1288
+    from emva1288.process.loader import LoadImageData
+    from emva1288.process.parser import ParseEmvaDescriptorFile
+    from emva1288.process.results import Results1288
+
+    def results(write):
+        with tempfile.TemporaryDirectory() as folder:
+            descriptor = Path(folder, "descriptor.txt")
+            descriptor.write_text("\n".join(write(Path(folder), bench)) + "\n")
+            images = ParseEmvaDescriptorFile(str(descriptor), loglevel=logging.WARNING).images
+            data = Data1288(LoadImageData(images, loglevel=logging.WARNING).data, loglevel=logging.WARNING)
+        return Results1288(data.data, pixel_area=bench.camera.pitch_um**2, loglevel=logging.WARNING)
+
+    return results(_photon_series), results(_time_series).u_I_mean_DN
+
+
+def _photon_series(folder, bench):
+    """Write pairs of frames at all levels, and many frames in the dark and at half of saturation: the lines of the file
+    that describes them.
+    """
+    series, photons = bench.series, bench.levels_e() / bench.efficiency
+    yield f"n {bench.camera.bits} {series.frame_px[1]} {series.frame_px[0]}"
+    for level in (0.0, *photons):
+        yield from _frames(folder, bench, level, 2)
+    for level in (0.0, bench.capacity_e / bench.efficiency / 2):
+        yield from _frames(folder, bench, level, series.frames)
+
+
+def _time_series(folder, bench):
+    """Write pairs of frames in the dark after different times, with one of light and the frames that the evaluator
+    requires: the lines of the file that describes them.
+    """
+    yield f"n {bench.camera.bits} {bench.series.frame_px[1]} {bench.series.frame_px[0]}"
+    photons = bench.capacity_e / bench.efficiency / 2
+    for shutter_s in times_s(bench):
+        for level in (0.0, photons):
+            yield from _frames(folder, bench, level, 2, shutter_s)
+    for level in (0.0, photons):
+        yield from _frames(folder, bench, level, 3)
+
+
+def times_s(bench):
+    """Exposure times in which up to 100 electrons of dark current collect."""
+    return 100 / bench.camera.dark_current_e_per_s * np.linspace(0.05, 1, bench.series.times)
+
+
+def _frames(folder, bench, photons, number, shutter_s=SHUTTER_S):
+    time_ns = f"{shutter_s * NS_PER_S:.3f}"
+    yield f"b {time_ns} {photons!r}" if photons else f"d {time_ns}"
+    for _ in range(number):
+        path = folder / f"{bench.frame}.tif"
+        Image.fromarray(bench.shot(photons, shutter_s)).save(path)
+        yield f"i {path.name}"
+
+
+def figures(bench, results, dark_dn_per_s):
+    """The standard's figures, with intervals of `SIGMAS` standard deviations of their estimators.
+
+    n pixels in a pair of frames give a temporal variance v with the variance 2 v^2 / n, and a mean with v / (2 n). K and
+    the responsivity R are slopes through 0, so their variances are sums over the levels; QE = R / K. The mean over L
+    frames has the variance w = s^2 + v / L between pixels, known to 2 w^2 / n; s is DSNU or PRNU.
+    """
+    camera, n, gain, dark = bench.camera, bench.pixels, bench.gain, bench.dark_variance_dn
+    of_gain, of_efficiency = _slope_errors(bench)
+    sigma_d = np.sqrt(dark - 1 / 12) / gain
+    of_sigma_d = np.hypot(np.sqrt(2 / n) * dark / (2 * gain**2 * sigma_d), sigma_d * of_gain)
+    of_dsnu, of_prnu = _spatial_errors(bench)
+    current = camera.dark_current_e_per_s
+    by_sigma = [("K", "DN/e⁻", 4, gain, results.K, gain * of_gain),
+                ("QE", "%", 2, 100 * bench.efficiency, results.QE, 100 * bench.efficiency * of_efficiency),
+                ("σ_d", "e⁻", 3, sigma_d, results.sigma_d, of_sigma_d),
+                ("DSNU1288", "e⁻", 3, camera.dsnu_e, results.DSNU1288, np.hypot(of_dsnu, camera.dsnu_e * of_gain)),
+                ("PRNU1288", "%", 3, 100 * camera.prnu, results.PRNU1288, 100 * of_prnu),
+                ("μ_I", "e⁻/s", 4, current, dark_dn_per_s / results.K, np.hypot(_dark_slope_error(bench),
+                                                                                current * of_gain))]
+    found = [Figure(name, unit, digits, own, value, own - SIGMAS * sigma, own + SIGMAS * sigma)
+             for name, unit, digits, own, value, sigma in by_sigma]
+    low, high = saturation_interval_e(bench)
+    return [*found, Figure("μ_e.sat", "e⁻", 0, bench.capacity_e, results.u_e_sat, low, high)]
+
+
+def _slope_errors(bench):
+    """Relative standard deviations of K and QE."""
+    signal = bench.gain * bench.levels_e()
+    signal = signal[signal <= FITTED * bench.gain * bench.capacity_e]
+    dark, squares = bench.dark_variance_dn, (signal**2).sum()
+    variances = dark + bench.gain * signal
+    of_gain = np.sqrt((signal**2 * 2 * variances**2).sum() + signal.sum()**2 * 2 * dark**2) / squares / bench.gain
+    of_response = np.sqrt((signal**2 * variances / 2).sum() + signal.sum()**2 * dark / 2) / squares
+    of_gain, of_response = of_gain / np.sqrt(bench.pixels), np.hypot(of_response, bench.camera.prnu) / np.sqrt(bench.pixels)
+    return of_gain, np.hypot(of_gain, of_response)
+
+
+def _spatial_errors(bench):
+    """Standard deviations of DSNU in electrons, and of PRNU."""
+    camera, frames, half_e = bench.camera, bench.series.frames, bench.capacity_e / 2
+    dark_e2 = bench.dark_variance_dn / bench.gain**2
+    in_dark = camera.dsnu_e**2 + dark_e2 / frames
+    in_light = in_dark + (camera.prnu * half_e)**2 + half_e / frames
+    of_dark = np.sqrt(2 * in_dark**2 + 2 * dark_e2**2 / frames**3)
+    of_difference = np.sqrt(2 * (in_light**2 + in_dark**2 - 2 * camera.dsnu_e**4)
+                            + 2 * ((dark_e2 + half_e)**2 + dark_e2**2) / frames**3)
+    return (of_dark / (2 * camera.dsnu_e) / np.sqrt(bench.pixels),
+            of_difference / (2 * camera.prnu * half_e**2) / np.sqrt(bench.pixels))
+
+
+def _dark_slope_error(bench):
+    """Standard deviation of the slope of the dark signal over time, in electrons per second."""
+    about_s = times_s(bench) - times_s(bench).mean()
+    variances = bench.dark_variance_dn / bench.gain**2 + bench.camera.dark_current_e_per_s * times_s(bench)
+    return np.sqrt((about_s**2 * variances).sum() / (2 * bench.pixels)) / (about_s**2).sum()
+
+
+def saturation_interval_e(bench):
+    """Electrons of the levels that can have the highest temporal variance, which is the standard's saturation.
+
+    Pixels that a part of the frames saturates fluctuate less. The variance therefore falls before the mean saturates. A
+    level can win by noise if its variance is less than 5 standard deviations of a difference, 2 v / sqrt(n), below the
+    highest; and the place between two levels is unknown.
+    """
+    levels_e, variances = bench.levels_e(), expected_variances_e2(bench)
+    near = np.flatnonzero(variances > variances.max() * (1 - SIGMAS * 2 / np.sqrt(bench.pixels)))
+    return levels_e[max(near[0] - 1, 0)], levels_e[min(near[-1] + 1, len(levels_e) - 1)]
+
+
+def expected_variances_e2(bench):
+    """Temporal variances of the levels: means over pixels of the variance of clipped electrons with noise."""
+    camera, steps = bench.camera, np.linspace(-6, 6, 241)
+    share = np.exp(-steps**2 / 2) / np.exp(-steps**2 / 2).sum()
+    mean_e = bench.levels_e()[:, None] * (1 + camera.prnu * steps)
+    drawn_e = mean_e[..., None] + np.sqrt(mean_e)[..., None] * steps
+    drawn_e = np.minimum(drawn_e, bench.capacity_e)
+    variance = (drawn_e**2) @ share - (drawn_e @ share)**2
+    return variance @ share + bench.dark_variance_dn / bench.gain**2
+
+
+def table(measured):
+    """Markdown of the figures: a row for each figure, a column for each camera."""
+    rows = [["", *(f"{bench.camera.name}, ISO {bench.iso:g}" for bench, _, _ in measured)],
+            ["---"] * (len(measured) + 1),
+            *([f"{same[0].name}, {same[0].unit}", *(figure.cell for figure in same)]
+              for same in zip(*(found for _, found, _ in measured), strict=True))]
+    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
+
+
+def write_plot(measured, path):
+    """Draw temporal variance over signal, and the ratio of signal to noise over photons, measured and expected."""
+    figure = require_matplotlib()(figsize=(9, 4), dpi=110, layout="constrained")
+    transfer, ratio = figure.subplots(1, 2)
+    for (bench, _, results), colour, marker in zip(measured, COLOURS, MARKERS, strict=True):
+        temporal, camera = results.temporal, bench.camera
+        signal, variance = temporal["u_y"] - temporal["u_ydark"], temporal["s2_y"]
+        style = {"color": colour, "marker": marker, "markersize": 3, "linestyle": "none"}
+        transfer.plot(signal, variance, **style)
+        ratio.plot(temporal["u_p"], signal / np.sqrt(variance), label=f"{camera.name}, ISO {bench.iso:g}", **style)
+        levels_e = bench.levels_e()
+        expected = bench.dark_variance_dn + bench.gain**2 * levels_e
+        transfer.plot(bench.gain * levels_e, expected, color=colour, linewidth=0.8)
+        ratio.plot(levels_e / bench.efficiency, bench.gain * levels_e / np.sqrt(expected), color=colour, linewidth=0.8)
+    _dress(transfer, "signal without dark signal (DN)", "temporal variance (DN²)")
+    _dress(ratio, "photons per pixel", "signal-to-noise ratio")
+    ratio.legend(fontsize=7.5, frameon=False)
+    figure.savefig(path)
+
+
+def _dress(panel, across, up):
+    panel.set(xscale="log", yscale="log")
+    panel.set_xlabel(across, fontsize=9, color=INK)
+    panel.set_ylabel(up, fontsize=9, color=INK)
+    panel.grid(color=GRID_COLOUR, linewidth=0.6)
+    panel.spines[["top", "right"]].set_visible(False)
+    panel.tick_params(labelsize=8, colors=INK)
+
+
+def measure(name, iso, series):
+    """The bench of a camera, its figures, and the evaluator's results."""
+    bench = Bench(load_camera(name), iso, series)
+    results, dark_dn_per_s = evaluated(bench)
+    return bench, figures(bench, results, dark_dn_per_s), results
+
+
+def main(arguments):
+    measured = []
+    for name, iso in SENSORS:
+        measured.append(measure(name, iso, Series()))
+        bench, found, _ = measured[-1]
+        print(f"\n{bench.camera.title}, {CHANNEL} at {bench.nm:g} nm, ISO {iso:g}: {bench.pixels} pixels")
+        print(*found, sep="\n", flush=True)
+    if arguments:
+        page, plot = map(Path, arguments)
+        page.write_text(TABLE.sub(lambda _: table(measured), page.read_text(encoding="utf-8")), encoding="utf-8")
+        write_plot(measured, plot)
+    return int(any(figure.missed for _, found, _ in measured for figure in found))
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
