@@ -26,7 +26,7 @@ from lensfield.engine.sensor.exposure import Exposure, expose
 from lensfield.engine.sensor.metering import full_scale_e
 
 SENSORS = (("generic-phone-48", 50.0), ("generic-three-chip", 400.0), ("fujifilm-x-t4", 160.0), ("sony-a7-iii", 800.0),
-           ("generic-cinema", 800.0))
+           ("generic-cinema", 400.0))
 """Cameras, by size of their pixels, and ISOs."""
 CHANNEL = "G"  # the channel whose pixels are evaluated
 SHUTTER_S = 1e-3
@@ -40,7 +40,7 @@ TABLE = re.compile(r"(?<=\n)\|[^\n]*, ISO .*?(?=\n\n)", re.DOTALL)
 
 @dataclass(frozen=True)
 class Series:
-    """How much is measured: pixels of a frame, levels of light, frames for the differences between pixels, and times."""
+    """How much is measured: pixels, levels of light, frames for the differences between pixels, times in the dark."""
 
     frame_px: tuple[int, int] = (480, 640)
     levels: int = 50
@@ -49,17 +49,20 @@ class Series:
     seed: int = 0
 
 
+FIGURES = {"K": ("DN/e⁻", 4), "QE": ("%", 2), "σ_d": ("e⁻", 3), "DSNU1288": ("e⁻", 3), "PRNU1288": ("%", 3),
+           "μ_I": ("e⁻/s", 4), "μ_e.sat": ("e⁻", 0)}
+"""Units of the standard's figures, and decimals to print."""
+
+
 @dataclass(frozen=True)
 class Figure:
-    """A figure of the standard: the camera's own, the evaluator's, and the interval in which this must be."""
+    """A figure of the standard: the camera's own, the interval of its evaluation, and its evaluation."""
 
     name: str
-    unit: str
-    digits: int
     camera: float
-    evaluated: float
     low: float
     high: float
+    evaluated: float
 
     @property
     def missed(self):
@@ -67,8 +70,8 @@ class Figure:
 
     def __str__(self):
         camera, evaluated, low, high = self._numbers
-        return (f"  {self.name:10} camera {camera:>7} {self.unit:6} evaluated {evaluated:>7}   interval {low} to {high}   "
-                f"{'MISSED' if self.missed else 'met'}")
+        return (f"  {self.name:10} camera {camera:>7} {FIGURES[self.name][0]:6} evaluated {evaluated:>7}   "
+                f"interval {low} to {high}   {'MISSED' if self.missed else 'met'}")
 
     @property
     def cell(self):
@@ -78,11 +81,12 @@ class Figure:
 
     @property
     def _numbers(self):
-        return [f"{value:.{self.digits}f}" for value in (self.camera, self.evaluated, self.low, self.high)]
+        digits = FIGURES[self.name][1]
+        return [f"{value:.{digits}f}" for value in (self.camera, self.evaluated, self.low, self.high)]
 
 
 class Bench:
-    """A camera in front of an even light of one wavelength, the one of its highest quantum efficiency."""
+    """A camera in front of even light of one wavelength, at which the channel's quantum efficiency is highest."""
 
     def __init__(self, camera: Camera, iso: float, series: Series):
         self.camera, self.iso, self.series, self.frame = camera, iso, series, 0
@@ -98,7 +102,8 @@ class Bench:
         irradiance = joules / ((self.camera.pitch_um * 1e-6)**2 * shutter_s)
         light = SpectralImage(np.full(self.series.frame_px, irradiance), [self.nm], pitch_um=self.camera.pitch_um,
                               quantity="irradiance")
-        raw = expose(light, self.camera, Exposure(shutter_s, self.iso, self.series.seed, self.frame, serial=self.series.seed))
+        seed = self.series.seed
+        raw = expose(light, self.camera, Exposure(shutter_s, self.iso, seed, self.frame, serial=seed))
         self.frame += 1
         chosen = raw.numbers[self.index] if raw.channel is None else raw.numbers[raw.channel == self.index]
         rows = self.series.frame_px[0]
@@ -120,22 +125,26 @@ class Bench:
         return self.capacity_e * np.concatenate([few, even, close])
 
 
-def evaluated(bench):
-    """The evaluator's results of the series of photons, and its dark current in DN/s from a series of times."""
+def evaluate(bench):
+    """The evaluator's results of a series of photons, and its figures by name."""
+    photons, times = (_results(bench, series) for series in (_photon_series, _time_series))
+    values = photons.K, photons.QE, photons.sigma_d, photons.DSNU1288, photons.PRNU1288
+    return photons, dict(zip(FIGURES, (*values, times.u_I_mean_DN / photons.K, photons.u_e_sat), strict=True))
+
+
+def _results(bench, series):
+    """The evaluator's results of the pictures that a series writes."""
     from emva1288.process.data import Data1288
     from emva1288.process.loader import LoadImageData
     from emva1288.process.parser import ParseEmvaDescriptorFile
     from emva1288.process.results import Results1288
 
-    def results(write):
-        with tempfile.TemporaryDirectory() as folder:
-            descriptor = Path(folder, "descriptor.txt")
-            descriptor.write_text("\n".join(write(Path(folder), bench)) + "\n")
-            images = ParseEmvaDescriptorFile(str(descriptor), loglevel=logging.WARNING).images
-            data = Data1288(LoadImageData(images, loglevel=logging.WARNING).data, loglevel=logging.WARNING)
-        return Results1288(data.data, pixel_area=bench.camera.pitch_um**2, loglevel=logging.WARNING)
-
-    return results(_photon_series), results(_time_series).u_I_mean_DN
+    with tempfile.TemporaryDirectory() as folder:
+        descriptor = Path(folder, "descriptor.txt")
+        descriptor.write_text("\n".join(series(Path(folder), bench)) + "\n")
+        images = ParseEmvaDescriptorFile(str(descriptor), loglevel=logging.WARNING).images
+        data = Data1288(LoadImageData(images, loglevel=logging.WARNING).data, loglevel=logging.WARNING)
+    return Results1288(data.data, loglevel=logging.WARNING)
 
 
 def _photon_series(folder, bench):
@@ -177,30 +186,32 @@ def _frames(folder, bench, photons, number, shutter_s=SHUTTER_S):
         yield f"i {path.name}"
 
 
-def figures(bench, results, dark_dn_per_s):
-    """The standard's figures, with intervals of `SIGMAS` standard deviations of their estimators.
+def intervals(bench):
+    """The camera's own figures by name, each with the ends of the interval for its evaluation.
 
-    n pixels in a pair of frames give a temporal variance v with the variance 2 v^2 / n, and a mean with v / (2 n). K and
-    the responsivity R are slopes through 0, so their variances are sums over the levels; QE = R / K. The mean over L
-    frames has the variance w = s^2 + v / L between pixels, known to 2 w^2 / n; s is DSNU or PRNU.
+    Except for saturation they are `SIGMAS` standard deviations of the estimator to both sides. n pixels in a pair of
+    frames give a temporal variance v with the variance 2 v^2 / n, and a mean with v / (2 n). K and the responsivity R
+    are slopes through 0, so their variances are sums over the levels; QE = R / K. The mean over L frames has the
+    variance w = s^2 + v / L between pixels, with the variance 2 w^2 / n; s is DSNU or PRNU.
     """
-    camera, n, gain, dark = bench.camera, bench.pixels, bench.gain, bench.dark_variance_dn
+    camera, gain, dark = bench.camera, bench.gain, bench.dark_variance_dn
     of_gain, of_efficiency = _slope_errors(bench)
-    sigma_d = np.sqrt(dark - 1 / 12) / gain
-    of_sigma_d = np.hypot(np.sqrt(2 / n) * dark / (2 * gain**2 * sigma_d), sigma_d * of_gain)
     of_dsnu, of_prnu = _spatial_errors(bench)
-    current = camera.dark_current_e_per_s
-    by_sigma = [("K", "DN/e⁻", 4, gain, results.K, gain * of_gain),
-                ("QE", "%", 2, 100 * bench.efficiency, results.QE, 100 * bench.efficiency * of_efficiency),
-                ("σ_d", "e⁻", 3, sigma_d, results.sigma_d, of_sigma_d),
-                ("DSNU1288", "e⁻", 3, camera.dsnu_e, results.DSNU1288, np.hypot(of_dsnu, camera.dsnu_e * of_gain)),
-                ("PRNU1288", "%", 3, 100 * camera.prnu, results.PRNU1288, 100 * of_prnu),
-                ("μ_I", "e⁻/s", 4, current, dark_dn_per_s / results.K, np.hypot(_dark_slope_error(bench),
-                                                                                current * of_gain))]
-    found = [Figure(name, unit, digits, own, value, own - SIGMAS * sigma, own + SIGMAS * sigma)
-             for name, unit, digits, own, value, sigma in by_sigma]
-    low, high = saturation_interval_e(bench)
-    return [*found, Figure("μ_e.sat", "e⁻", 0, bench.capacity_e, results.u_e_sat, low, high)]
+    sigma_d, current = np.sqrt(dark - 1 / 12) / gain, camera.dark_current_e_per_s
+    of_sigma_d = np.hypot(np.sqrt(2 / bench.pixels) * dark / (2 * gain**2 * sigma_d), sigma_d * of_gain)
+    by_sigma = ((gain, gain * of_gain),
+                (100 * bench.efficiency, 100 * bench.efficiency * of_efficiency),
+                (sigma_d, of_sigma_d),
+                (camera.dsnu_e, np.hypot(of_dsnu, camera.dsnu_e * of_gain)),
+                (100 * camera.prnu, 100 * of_prnu),
+                (current, np.hypot(_dark_slope_error(bench), current * of_gain)))
+    ends = [(own, own - SIGMAS * sigma, own + SIGMAS * sigma) for own, sigma in by_sigma]
+    return dict(zip(FIGURES, (*ends, (bench.capacity_e, *_saturation_interval_e(bench))), strict=True))
+
+
+def figures(bench, values):
+    """The figures with these evaluations, by name."""
+    return [Figure(name, *ends, values[name]) for name, ends in intervals(bench).items()]
 
 
 def _slope_errors(bench):
@@ -211,8 +222,8 @@ def _slope_errors(bench):
     variances = dark + bench.gain * signal
     of_gain = np.sqrt((signal**2 * 2 * variances**2).sum() + signal.sum()**2 * 2 * dark**2) / squares / bench.gain
     of_response = np.sqrt((signal**2 * variances / 2).sum() + signal.sum()**2 * dark / 2) / squares
-    of_gain, of_response = of_gain / np.sqrt(bench.pixels), np.hypot(of_response, bench.camera.prnu) / np.sqrt(bench.pixels)
-    return of_gain, np.hypot(of_gain, of_response)
+    of_response = np.hypot(of_response, bench.camera.prnu)  # the mean of the pixels' own
+    return of_gain / np.sqrt(bench.pixels), np.hypot(of_gain, of_response) / np.sqrt(bench.pixels)
 
 
 def _spatial_errors(bench):
@@ -235,25 +246,24 @@ def _dark_slope_error(bench):
     return np.sqrt((about_s**2 * variances).sum() / (2 * bench.pixels)) / (about_s**2).sum()
 
 
-def saturation_interval_e(bench):
+def _saturation_interval_e(bench):
     """Electrons of the levels that can have the highest temporal variance, which is the standard's saturation.
 
     Pixels that a part of the frames saturates fluctuate less. The variance therefore falls before the mean saturates. A
     level can win by noise if its variance is less than 5 standard deviations of a difference, 2 v / sqrt(n), below the
     highest; and the place between two levels is unknown.
     """
-    levels_e, variances = bench.levels_e(), expected_variances_e2(bench)
+    levels_e, variances = bench.levels_e(), _expected_variances_e2(bench)
     near = np.flatnonzero(variances > variances.max() * (1 - SIGMAS * 2 / np.sqrt(bench.pixels)))
     return levels_e[max(near[0] - 1, 0)], levels_e[min(near[-1] + 1, len(levels_e) - 1)]
 
 
-def expected_variances_e2(bench):
+def _expected_variances_e2(bench):
     """Temporal variances of the levels: means over pixels of the variance of clipped electrons with noise."""
     camera, steps = bench.camera, np.linspace(-6, 6, 241)
     share = np.exp(-steps**2 / 2) / np.exp(-steps**2 / 2).sum()
     mean_e = bench.levels_e()[:, None] * (1 + camera.prnu * steps)
-    drawn_e = mean_e[..., None] + np.sqrt(mean_e)[..., None] * steps
-    drawn_e = np.minimum(drawn_e, bench.capacity_e)
+    drawn_e = np.minimum(mean_e[..., None] + np.sqrt(mean_e)[..., None] * steps, bench.capacity_e)
     variance = (drawn_e**2) @ share - (drawn_e @ share)**2
     return variance @ share + bench.dark_variance_dn / bench.gain**2
 
@@ -262,27 +272,30 @@ def table(measured):
     """Markdown of the figures: a row for each figure, a column for each camera."""
     rows = [["", *(f"{bench.camera.name}, ISO {bench.iso:g}" for bench, _, _ in measured)],
             ["---"] * (len(measured) + 1),
-            *([f"{same[0].name}, {same[0].unit}", *(figure.cell for figure in same)]
+            *([f"{same[0].name}, {FIGURES[same[0].name][0]}", *(figure.cell for figure in same)]
               for same in zip(*(found for _, found, _ in measured), strict=True))]
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
 def write_plot(measured, path):
-    """Draw temporal variance over signal, and the ratio of signal to noise over photons, measured and expected."""
+    """Draw temporal variance over signal, and the ratio of signal to noise over light, measured and expected."""
     figure = require_matplotlib()(figsize=(9, 4), dpi=110, layout="constrained")
     transfer, ratio = figure.subplots(1, 2)
     for (bench, _, results), colour, marker in zip(measured, COLOURS, MARKERS, strict=True):
         temporal, camera = results.temporal, bench.camera
         signal, variance = temporal["u_y"] - temporal["u_ydark"], temporal["s2_y"]
+        area_um2 = camera.pitch_um**2
         style = {"color": colour, "marker": marker, "markersize": 3, "linestyle": "none"}
         transfer.plot(signal, variance, **style)
-        ratio.plot(temporal["u_p"], signal / np.sqrt(variance), label=f"{camera.name}, ISO {bench.iso:g}", **style)
-        levels_e = bench.levels_e()
-        expected = bench.dark_variance_dn + bench.gain**2 * levels_e
-        transfer.plot(bench.gain * levels_e, expected, color=colour, linewidth=0.8)
-        ratio.plot(levels_e / bench.efficiency, bench.gain * levels_e / np.sqrt(expected), color=colour, linewidth=0.8)
+        ratio.plot(temporal["u_p"] / area_um2, signal / np.sqrt(variance),
+                   label=f"{camera.name}, ISO {bench.iso:g}", **style)
+        signal = bench.gain * bench.levels_e()
+        expected = bench.dark_variance_dn + bench.gain * signal
+        transfer.plot(signal, expected, color=colour, linewidth=0.8)
+        ratio.plot(signal / (bench.gain * bench.efficiency * area_um2), signal / np.sqrt(expected), color=colour,
+                   linewidth=0.8)
     _dress(transfer, "signal without dark signal (DN)", "temporal variance (DN²)")
-    _dress(ratio, "photons per pixel", "signal-to-noise ratio")
+    _dress(ratio, "photons per µm²", "signal-to-noise ratio")
     ratio.legend(fontsize=7.5, frameon=False)
     figure.savefig(path)
 
@@ -299,8 +312,8 @@ def _dress(panel, across, up):
 def measure(name, iso, series):
     """The bench of a camera, its figures, and the evaluator's results."""
     bench = Bench(load_camera(name), iso, series)
-    results, dark_dn_per_s = evaluated(bench)
-    return bench, figures(bench, results, dark_dn_per_s), results
+    results, values = evaluate(bench)
+    return bench, figures(bench, values), results
 
 
 def main(arguments):
