@@ -53,9 +53,9 @@ def chart_error(xyz):
     """
     margins = [(4 * PATCH_PX - xyz.shape[0]) // 2, (6 * PATCH_PX - xyz.shape[1]) // 2]
     quarter = PATCH_PX // 4
+    corners = [np.array(patch) * PATCH_PX + quarter - margins for patch in np.ndindex(4, 6)]
     seen = np.array([xyz[down:down + 2 * quarter, right:right + 2 * quarter].mean(axis=(0, 1))
-                     for down, right in ((row * PATCH_PX + quarter - margins[0], column * PATCH_PX + quarter - margins[1])
-                                         for row in range(4) for column in range(6))])
+                     for down, right in corners])
     true, white = chart_xyz()
     exposure = (true[GREYS, 1] @ seen[GREYS, 1]) / (seen[GREYS, 1] @ seen[GREYS, 1])
     return ciede2000(lab_from_xyz(exposure * seen, white), lab_from_xyz(true, white))

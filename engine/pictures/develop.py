@@ -7,6 +7,7 @@ import numpy as np
 
 from ..runtime.errors import CameraError, ImageError
 from ..runtime.files import AnyPath
+from ..runtime.memory import check_room
 from ..sensor.camera import MOST_BITS, Camera
 from ..sensor.colour import camera_colour, filter_channels
 from ..sensor.exposure import RawImage, channels_of
@@ -18,6 +19,7 @@ XTRANS = "GBGGRG", "RGRBGB", "GBGGRG", "GRGGBG", "BGBRGR", "GRGGBG"
 BAYER, QUAD_BAYER = ("RG", "GB"), ("RRGG", "RRGG", "GGBB", "GGBB")
 FULL_SCALE = 65535  # of LibRaw's pictures
 LEAST_PX, LARGEST_PERIOD = 512, 6  # a side of a picture that LibRaw demosaics; a multiple of the periods of patterns
+DEVELOP_BYTES = 40  # for a pixel, LibRaw's included
 LEAST_MOSAIC_PX = 2 * LARGEST_PERIOD
 
 
@@ -102,6 +104,7 @@ def write_linear_exr(light: np.ndarray, camera: Camera, path: AnyPath) -> None:
 def _demosaiced(raw):
     import rawpy  # only needed here, and rarely
 
+    check_room("raw picture", DEVELOP_BYTES * raw.numbers.size, "develop a smaller picture")
     neutral = camera_colour(raw.camera).neutral[plane_order(raw.camera)]
     red, green, blue = 1 / neutral  # balanced, channels resemble each other, which demosaicing assumes
     file = io.BytesIO()

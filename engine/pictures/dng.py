@@ -1,7 +1,7 @@
 """Raw pictures as Digital Negatives (DNG 1.6), with the camera's colours and noise and the correction of its lens.
 
-The pixels are uncompressed: a mosaic behind filters, otherwise linear planes. `OpcodeList3` and the tags below 50000 that
-photographs share are described in the DNG specification and in TIFF/EP (ISO 12234-2).
+The pixels are uncompressed: a mosaic behind filters, otherwise linear planes. The codes of the fields are those of the
+DNG specification, of TIFF/EP (ISO 12234-2) and of EXIF.
 """
 
 import struct
@@ -108,7 +108,7 @@ def dng_tags(raw: RawImage, lens: MountedLens | None = None, correction: LensCor
 
 
 def plane_order(camera: Camera) -> list[int]:
-    """Positions of a camera's channels in the order of a file's planes: red, green, blue; empty for monochrome pictures.
+    """Positions of a camera's channels in the order of a file's planes: red, green, blue. Monochrome: none.
 
     Raises
     ------
