@@ -110,8 +110,8 @@ class RenderRequest:
                             "increases slightly")})
     camera: CameraSource = setting(
         "", name="Camera", metavar="NAME|FILE", recorded=False,
-        text="Camera that takes a picture of the lens image: a bundled camera (lensfield camera list), or a camera's file "
-             "(.toml). Its sensor replaces the lens's unless --view names another", unset="none")
+        text="Camera that takes a picture of the lens image: a bundled camera (lensfield camera list), or a camera's "
+             "file (.toml). Its sensor replaces the lens's unless --view names another", unset="none")
     iso: float = setting(
         0.0, name="ISO", kind=float, metavar="ISO", limits=(0, inf), precision=0, panel="camera", unset="auto",
         text="ISO of the camera. 0, or auto: the camera's base ISO, or the metered one if only the shutter is given")
@@ -124,8 +124,8 @@ class RenderRequest:
         text="Photon noise, read noise, dark current, and the differences between pixels")
     develop: bool = setting(
         True, name="Develop", kind=bool, panel="camera",
-        text="The lens image for the compositor and the PNG are the camera's developed picture. Otherwise they show the "
-             "light itself. The spectral files are the same")
+        text="The lens image for the compositor and the PNG are the camera's developed picture. Otherwise they show "
+             "the light itself. The spectral files are the same")
     dng: bool = setting(
         False, name="Raw File (DNG)", kind=bool, panel="camera", text="Also write the camera's raw picture")
     view_layer: str = setting(

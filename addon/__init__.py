@@ -47,9 +47,9 @@ from .ui import (
 from .ui.keys import register_keys, unregister_keys
 from .ui.previews import forget_previews
 
-__all__ = ["Animation", "RenderRequest", "apply_lens", "camera_words", "changed_scene", "check_next_to_frames", "check_output_folder",
-           "folder_for", "open_preview", "opened_preview", "plan_comparison", "preflight", "register",
-           "render_animation", "render_comparison", "render_through_lens", "set_blend_folder", "source_digest",
+__all__ = ["Animation", "RenderRequest", "apply_lens", "camera_words", "changed_scene", "check_next_to_frames",
+           "check_output_folder", "folder_for", "open_preview", "opened_preview", "plan_comparison", "preflight",
+           "register", "render_animation", "render_comparison", "render_through_lens", "set_blend_folder", "source_digest",
            "take_session", "unregister"]
 
 _MODULES = (properties, preferences, favourites, fixes, operators, open_lens, animation, another_lens, comparison,

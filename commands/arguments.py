@@ -42,7 +42,8 @@ def add_settings(group, owner, names, unset=None):
         applies = (unset or {}).get(name, each.unset) or (each.default if each.choices else "")
         text = ". ".join(filter(None, (each.text, each.choices_text))) + (f" (default: {applies})" if applies else "")
         kind = {"action": BooleanOptionalAction} if each.kind is bool else {
-            "type": None if each.kind is float and name in PARSERS else each.kind, "metavar": each.metavar, "choices": (not each.metavar and tuple(each.choices)) or None}
+            "type": None if each.kind is float and name in PARSERS else each.kind, "metavar": each.metavar,
+            "choices": (not each.metavar and tuple(each.choices)) or None}
         group.add_argument(f"--{option_of(name, each)}", default=None, help=text.replace("%", "%%"), **kind)
 
 

@@ -19,8 +19,8 @@ FRAMES = 2**32  # different noise in each; frames may be negative
 
 def add_options(develop):
     develop.description = (
-        "Take a picture of a lens image with a camera, and write it as a raw file (.dng), developed (.png), or as linear "
-        "light in the camera's channels (.exr).")
+        "Take a picture of a lens image with a camera, and write it as a raw file (.dng), developed (.png), or as "
+        "linear light in the camera's channels (.exr).")
     develop.add_argument("irradiance", type=Path, metavar="IRRADIANCE.exr",
                          help="lens image; in the name of a sequence, #### or %%04d is the frame number")
     develop.add_argument("--camera", required=True, metavar="NAME|FILE", help=CAMERAS)
@@ -94,9 +94,9 @@ def _take(shot, options, camera, given, report):
 
 
 def _write(raw, shot, options, lens):
-    from ..engine.pictures.develop import camera_rgb, developed, signal
+    from ..engine.pictures.develop import camera_rgb, developed, signal, write_linear_exr
     from ..engine.pictures.preview import write_png
-    from ..engine.pictures.spectral_exr import read_header, write_plane_exr, write_rgb_exr
+    from ..engine.pictures.spectral_exr import read_header
 
     suffix = shot.output.suffix.lower()
     if suffix == ".dng":
@@ -105,7 +105,5 @@ def _write(raw, shot, options, lens):
             print(f"lens: {line}", flush=True)
     elif suffix == ".png":
         write_png(developed(raw), shot.output, 1.0)
-    elif options.mosaic:
-        write_plane_exr(signal(raw), shot.output)
     else:
-        write_rgb_exr(camera_rgb(raw), shot.output)
+        write_linear_exr(signal(raw) if options.mosaic else camera_rgb(raw), raw.camera, shot.output)

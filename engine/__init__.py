@@ -22,12 +22,14 @@ if TYPE_CHECKING:
     from .simulation.simulate import simulate
 
 __all__ = ["CameraError", "ChannelCache", "ImageError", "InputError", "Lens", "LensError", "Options", "ReadingOptions",
-           "Report", "Rings", "SpectralImage", "load_camera", "load_lens", "photograph", "read_prescription", "simulate"]
+           "Report", "Rings", "SpectralImage", "load_camera", "load_lens", "photograph", "read_prescription",
+           "simulate"]
 
 _MODULES = {"CameraError": "runtime.errors", "ChannelCache": "simulation.channel_cache", "ImageError": "runtime.errors",
             "InputError": "runtime.errors", "Lens": "lens", "LensError": "runtime.errors", "Options": "plan.options",
             "ReadingOptions": "prescription.readers", "Report": "simulation.report", "Rings": "rays.rings",
-            "SpectralImage": "image.spectral_image", "load_camera": "library.bodies", "load_lens": "library", "photograph": "simulation.photograph",
+            "SpectralImage": "image.spectral_image", "load_camera": "library.bodies", "load_lens": "library",
+            "photograph": "simulation.photograph",
             "read_prescription": "prescription.readers", "simulate": "simulation.simulate"}
 
 

@@ -28,11 +28,11 @@ BLACK_SHARE = 1 / 32  # of the converter's numbers
 GENERIC = {"dark_noise_e": 2.0, "readout_noise_dn": 1.0, "dark_current_e_per_s": 0.1, "dsnu_e": 0.5, "prnu": 0.006}
 BAYER, QUAD = ("RG", "GB"), ("RRGG", "RRGG", "GGBB", "GGBB")
 X_TRANS = "GBGGRG", "RGRBGB", "GBGGRG", "GRGGBG", "BGBRGR", "GRGGBG"
-SOURCE = ("Spectral sensitivity of {camera} measured for rawtoaces-data 1.1.0 (Academy Software Foundation, Apache-2.0) "
-          "by {by}. Size, pixels, bits and base ISO as published by the maker.")
-ABSOLUTE = ("Absolute figures are not published: a generic sensor's are assumed. The most sensitive channel detects half "
-            "of the photons at its peak; the full well follows from ISO 12232 at the base ISO. Noise, dark current, DSNU "
-            "and PRNU are typical values. The filter array's first pixel is assumed.")
+SOURCE = ("Spectral sensitivity of {camera} measured for rawtoaces-data 1.1.0 (Academy Software Foundation, "
+          "Apache-2.0) by {by}. Size, pixels, bits and base ISO as published by the maker.")
+ABSOLUTE = ("Absolute figures are not published: a generic sensor's are assumed. The most sensitive channel detects "
+            "half of the photons at its peak; the full well follows from ISO 12232 at the base ISO. Noise, dark "
+            "current, DSNU and PRNU are typical values. The filter array's first pixel is assumed.")
 
 BODIES = {
     # name: file, title, maker, (columns, rows), width mm, bits, base ISO, filters
@@ -100,7 +100,8 @@ SENSORS = {
     # name: sensitivities of, title, (columns, rows), width mm, bits, base ISO, filters, notes
     "generic-phone": ("sony-rx100-iv", "Phone, 1.4 \u00b5m pixels", (4032, 3024), 5.645, 10, 50, BAYER, ""),
     "generic-phone-48": ("sony-rx100-iv", "Phone, Quad Bayer, 0.8 \u00b5m pixels", (8000, 6000), 6.4, 10, 50, QUAD, ""),
-    "generic-cinema": ("arri-d21", "Cinema, Super 35 with 8.25 \u00b5m pixels", (3424, 2202), 28.25, 12, 200, BAYER, ""),
+    "generic-cinema": ("arri-d21", "Cinema, Super 35 with 8.25 \u00b5m pixels", (3424, 2202), 28.25, 12, 200, BAYER,
+                       ""),
     "generic-three-chip": ("sony-rx100-iv", "Three-chip video, 2/3 inch with 5 \u00b5m pixels", (1920, 1080), 9.6, 12,
                            400, (), "A prism lets each channel see all of the light that its filter passes."),
 }

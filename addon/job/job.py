@@ -77,8 +77,10 @@ def job_of(scene, **given):
     rings = {name: getattr(request, name) for name in RING_FIELDS}
     iris = scene_iris(scene, request.lens, request.iris, **rings)
     quality = request.lens_quality or request.spectral.tier
-    lens, warning, words = scene_lens(scene, request.lens, request.view_on_sensor, quality, request.wavelengths_nm, **rings)
-    decided = {"lens": lens, "camera": chosen_camera(request), "iris": iris, "wavelengths_nm": np.array(request.wavelengths_nm),
+    lens, warning, words = scene_lens(scene, request.lens, request.view_on_sensor, quality, request.wavelengths_nm,
+                                      **rings)
+    decided = {"lens": lens, "camera": chosen_camera(request), "iris": iris,
+               "wavelengths_nm": np.array(request.wavelengths_nm),
                "denoise": ON if denoises(scene, request) else OFF}
     return Job(**vars(request) | decided, frame=scene.frame_current, clamp=request.spectral.tier != REFERENCE,
                settings=picture_settings(scene), lens_warning=warning, ring_words=words)

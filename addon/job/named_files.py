@@ -13,8 +13,8 @@ FROM_FILE = "FILE"  # the setting for a lens or camera that is not from the libr
 def named_files():
     """Untrusted paths that the .blend names: dict of path to kind. No path is accessed.
 
-    Lens data, cameras and spectra are read from any path. Pictures are written to folders and looked up there, which is safe in
-    the .blend's own folder.
+    Lens data, cameras and spectra are read from any path. Pictures are written to folders and looked up there, which is
+    safe in the .blend's own folder.
     """
     if trusts_all():
         return {}

@@ -1,12 +1,9 @@
 """The camera of a job: its raw picture of the lens image, and the developed one."""
 
-import numpy as np
-
 from ...engine import load_camera, photograph
-from ...engine.pictures.develop import developed
+from ...engine.pictures.develop import developed_in
 from ...engine.pictures.preview import auto_exposure, to_rec709
 from ...engine.runtime.files import discard
-from ...engine.sensor.resampling import pixel_means
 from ...engine.simulation.photograph import missing_channels, missing_text
 from ...engine.simulation.raw_file import write_raw_file
 
@@ -71,12 +68,4 @@ def shown_picture(request, irradiance, raw):
     if raw is None or not request.develop:
         picture = to_rec709(irradiance)
         return picture, auto_exposure(picture)
-    return in_frame(developed(raw), raw, irradiance), DEVELOPED_EXPOSURE
-
-
-def in_frame(picture, raw, irradiance):
-    """A developed picture (row, column, channel) in the pixels of the lens image: 0 beyond the sensor."""
-    pitch_um = raw.camera.pitch_um * raw.numbers.shape[-2] / len(picture)  # developing may add pixels together
-    planes = [pixel_means(plane, pitch_um, irradiance.frame_px, irradiance.pitch_um)
-              for plane in np.moveaxis(picture, -1, 0)]
-    return np.stack(planes, axis=-1)
+    return developed_in(raw, irradiance.frame_px, irradiance.pitch_um), DEVELOPED_EXPOSURE

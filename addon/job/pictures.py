@@ -9,7 +9,7 @@ from ...engine.field.frame_planes import nearest_samples, pinhole_view, relative
 from ...engine.field.stmap import distort_map, undistort_map
 from ...engine.image.irradiance import irradiance_per_radiance
 from ...engine.inspection.curves import reference_nm
-from ...engine.pictures.preview import auto_exposure, to_rec709, write_png
+from ...engine.pictures.preview import to_rec709, write_png
 from ...engine.pictures.spectral_exr import write_exr, write_plane_exr, write_rgb_exr
 from ...engine.runtime.files import stamp_of
 from ...engine.spectral.colour import REC709_LUMINANCE, rec709_weights

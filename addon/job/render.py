@@ -145,12 +145,14 @@ def lens_steps(captured, lens, request, iris, result, fraction):
     """
     report = result.report
     discard(result.record)  # the files that it describes are about to change
-    irradiance = yield Work(lambda on_progress: simulate(captured.layers or captured.radiance, lens, request.options, iris=iris,
-                                                         progress=on_progress, report=report, cache=shared_cache()),
+    irradiance = yield Work(lambda on_progress: simulate(captured.layers or captured.radiance, lens, request.options,
+                                                         iris=iris, progress=on_progress, report=report,
+                                                         cache=shared_cache()),
                             f"Through {lens.name}", fraction, 0.98 - fraction)
     irradiance = replace(irradiance, cube=captured.cut(irradiance.cube))
     yield from _file_steps(irradiance, lens, request, result,
-                           lambda *shown: write_pictures(captured, irradiance, *shown, lens, request.options, iris, result))
+                           lambda *shown: write_pictures(captured, irradiance, *shown, lens, request.options, iris,
+                                                         result))
 
 
 def _film_steps(film, job, result):

@@ -22,7 +22,8 @@ def draw_camera(layout, scene):
     except InputError as error:
         draw_wrapped(layout, str(error), "ERROR")
         return
-    layout.label(text="{:.3g} \u00d7 {:.3g} mm, {} \u00d7 {} pixels".format(*camera.size_mm, *reversed(camera.shape_px)))
+    layout.label(text="{:.3g} \u00d7 {:.3g} mm, {} \u00d7 {} pixels".format(*camera.size_mm,
+                                                                            *reversed(camera.shape_px)))
     draw_listed(layout, settings, "camera")
     if missing := missing_text(missing_channels(camera, settings.wavelengths_nm())):
         draw_wrapped(layout, f"{missing[0].upper()}{missing[1:]}", "INFO")

@@ -216,8 +216,9 @@ class LensfieldSettings(bpy.types.PropertyGroup):
         items=lens_items)
     lens_file: StringProperty(name="Lens File", description=OWN_LENS, subtype="FILE_PATH", options=BLEND_RELATIVE,
                               update=_choose_path("lens_file"))
-    camera: EnumProperty(name="Camera", description="Camera that takes a picture of the lens image. Its sensor replaces the "
-                                                    "lens's", default=_lasting_number(NO_CAMERA), items=camera_items)
+    camera: EnumProperty(
+        name="Camera", default=_lasting_number(NO_CAMERA), items=camera_items,
+        description="Camera that takes a picture of the lens image. Its sensor replaces the lens's")
     camera_file: StringProperty(name="Camera File", description=OWN_CAMERA, subtype="FILE_PATH", options=BLEND_RELATIVE,
                                 update=_choose_path("camera_file"))
     iris_roundness: _property("iris_roundness", settings_of(Iris)["roundness"])
@@ -295,8 +296,9 @@ class LensfieldSettings(bpy.types.PropertyGroup):
         """
         given = {name: value for name, value in given.items() if value is not None}
         readers = {name: partial(self.value_of, name) for name in settings_of(RenderRequest) if name in SETTINGS} | {
-            "lens": self.lens_name_or_path, "view": self.view_text, "camera": self.camera_name_or_path, "wavelengths_nm": self.wavelengths_nm,
-            "options": self.to_options, "spectral": self.to_spectral_options, "output_folder": lambda: None}
+            "lens": self.lens_name_or_path, "view": self.view_text, "camera": self.camera_name_or_path,
+            "wavelengths_nm": self.wavelengths_nm, "options": self.to_options,
+            "spectral": self.to_spectral_options, "output_folder": lambda: None}
         request = RenderRequest(**{name: read() for name, read in readers.items() if name not in given} | given)
         return replace(request, wavelengths_nm=tuple(map(float, request.wavelengths_nm)),
                        output_folder=folder_for(self.id_data, request.output_folder))

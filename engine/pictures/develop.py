@@ -11,6 +11,7 @@ from ..runtime.memory import check_room
 from ..sensor.camera import MOST_BITS, Camera
 from ..sensor.colour import camera_colour, filter_channels
 from ..sensor.exposure import RawImage, channels_of
+from ..sensor.resampling import pixel_means
 from ..spectral.colour import XYZ_TO_REC709
 from .dng import dng_samples, dng_tags, filter_cell, plane_order, write_tiff
 from .spectral_exr import write_planes_exr
@@ -74,10 +75,54 @@ def developed(raw: RawImage) -> np.ndarray:
     CameraError
         From `camera_rgb`, or the camera has two channels.
     """
-    order, light = plane_order(raw.camera), camera_rgb(raw)
+    return _rec709(camera_rgb(raw), raw.camera)
+
+
+def developed_in(raw: RawImage, shape_px: tuple[int, int], pitch_um: float) -> np.ndarray:
+    """A raw picture as `developed` shows it, in other pixels with the same middle.
+
+    Pixels several times as large as the camera's have the mean of each channel, without demosaicing, whatever the
+    filter array.
+
+    Parameters
+    ----------
+    raw : RawImage
+    shape_px : (int, int)
+        Rows and columns of the result; beyond the raw picture it is 0.
+    pitch_um : float
+
+    Returns
+    -------
+    float32 array (row, column, 3)
+    """
+    period = 1 if raw.channel is None else max(filter_cell(raw).shape)
+    if period > 1 and pitch_um >= 2 * period * raw.camera.pitch_um:
+        return _rec709(_channel_means(raw, shape_px, pitch_um), raw.camera)
+    picture = developed(raw)
+    own_um = raw.camera.pitch_um * raw.numbers.shape[-2] / len(picture)  # developing may add pixels together
+    return _resampled(np.moveaxis(picture, -1, 0), own_um, shape_px, pitch_um)
+
+
+def _channel_means(raw, shape_px, pitch_um):
+    """Mean signal of the pixels of each channel in larger pixels: array (row, column, channel)."""
+    light, planes, letters = signal(raw), [], filter_channels(raw.camera)
+    for index in plane_order(raw.camera):
+        mask = (raw.channel == raw.camera.channels.index(letters[index])).astype(np.float32)
+        total, count = _resampled([light * mask, mask], raw.camera.pitch_um, shape_px, pitch_um).transpose(2, 0, 1)
+        planes.append(np.divide(total, count, out=np.zeros_like(total), where=count > 0))
+    return np.stack(planes, axis=-1)
+
+
+def _resampled(planes, pitch_um, shape_px, wanted_um):
+    return np.stack([pixel_means(plane, pitch_um, shape_px, wanted_um) for plane in planes], axis=-1)
+
+
+def _rec709(light, camera):
+    """Linear Rec. 709 (row, column, 3) of light in a camera's channels, in the order of a file's planes."""
+    order = plane_order(camera)
     if not order:
         return np.repeat(light, 3, axis=-1)
-    colour = camera_colour(raw.camera)
+    colour = camera_colour(camera)
     balanced = light / colour.neutral[order].astype(np.float32)
     to_rec709 = XYZ_TO_REC709 @ colour.balanced_to_xyz[:, order]
     return np.minimum(balanced, 1, out=balanced) @ to_rec709.T.astype(np.float32)

@@ -112,7 +112,8 @@ def _header(image):
     top, left = image.overscan_px
     header = _windows(image.frame_px, (-top, -left), image.cube.shape[1:]) | {
         "spectralLayoutVersion": LAYOUT_VERSION,
-        "lensfield:quantity": image.quantity, "lensfield:units": ARBITRARY if image.arbitrary else UNITS[image.quantity],
+        "lensfield:quantity": image.quantity,
+        "lensfield:units": ARBITRARY if image.arbitrary else UNITS[image.quantity],
         "lensfield:pitchUm": np.array([image.pitch_um]),  # stored in double precision, unlike a float
         "lensfield:centrePx": np.array([image.centre_px[0] - top, image.centre_px[1] - left]),
     }

@@ -58,8 +58,8 @@ def test_frames_share_the_exposure_of_the_first_but_not_its_noise(scene, tmp_pat
     (tmp_path / "lens_0008_irradiance.exr").write_bytes(scene.read_bytes())
     brighter = SpectralImage(np.full((7, 90, 130), 0.01), NM, pitch_um=8.459, quantity="irradiance")
     write_exr(brighter, tmp_path / "lens_0009_irradiance.exr")
-    assert run("develop", tmp_path / "lens_####_irradiance.exr", "--camera", "nikon-d700", "-o", tmp_path / "m_####.exr",
-               "--mosaic", "--seed", SEED % 2**31, "--report", tmp_path / "r.json") == 0
+    assert run("develop", tmp_path / "lens_####_irradiance.exr", "--camera", "nikon-d700", "-o",
+               tmp_path / "m_####.exr", "--mosaic", "--seed", SEED % 2**31, "--report", tmp_path / "r.json") == 0
     mosaics = [read_parts(tmp_path / f"m_{frame:04d}.exr")[0][1]["Y"] for frame in (7, 8, 9)]
     frames = json.loads((tmp_path / "r.json").read_text())["frames"]
     assert len({frame["camera"]["shutter_s"] for frame in frames}) == 1 and frames[2]["camera"]["saturated"] > 0.5
@@ -75,7 +75,7 @@ def test_frames_share_the_exposure_of_the_first_but_not_its_noise(scene, tmp_pat
     (["--camera", "leica-m3", "-o", "a.dng"], "leica-m3: camera is unknown"),
     (["--camera", "nikon-d700", "-o", "a.jpg"], "suffix is .jpg: expected .dng, .png, .exr"),
     (["--camera", "nikon-d700", "-o", "a.dng", "--mosaic"], "also give an output with the suffix .exr"),
-    (["--camera", "generic-three-chip", "-o", "a.exr", "--mosaic"], "all pixels of generic-three-chip have all channels"),
+    (["--camera", "generic-three-chip", "-o", "a.exr", "--mosaic"], "pixels of generic-three-chip have all channels"),
     (["--camera", "nikon-d700", "-o", "a.dng", "--shutter", "1/0"], "--shutter is 1/0: expected seconds such as 1/60"),
     (["--camera", "nikon-d700", "-o", "a.dng", "--iso", "fast"], "--iso is fast: expected a positive number"),
     (["--camera", "nikon-d700", "-o", "a.dng", "-o", "a.dng"], "named twice"),

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...runtime.build_identity import MARK
-from ...runtime.errors import LensError
 from ...runtime.toml_fields import TomlTable, check_known, pairs, read_toml
 from ...spectral.dispersion import FORMULAS
 from ...spectral.refraction import Formula

@@ -28,8 +28,9 @@ def test_a_bundled_camera_saturates_as_iso_12232_says(name):
         "size", "sensitivity", "noise"}
 
 
-@pytest.mark.parametrize("name, size_mm, rows", [("sony-a7-iv", (35.9, 23.9), 4672), ("nikon-d850", (35.9, 23.9), 5504),
-                                                 ("fujifilm-x-t4", (23.5, 15.6), 4160), ("panasonic-gx9", (17.3, 13), 3888)])
+@pytest.mark.parametrize("name, size_mm, rows", [
+    ("sony-a7-iv", (35.9, 23.9), 4672), ("nikon-d850", (35.9, 23.9), 5504), ("fujifilm-x-t4", (23.5, 15.6), 4160),
+    ("panasonic-gx9", (17.3, 13), 3888)])
 def test_sensors_have_the_makers_sizes(name, size_mm, rows):
     assert CAMERAS[name].size_mm == pytest.approx(size_mm, abs=0.1)
     assert CAMERAS[name].shape_px[0] == rows
