@@ -49,8 +49,8 @@ from .ui.previews import forget_previews
 
 __all__ = ["Animation", "RenderRequest", "apply_lens", "camera_words", "changed_scene", "check_next_to_frames",
            "check_output_folder", "folder_for", "open_preview", "opened_preview", "plan_comparison", "preflight",
-           "register", "render_animation", "render_comparison", "render_through_lens", "set_blend_folder", "source_digest",
-           "take_session", "unregister"]
+           "register", "render_animation", "render_comparison", "render_through_lens", "set_blend_folder",
+           "source_digest", "take_session", "unregister"]
 
 _MODULES = (properties, preferences, favourites, fixes, operators, open_lens, animation, another_lens, comparison,
             preview, live, quick_look, lens_assets, compositor_panel, panels, lint_panel, spectra_panels, trust_panel,
