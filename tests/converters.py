@@ -18,7 +18,8 @@ Setting=Camera
 def darktable(folder, name="a.dng"):
     """A file in a folder, developed without any look: array (row, column, 3)."""
     _run(["darktable-cli", name, "a.pfm", "--icc-type", "LIN_REC709", "--core", "--configdir", folder,
-          "--disable-opencl", "--conf", "plugins/darkroom/workflow=none", "--conf", "plugins/darkroom/chromatic-adaptation=legacy"], folder)
+          "--disable-opencl", "--conf", "plugins/darkroom/workflow=none",
+          "--conf", "plugins/darkroom/chromatic-adaptation=legacy"], folder)
     head, size, scale, light = (folder / "a.pfm").read_bytes().split(b"\n", 3)
     assert head == b"PF"
     columns, rows = map(int, size.split())
