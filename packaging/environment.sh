@@ -1,9 +1,9 @@
 #!/bin/sh
 # environment.sh VENV BPY|bake|tables|sensor|lint|release [EXTRA]: create the virtual environment VENV with this package
-# and one of these: Blender's Python wheel BPY (with further extras of the package), the references for baked lenses, the
-# requirements for the tables of spectra, the evaluator of sensors, the linters, or the builder of sdist and wheel.
-# (Optiland and colour-science need a different numpy than the wheel.) Packages in packaging/lock-BPY.txt are installed in
-# exactly these versions and files; others are not pinned.
+# and one of these: Blender's Python wheel BPY (with further extras of the package), the references for baked lenses,
+# the requirements for the tables of spectra, the evaluator of sensors, the linters, or the builder of sdist and wheel.
+# (Optiland and colour-science need a different numpy than the wheel.) Packages in packaging/lock-BPY.txt are installed
+# in exactly these versions and files; others are not pinned.
 # rayoptics is installed without dependencies: it requires Qt and Jupyter, 0.7 GB, which its tracer never loads.
 # Required system libraries are installed with apt for root; otherwise one line says which to install.
 set -eu

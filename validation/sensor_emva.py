@@ -3,15 +3,15 @@
     python validation/sensor_emva.py [PAGE.md PLOT.png]
 
 takes the pictures with `expose` in monochromatic light, gives them to the evaluator as files, and prints each figure of
-the standard next to the camera's own. The exit status is 1 if one is outside its confidence interval. The table is
-written into the page, below the heading "Judged by EMVA 1288", and the photon transfer curves are drawn.
+the standard next to the camera's own. The exit status is 1 if one is outside its confidence interval, or if repetitions
+scatter more or less than the intervals state. The table in the page is replaced, and the photon transfer curves drawn.
 """
 
 import logging
 import re
 import sys
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -49,6 +49,8 @@ class Series:
     seed: int = 0
 
 
+QUICK = Series((120, 160), levels=30, frames=16, times=4)
+REPETITIONS, MOST_SCATTER = 40, 0.5  # 5 standard deviations of a standard deviation from 40 values are 0.56
 FIGURES = {"K": ("DN/e⁻", 4), "QE": ("%", 2), "σ_d": ("e⁻", 3), "DSNU1288": ("e⁻", 3), "PRNU1288": ("%", 3),
            "μ_I": ("e⁻/s", 4), "μ_e.sat": ("e⁻", 0)}
 """Units of the standard's figures, and decimals to print."""
@@ -316,6 +318,14 @@ def measure(name, iso, series):
     return bench, figures(bench, values), results
 
 
+def scatter(name, iso):
+    """Standard deviation of each evaluation, except of saturation, over the expected, from repetitions."""
+    repeated = [measure(name, iso, replace(QUICK, seed=seed))[1][:-1] for seed in range(REPETITIONS)]
+    deviations = [[SIGMAS * (each.evaluated - each.camera) / (each.high - each.camera) for each in found]
+                  for found in repeated]
+    return dict(zip(FIGURES, np.std(deviations, axis=0), strict=False))
+
+
 def main(arguments):
     measured = []
     for name, iso in SENSORS:
@@ -323,11 +333,14 @@ def main(arguments):
         bench, found, _ = measured[-1]
         print(f"\n{bench.camera.title}, {CHANNEL} at {bench.nm:g} nm, ISO {iso:g}: {bench.pixels} pixels")
         print(*found, sep="\n", flush=True)
+    scattered = scatter(*SENSORS[0])
+    print("\nscatter over the expected:", *(f"{name} {value:.2f}" for name, value in scattered.items()))
     if arguments:
         page, plot = map(Path, arguments)
         page.write_text(TABLE.sub(lambda _: table(measured), page.read_text(encoding="utf-8")), encoding="utf-8")
         write_plot(measured, plot)
-    return int(any(figure.missed for _, found, _ in measured for figure in found))
+    return int(any(figure.missed for _, found, _ in measured for figure in found)
+               or any(abs(value - 1) > MOST_SCATTER for value in scattered.values()))
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ from .electrons import plane_weights
 
 FORMAT, VERSION = "lensfield-film", 1
 FIELDS = ("format", "version", "name", "source", "unit", "wavelengths_nm", "log_exposure", "log_sensitivity", "density")
+LARGEST_LOG = 30
 LOG_M2_PER_J = {"J/m2": 0.0, "erg/cm2": 3.0}
 """What to add to the logarithm of a sensitivity, the reciprocal of an exposure in this unit."""
 
@@ -72,8 +73,8 @@ class Film(Value):
             raise InputError(where, along, f"of shape {points.shape}", "expected two or more ascending numbers")
         if not self.layers or values.shape != (len(self.layers), points.size):
             raise InputError(where, across, f"of shape {values.shape}", f"expected {points.size} for each layer")
-        if not np.all(np.isfinite(values)):
-            raise InputError(where, across, "not finite", "expected numbers; -9 stands for no sensitivity")
+        if not np.all(np.abs(values) <= LARGEST_LOG):
+            raise InputError(where, across, "out of range", f"expected -{LARGEST_LOG} to {LARGEST_LOG}")
 
 
 def read_film(path: Path) -> Film:

@@ -9,9 +9,9 @@ import pytest
 from lensfield.engine.library.bodies import load_camera
 from places import ROOT
 from seed import SEED
-from sensor_emva import FIGURES, SENSORS, TABLE, Bench, Series, evaluate, figures, intervals
+from sensor_emva import FIGURES, QUICK, SENSORS, TABLE, Bench, Series, evaluate, figures, intervals
 
-QUICK = Series((120, 160), levels=30, frames=16, times=4, seed=SEED)
+SERIES = replace(QUICK, seed=SEED)
 CELL = re.compile(r"([\d.]+): \*\*([\d.]+)\*\*<br>([\d.]+) to ([\d.]+)")
 sensors = pytest.mark.parametrize("column, sensor", list(enumerate(SENSORS)), ids=[name for name, _ in SENSORS])
 
@@ -40,7 +40,7 @@ def test_the_page_states_the_cameras_own_figures(column, sensor):
 @sensors
 def test_the_evaluator_returns_the_cameras_figures_and_those_of_the_page(column, sensor):
     pytest.importorskip("emva1288", reason="the judge of sensors is emva1288: make test-sensor")
-    bench = Bench(load_camera(sensor[0]), sensor[1], QUICK)
+    bench = Bench(load_camera(sensor[0]), sensor[1], SERIES)
     for figure in figures(bench, evaluate(bench)[1]):
         assert not figure.missed, figure
         _, evaluated, low, high = map(float, stated(column)[figure.name])
@@ -53,7 +53,7 @@ def test_the_evaluator_finds_a_camera_with_other_figures():
     other = replace(camera, gain_dn_per_e=1.1 * camera.gain_dn_per_e, dsnu_e=3 * camera.dsnu_e,
                     prnu=2 * camera.prnu, quantum_efficiency=0.9 * camera.quantum_efficiency,
                     dark_current_e_per_s=2 * camera.dark_current_e_per_s, dark_noise_e=3 * camera.dark_noise_e)
-    bench, truth = (Bench(each, 800.0, QUICK) for each in (other, camera))
+    bench, truth = (Bench(each, 800.0, SERIES) for each in (other, camera))
     values = evaluate(bench)[1]
     assert not any(figure.missed for figure in figures(bench, values))
     missed = {figure.name for figure in figures(truth, values) if figure.missed}

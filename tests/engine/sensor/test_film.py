@@ -1,5 +1,7 @@
 """Film: exposures of its layers, with the made-up stock of docs/camera.md."""
 
+import re
+import textwrap
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +12,7 @@ from film_metamers import NM, made_up_film, metamers, on_film, to_the_eye
 from lensfield.engine import ImageError, InputError, SpectralImage
 from lensfield.engine.sensor.film import Film, film_density, film_exposure, read_film
 from lensfield.engine.spectral.spectra import colour_matching, load_spectrum
+from places import ROOT
 from seed import SEED
 
 FILM = made_up_film()
@@ -100,10 +103,18 @@ def test_a_stock_is_read_from_a_file(tmp_path):
         2 * 0.05 * 1e7 / 1e4 * 10**-1.5), "J m^-2 to erg cm^-2"
 
 
+def test_the_stock_in_the_documents_is_read(tmp_path):
+    page = (ROOT / "docs/camera.md").read_text(encoding="utf-8")
+    example = re.search(r"(?m)^    format = .lensfield-film.\n(    .*\n)+", page)[0]
+    (tmp_path / "mine.toml").write_text(textwrap.dedent(example))
+    film = read_film(tmp_path / "mine.toml")
+    assert film.layers == ("red", "green", "blue") and film.density.shape == (3, 4)
+
+
 @pytest.mark.parametrize("old, new, message", [
     ("erg/cm2", "lux", "unit is lux: expected J/m2 or erg/cm2"), ("[400, 500]", "[500, 400]", "ascending"),
     ("blue = [0.25, -2]", "blue = [0]", "log_sensitivity, blue is .*expected 2 numbers"),
-    ("[-1.5, -1]", "[-1.5, -inf]", "log_sensitivity is not finite"), ("-film", "-camera", "format"),
+    ("[-1.5, -1]", "[-1.5, -inf]", "log_sensitivity is out of range: expected -30 to 30"), ("-film", "-camera", "format"),
     ("log_exposure = [-2, 0, 1]\n", "", "expected both or neither"),
     ("red = [0.1", "green = [0.1", "expected red, blue"),
     ("log_exposure", "log_exposures", "log_exposures is unknown: expected format"),
