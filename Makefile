@@ -40,6 +40,8 @@
 #                  and seconds for each)
 # make hero        write the front page's pictures to build/hero and docs: a night portrait through ten lenses, and a
 #                  focus pull (half an hour); captures that exist in build/hero are not rendered again
+# make camera-pictures  write the pictures of docs/camera.md, from raw files in build/camera (ten minutes)
+# make cameras     write the library's cameras again, from RAWTOACES=FOLDER, a copy of rawtoaces-data (seconds)
 # make tables      rewrite the spectra and the upsampling basis with colour-science; make bench-tables compares bases
 # make lint        check the style, and the types of the engine's public functions (seconds)
 # make test-engine COVERAGE=yes  also report the share of the engine's and the commands' lines that the tests run, for a
@@ -84,7 +86,7 @@ LINT = .venv-lint
 RELEASE = .venv-release
 LOCK = packaging/lock-5.0.1.txt
 
-.PHONY: demo kernels test fuzz long-runs kill-test test-kernels test-engine test-blender ui-test bench bench-all validate validate-sensor extension release test-bake test-sensor test-farm glasses lenses lens-pictures hero tables bench-tables \
+.PHONY: demo kernels test fuzz long-runs kill-test test-kernels test-engine test-blender ui-test bench bench-all validate validate-sensor extension release test-bake test-sensor test-farm glasses lenses lens-pictures hero camera-pictures cameras tables bench-tables \
         test-numpy ci lint lock
 
 demo: $(READY) kernels
@@ -187,6 +189,12 @@ lens-pictures: $(READY)
 
 hero: $(READY) kernels
 	$(VENV)/bin/python -W ignore packaging/hero_pictures.py build/hero
+
+camera-pictures: $(READY) kernels
+	$(VENV)/bin/python -W ignore packaging/camera_pictures.py build/camera
+
+cameras: $(READY)
+	$(VENV)/bin/python packaging/make_cameras.py $(RAWTOACES)
 
 tables: $(TABLES)/.ready
 	$(TABLES)/bin/python packaging/make_spectra.py

@@ -1,6 +1,6 @@
 """A camera's sensor, described by the parameters of EMVA Standard 1288."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -116,6 +116,14 @@ class Camera(Value):
         """Width and height of the sensor."""
         rows, columns = self.shape_px
         return columns * self.pitch_um * 1e-3, rows * self.pitch_um * 1e-3
+
+    @property
+    def turned(self) -> "Camera":
+        """The camera turned by 90 degrees: its rows are columns of this one, from the right."""
+        rows, columns = self.shape_px
+        cell = ["".join(row[(columns - 1 - index) % len(row)] for row in self.filters)
+                for index in range(len(self.filters[0]))] if self.filters else ()
+        return replace(self, shape_px=(columns, rows), filters=tuple(cell))
 
     def gain_at(self, iso: float) -> float:
         """K at an ISO, in digital numbers per electron."""

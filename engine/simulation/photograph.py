@@ -74,7 +74,9 @@ class CameraFacts(Part):
 
 def photograph(irradiance: SpectralImage, camera: Camera, iso: float | None = None, shutter_s: float | None = None, *,
                report: Report | None = None, **others: int | bool) -> RawImage:
-    """Take a picture with a camera that stands where the lens image is.
+    """Take a picture with a camera whose sensor is where the lens image is.
+
+    For a picture that is higher than wide, the camera is turned.
 
     Parameters
     ----------
@@ -95,6 +97,7 @@ def photograph(irradiance: SpectralImage, camera: Camera, iso: float | None = No
     InputError
         A value is not valid.
     """
+    camera = held(camera, irradiance.frame_px)
     if irradiance.arbitrary:
         exposure = Exposure(shutter_s or COMMON_SHUTTER_S, iso or camera.base_iso, **others)
         factor = np.float32(exposure_factor(irradiance, camera, exposure))
@@ -108,6 +111,12 @@ def photograph(irradiance: SpectralImage, camera: Camera, iso: float | None = No
             irradiance.arbitrary, raw.numbers.shape[-2:], raw.saturated, darkest_snr(raw), raw.resampled,
             missing_channels(camera, irradiance.wavelengths_nm)))
     return raw
+
+
+def held(camera: Camera, frame_px: tuple[int, int]) -> Camera:
+    """The camera as it is held for a picture of these rows and columns."""
+    rows, columns = camera.shape_px
+    return camera.turned if (rows - columns) * (frame_px[0] - frame_px[1]) < 0 else camera
 
 
 def darkest_snr(raw: RawImage) -> float:

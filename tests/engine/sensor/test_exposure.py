@@ -245,3 +245,14 @@ def test_crosstalk_keeps_all_electrons_and_crosses_filters():
     camera = replace(MONO, crosstalk=0.2, pixel_aperture=0.5)
     even = expose(flat(0.02, (150, 40)), camera, Exposure(0.01, 100.0, noise=False))
     assert np.ptp(even.numbers) == 0
+
+
+@pytest.mark.parametrize("filters", [("RG", "GB"), ("GBR", "RGG", "BRB"), ("RRG", "GBB"), ()])
+def test_a_turned_camera_has_the_same_pixels(filters):
+    """The sensor of 300 x 401 pixels has an odd number of columns, so its corner on the right is another filter."""
+    camera = replace(CAMERA, filters=filters)
+    turned = camera.turned
+    assert turned.shape_px == (401, 300) and turned.size_mm == camera.size_mm[::-1]
+    if filters:
+        np.testing.assert_array_equal(channels_of(turned, (401, 300)), np.rot90(channels_of(camera, (300, 401))))
+    assert turned.turned.turned.turned == camera

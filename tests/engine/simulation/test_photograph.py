@@ -97,3 +97,10 @@ def test_another_pitch_and_missing_wavelengths_are_reported():
 @pytest.mark.parametrize("shutter_s, text", [(1 / 60, "1/60 s"), (1 / 8000, "1/8000 s"), (0.5, "0.5 s"), (30, "30 s")])
 def test_shutters_read_as_on_cameras(shutter_s, text):
     assert shutter_text(shutter_s) == text
+
+
+def test_the_camera_is_turned_for_an_upright_picture():
+    camera = replace(CAMERA, shape_px=(60, 90))
+    for shape in ((90, 60), (60, 90)):
+        assert photograph(daylight(5.0, shape), camera).numbers.shape == shape
+    assert photograph(daylight(5.0, (80, 80)), camera).numbers.shape == (60, 80)
