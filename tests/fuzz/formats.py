@@ -19,9 +19,11 @@ from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.inspection.info import lens_info, lens_text
 from lensfield.engine.lens_files import import_lens
 from lensfield.engine.lens_files.package import package_bytes, read_package
+from lensfield.engine.library.bodies import CAMERAS
 from lensfield.engine.pictures.spectral_exr import write_exr
 from lensfield.engine.prescription.readers import ReadingOptions, read_prescription
 from lensfield.engine.prescription.readers.toml import write_prescription
+from lensfield.engine.sensor.camera_file import camera_text, read_camera
 from lensfield.engine.spectral import refraction, spectra
 from lensfield.engine.spectral.refraction import load_refraction
 from lensfield.engine.spectral.spectra import load_spectrum, parse_wavelengths
@@ -78,6 +80,7 @@ def formats(folder: Path) -> Iterator[tuple[str, Format]]:
         yield name, Format(sounds, read_as_filter_does, chatters=True)
     yield "spectrum (.spd)", Format(_texts(".spd", LIBRARY_SPECTRA), lambda path: load_spectrum(str(path)))
     yield "refraction (.yml)", Format(_texts(".yml", LIBRARY_GLASSES), lambda path: load_refraction(str(path)))
+    yield "camera (.toml)", Format(_texts(".toml", LIBRARY_CAMERAS), _read_camera)
     yield "spectrum in a line", Format(_lines("400:0.1, 700:0.2", "[400 0.1 700 0.2]", "blackbody 5600", "~/x.spd"),
                                        _of_text(load_spectrum))
     yield "wavelengths", Format(_lines("400:700:31", "450, 550, 650.5"), _of_text(parse_wavelengths))
@@ -130,6 +133,10 @@ def _prescription(kind, text, program=""):
 
 def _read_prescription(path):
     return write_prescription(read_prescription(path, ReadingOptions(FIELD)))
+
+
+def _read_camera(path):
+    return camera_text(read_camera(path))
 
 
 # Pictures
@@ -193,6 +200,7 @@ def read_as_filter_does(path):
 # Spectra
 
 LIBRARY_SPECTRA = [next(folder.glob("*.spd")) for folder in spectra.LIBRARY.values()]
+LIBRARY_CAMERAS = [CAMERAS / f"{name}.toml" for name in ("fujifilm-x-t4", "generic-three-chip")]
 LIBRARY_GLASSES = sorted(refraction.LIBRARY.glob("*.yml"), key=lambda path: path.stat().st_size)[::20]
 
 
