@@ -147,6 +147,14 @@ def drawn(part):
     return kinds
 
 
+def show_section(draw):
+    """Draw a section of the Lensfield panel in place of the lens; returns a function that ends that."""
+    panels = sys.modules[f"{MODULE}.addon.ui.panels"]
+    lens = panels._draw_lens
+    panels._draw_lens = getattr(panels, draw)
+    return lambda: setattr(panels, "_draw_lens", lens)
+
+
 def raise_vase():
     bpy.data.objects["Vase"].location.z += 0.02
 

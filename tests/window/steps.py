@@ -46,6 +46,7 @@ from hands import (
     report,
     session,
     shoot,
+    show_section,
     show_tab,
     start,
     start_endless,
@@ -255,6 +256,29 @@ def sensors():
     assert abs(shares["SENSOR"] / shares["LENS"] - 2) < 1e-3  # of 36 x 24 mm
     image = yield from render()
     assert image.mean() > 1e-3
+
+
+def camera():
+    """A camera behind the lens: its section of the panel, its developed picture in the compositor, and its raw file."""
+    yield from open_sample()
+    settings = bpy.context.scene.lensfield
+    settings.lens, settings.view = "apple-phone-4mm", "LENS"
+    light = yield from render()
+    settings.camera, settings.iso, settings.dng = "generic-phone", 200, True
+    yield from until(lambda: lens_request().lens)
+    shown = show_section("draw_camera")
+    yield DRAW_S
+    shoot("section")
+    photo = yield from render()
+    shown()
+    yield DRAW_S
+    shoot("developed")
+    raw = lens_image_path().with_name(lens_image_path().name.replace("lens_image.exr", "raw.dng"))
+    assert raw.is_file() and "ISO 200" in "".join(session().last_render.lines)
+    assert not alike(light, photo) and 0.02 < photo[..., :3].mean() < 0.5
+    settings.camera = "NONE"
+    again = yield from render()
+    assert alike(light, again) and not raw.exists()
 
 
 def preview():
