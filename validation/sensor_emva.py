@@ -35,7 +35,7 @@ FITTED = 0.7  # of saturation: the standard's limit for its linear fits
 NS_PER_S = 1e9
 COLOURS = "#000000", "#E69F00", "#009E73", "#0072B2", "#D55E00"
 MARKERS = "osD^v"
-TABLE = re.compile(r"(?<=\n)\|[^\n]*, ISO .*?(?=\n\n)", re.DOTALL)
+TABLE = re.compile(r"(## Judged by EMVA 1288\n.*?\n)(\|.*?)(?=\n\n)", re.DOTALL)
 
 
 @dataclass(frozen=True)
@@ -197,10 +197,12 @@ def intervals(bench):
     variance w = s^2 + v / L between pixels, with the variance 2 w^2 / n; s is DSNU or PRNU.
     """
     camera, gain, dark = bench.camera, bench.gain, bench.dark_variance_dn
-    of_gain, of_efficiency = _slope_errors(bench)
+    of_gain, of_efficiency, by_dark = _slope_errors(bench)
     of_dsnu, of_prnu = _spatial_errors(bench)
     sigma_d, current = np.sqrt(dark - 1 / 12) / gain, camera.dark_current_e_per_s
-    of_sigma_d = np.hypot(np.sqrt(2 / bench.pixels) * dark / (2 * gain**2 * sigma_d), sigma_d * of_gain)
+    alone = 1 / (2 * gain**2 * sigma_d)  # d sigma_d / d dark, to which K adds sigma_d by_dark
+    of_sigma_d = np.hypot(np.sqrt(2 / bench.pixels * (alone**2 + 2 * alone * sigma_d * by_dark)) * dark,
+                          sigma_d * of_gain)
     by_sigma = ((gain, gain * of_gain),
                 (100 * bench.efficiency, 100 * bench.efficiency * of_efficiency),
                 (sigma_d, of_sigma_d),
@@ -217,7 +219,7 @@ def figures(bench, values):
 
 
 def _slope_errors(bench):
-    """Relative standard deviations of K and QE."""
+    """Relative standard deviations of K and QE, and the relative decrease of K by a higher variance in the dark."""
     signal = bench.gain * bench.levels_e()
     signal = signal[signal <= FITTED * bench.gain * bench.capacity_e]
     dark, squares = bench.dark_variance_dn, (signal**2).sum()
@@ -225,7 +227,8 @@ def _slope_errors(bench):
     of_gain = np.sqrt((signal**2 * 2 * variances**2).sum() + signal.sum()**2 * 2 * dark**2) / squares / bench.gain
     of_response = np.sqrt((signal**2 * variances / 2).sum() + signal.sum()**2 * dark / 2) / squares
     of_response = np.hypot(of_response, bench.camera.prnu)  # the mean of the pixels' own
-    return of_gain / np.sqrt(bench.pixels), np.hypot(of_gain, of_response) / np.sqrt(bench.pixels)
+    of_gain, of_efficiency = np.array([of_gain, np.hypot(of_gain, of_response)]) / np.sqrt(bench.pixels)
+    return of_gain, of_efficiency, signal.sum() / squares / bench.gain
 
 
 def _spatial_errors(bench):
@@ -275,7 +278,7 @@ def table(measured):
     rows = [["", *(f"{bench.camera.name}, ISO {bench.iso:g}" for bench, _, _ in measured)],
             ["---"] * (len(measured) + 1),
             *([f"{same[0].name}, {FIGURES[same[0].name][0]}", *(figure.cell for figure in same)]
-              for same in zip(*(found for _, found, _ in measured), strict=True))]
+              for same in zip(*(judged for _, judged, _ in measured), strict=True))]
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
@@ -321,8 +324,8 @@ def measure(name, iso, series):
 def scatter(name, iso):
     """Standard deviation of each evaluation, except of saturation, over the expected, from repetitions."""
     repeated = [measure(name, iso, replace(QUICK, seed=seed))[1][:-1] for seed in range(REPETITIONS)]
-    deviations = [[SIGMAS * (each.evaluated - each.camera) / (each.high - each.camera) for each in found]
-                  for found in repeated]
+    deviations = [[SIGMAS * (each.evaluated - each.camera) / (each.high - each.camera) for each in judged]
+                  for judged in repeated]
     return dict(zip(FIGURES, np.std(deviations, axis=0), strict=False))
 
 
@@ -330,16 +333,17 @@ def main(arguments):
     measured = []
     for name, iso in SENSORS:
         measured.append(measure(name, iso, Series()))
-        bench, found, _ = measured[-1]
+        bench, judged, _ = measured[-1]
         print(f"\n{bench.camera.title}, {CHANNEL} at {bench.nm:g} nm, ISO {iso:g}: {bench.pixels} pixels")
-        print(*found, sep="\n", flush=True)
+        print(*judged, sep="\n", flush=True)
     scattered = scatter(*SENSORS[0])
     print("\nscatter over the expected:", *(f"{name} {value:.2f}" for name, value in scattered.items()))
     if arguments:
         page, plot = map(Path, arguments)
-        page.write_text(TABLE.sub(lambda _: table(measured), page.read_text(encoding="utf-8")), encoding="utf-8")
+        text = TABLE.sub(lambda match: match[1] + table(measured), page.read_text(encoding="utf-8"))
+        page.write_text(text, encoding="utf-8")
         write_plot(measured, plot)
-    return int(any(figure.missed for _, found, _ in measured for figure in found)
+    return int(any(figure.missed for _, judged, _ in measured for figure in judged)
                or any(abs(value - 1) > MOST_SCATTER for value in scattered.values()))
 
 

@@ -73,8 +73,8 @@ class Film(Value):
             raise InputError(where, along, f"of shape {points.shape}", "expected two or more ascending numbers")
         if not self.layers or values.shape != (len(self.layers), points.size):
             raise InputError(where, across, f"of shape {values.shape}", f"expected {points.size} for each layer")
-        if not np.all(np.abs(values) <= LARGEST_LOG):
-            raise InputError(where, across, "out of range", f"expected -{LARGEST_LOG} to {LARGEST_LOG}")
+        if not np.all(np.isfinite(values) & (values <= LARGEST_LOG)):
+            raise InputError(where, across, "out of range", f"expected numbers up to {LARGEST_LOG}")
 
 
 def read_film(path: Path) -> Film:

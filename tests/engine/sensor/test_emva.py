@@ -19,7 +19,7 @@ sensors = pytest.mark.parametrize("column, sensor", list(enumerate(SENSORS)), id
 @cache
 def page():
     """Rows of the table of figures."""
-    lines = TABLE.search((ROOT / "docs/camera.md").read_text(encoding="utf-8"))[0].splitlines()
+    lines = TABLE.search((ROOT / "docs/camera.md").read_text(encoding="utf-8"))[2].splitlines()
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
 
 
