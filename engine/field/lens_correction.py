@@ -18,7 +18,7 @@ WARP_POWERS, GAIN_POWERS = np.arange(0, 8, 2), np.arange(2, 12, 2)
 FIT_RADII = np.linspace(0, 1, 257)[1:]
 STRONGEST_DISTORTION = 0.25  # beyond it, a lens is a fisheye: straightened, most of its picture would be lost
 LARGEST_DISTORTION_ERROR = 3e-3  # of the distance from the axis: straight lines look straight
-LARGEST_GAIN, LARGEST_GAIN_ERROR = 16.0, 0.02
+LARGEST_GAIN, LARGEST_GAIN_ERROR = 16.0, 0.05
 
 
 @dataclass(frozen=True, eq=False, repr=False)

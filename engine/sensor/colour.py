@@ -87,6 +87,8 @@ def light_of(illuminant: str = ILLUMINANT) -> tuple[np.ndarray, np.ndarray]:
 def channel_weights(camera: Camera, wavelengths_nm: np.ndarray, illuminant: str = ILLUMINANT) -> np.ndarray:
     """Share of each wavelength in the electrons of white under an illuminant: array (channel, wavelength), sums of 1.
 
+    They are equal in a channel without response at these wavelengths.
+
     Parameters
     ----------
     camera : Camera
@@ -96,7 +98,8 @@ def channel_weights(camera: Camera, wavelengths_nm: np.ndarray, illuminant: str 
         A light of the library.
     """
     electrons = _response(camera, wavelengths_nm) * load_spectrum(illuminant).at(wavelengths_nm)
-    return electrons / electrons.sum(axis=1, keepdims=True)
+    total = electrons.sum(axis=1, keepdims=True)
+    return np.divide(electrons, total, out=np.full_like(electrons, 1 / electrons.shape[1]), where=total > 0)
 
 
 def _response(camera, wavelengths_nm):

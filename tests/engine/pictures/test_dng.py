@@ -1,5 +1,6 @@
 """Raw files: their fields, and what other programs make of them."""
 
+import re
 import struct
 from dataclasses import replace
 
@@ -12,12 +13,15 @@ from converters import CONVERTERS, installed
 from lensfield.engine import InputError, Options, SpectralImage, load_lens, simulate
 from lensfield.engine.field.lens_correction import LensCorrection, lens_correction
 from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.pictures.develop import developed
 from lensfield.engine.pictures.dng import MountedLens, dng_samples, write_dng
 from lensfield.engine.runtime.errors import CameraError
 from lensfield.engine.sensor.colour import camera_colour, channel_weights
 from lensfield.engine.sensor.exposure import Exposure, expose, raw_grid
 from lensfield.engine.spectral.colour import REC709_TO_XYZ
 from lensfield.engine.spectral.spectra import load_spectrum
+from places import ROOT
+from raw_files import CHART_TABLE, LENS_TABLE, lens_row
 from raw_pictures import NM, QUAD_BAYER, XTRANS, chart_error, chart_raw, small_camera, uneven_light, uneven_raw
 from seed import SEED
 
@@ -57,9 +61,8 @@ def field(data, place):
 
 
 @pytest.mark.parametrize("filters", PATTERNS, ids=lambda filters: "-".join(filters[:2]) or "three-chip")
-@pytest.mark.parametrize("shape_px", [(123, 201), (64, 30)])
-def test_libraw_reads_every_pixel_and_its_filter(tmp_path, filters, shape_px):
-    raw = uneven_raw(small_camera(filters=filters), shape_px)
+def test_libraw_reads_every_pixel_and_its_filter(tmp_path, filters):
+    raw = uneven_raw(small_camera(filters=filters), (123, 201))
     write_dng(raw, tmp_path / "a.dng", LENS)
     with rawpy.imread(str(tmp_path / "a.dng")) as file:
         planes = raw.numbers if raw.channel is None else raw.numbers[None]
@@ -256,3 +259,11 @@ def test_converters_show_the_charts_colours(tmp_path, converter, name, filters):
         pytest.skip(f"needs {converter} (apt-get install {converter.lower()})")
     write_dng(chart_raw(small_camera(name, filters)), tmp_path / "a.dng", LENS)
     assert np.median(chart_error(CONVERTERS[converter](tmp_path) @ REC709_TO_XYZ.T)) < 2
+
+
+def test_the_page_has_the_figures_of_this_tree():
+    page = (ROOT / "docs/camera.md").read_text(encoding="utf-8")
+    stated = re.search(r"\| Sony Alpha 7 IV \| ([0-9.]+), ([0-9.]+) ", CHART_TABLE.search(page)[0]).groups()
+    errors = chart_error(developed(chart_raw(small_camera("sony-a7-iv"))) @ REC709_TO_XYZ.T)
+    assert [np.median(errors), errors.max()] == pytest.approx([float(figure) for figure in stated], abs=0.06)
+    assert f"| {' | '.join(lens_row('edmund-54852'))} |" in LENS_TABLE.search(page)[0]

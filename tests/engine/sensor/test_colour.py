@@ -45,6 +45,7 @@ def test_the_wavelengths_of_a_channel_are_those_of_its_electrons():
     weights = channel_weights(load_camera("sony-a7-iv"), nm)
     np.testing.assert_allclose(weights.sum(axis=1), 1)
     red, green, blue = weights @ nm
+    np.testing.assert_allclose(channel_weights(load_camera("sony-a7-iv"), np.array([800.0, 900.0])), 0.5)
     assert 440 < blue < 490 < 520 < green < 560 < 580 < red < 630
 
 
