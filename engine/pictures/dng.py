@@ -1,7 +1,6 @@
 """Raw pictures as Digital Negatives (DNG 1.6), with the camera's colours and noise and the correction of its lens.
 
-The pixels are uncompressed: a mosaic behind filters, otherwise linear planes. The codes of the fields are those of the
-DNG specification, of TIFF/EP (ISO 12234-2) and of EXIF.
+The pixels are uncompressed: a mosaic behind filters, otherwise linear planes.
 """
 
 import struct
@@ -22,17 +21,31 @@ from ..sensor.exposure import RawImage
 VERSION, OLDEST_READER = bytes((1, 6, 0, 0)), bytes((1, 3, 0, 0))
 FILTER_CODES = "RGBCMYW"  # a filter's colour in a file is its place among these letters
 MOST_CHANNELS = 4
-BYTE, ASCII, SHORT, LONG, RATIONAL, UNDEFINED, SRATIONAL, DOUBLE = 1, 2, 3, 4, 5, 7, 10, 12
 CFA, LINEAR_RAW = 32803, 34892
-D65, UPRIGHT, UNCOMPRESSED = 21, 1, 1
+D65, UPRIGHT, UNCOMPRESSED, RECTANGULAR = 21, 1, 1, 1
 WARP_RECTILINEAR, FIX_VIGNETTE_RADIAL = 1, 3
 OPCODE_VERSION, OPTIONAL = bytes((1, 3, 0, 0)), 1
 MOST_SHORT, MOST_LONG = 2**16 - 1, 2**31 - 1
 DENOMINATOR = 100000  # of colours
 MARGIN_PX = 2  # of a mosaic, whose outermost pixels converters need but do not show
-
-Tags = dict[int, tuple[int, Any]]
-"""Fields of a TIFF directory: type and value by code."""
+BYTE, ASCII, SHORT, LONG, RATIONAL, UNDEFINED, SRATIONAL, DOUBLE = 1, 2, 3, 4, 5, 7, 10, 12
+FIELDS = {
+    "NewSubFileType": (254, LONG), "ImageWidth": (256, LONG), "ImageLength": (257, LONG), "BitsPerSample": (258, SHORT),
+    "Compression": (259, SHORT), "PhotometricInterpretation": (262, SHORT), "Make": (271, ASCII), "Model": (272, ASCII),
+    "StripOffsets": (273, LONG), "Orientation": (274, SHORT), "SamplesPerPixel": (277, SHORT),
+    "RowsPerStrip": (278, LONG), "StripByteCounts": (279, LONG), "PlanarConfiguration": (284, SHORT),
+    "Software": (305, ASCII), "CFARepeatPatternDim": (33421, SHORT), "CFAPattern": (33422, BYTE),
+    "ExposureTime": (33434, RATIONAL), "FNumber": (33437, RATIONAL), "ExifIFD": (34665, LONG),
+    "ISOSpeedRatings": (34855, SHORT), "ExifVersion": (36864, UNDEFINED), "FocalLength": (37386, RATIONAL),
+    "LensSpecification": (42034, RATIONAL), "LensModel": (42036, ASCII), "DNGVersion": (50706, BYTE),
+    "DNGBackwardVersion": (50707, BYTE), "UniqueCameraModel": (50708, ASCII), "CFAPlaneColor": (50710, BYTE),
+    "CFALayout": (50711, SHORT), "BlackLevelRepeatDim": (50713, SHORT), "BlackLevel": (50714, RATIONAL),
+    "WhiteLevel": (50717, LONG), "DefaultCropOrigin": (50719, LONG), "DefaultCropSize": (50720, LONG),
+    "ColorMatrix1": (50721, SRATIONAL), "AsShotNeutral": (50728, RATIONAL), "CameraSerialNumber": (50735, ASCII),
+    "LensInfo": (50736, RATIONAL), "CalibrationIlluminant1": (50778, SHORT), "ActiveArea": (50829, LONG),
+    "OpcodeList3": (51022, UNDEFINED), "NoiseProfile": (51041, DOUBLE),
+}
+"""Codes and types of the fields, by their names in the DNG specification, TIFF/EP (ISO 12234-2) and EXIF."""
 
 
 @dataclass(frozen=True)
@@ -79,22 +92,31 @@ def write_dng(raw: RawImage, path: AnyPath, lens: MountedLens | None = None,
         write_tiff(stream, tags, dng_samples(raw))
 
 
-def write_tiff(stream: IO[bytes], tags: Tags, samples: np.ndarray) -> None:
-    """Write a little-endian TIFF with one strip of uint16 samples (row, column), or (row, column, channel)."""
+def write_tiff(stream: IO[bytes], tags: dict[str, Any], samples: np.ndarray) -> None:
+    """Write a little-endian TIFF with one strip of uint16 samples (row, column), or (row, column, channel).
+
+    Parameters
+    ----------
+    stream : binary file
+    tags : dict
+        Values of FIELDS, by name; of `ExifIFD`, a dictionary of the same kind.
+    samples : array
+    """
     from PIL.TiffImagePlugin import ImageFileDirectory_v2  # only needed here, and rarely
 
     directory = ImageFileDirectory_v2(prefix=b"II")
-    for code, (kind, value) in tags.items():
-        directory.tagtype[code] = kind
-        directory[code] = value
+    for name, value in tags.items():
+        code, directory.tagtype[code] = FIELDS[name]
+        directory[code] = {FIELDS[each][0]: of for each, of in value.items()} if isinstance(value, dict) else value
     directory.save(stream)
     stream.write(np.ascontiguousarray(samples, "<u2").data)
 
 
-def dng_tags(raw: RawImage, lens: MountedLens | None = None, correction: LensCorrection | None = None) -> Tags:
-    """The fields of a raw picture's file, by code."""
+def dng_tags(raw: RawImage, lens: MountedLens | None = None, correction: LensCorrection | None = None
+             ) -> dict[str, Any]:
+    """The values of the fields of a raw picture's file, by name."""
     camera = raw.camera
-    tags = _layout(raw) | _identity(camera) | _levels(raw) | _exif(raw, lens)
+    tags = _layout(raw) | _identity(camera) | _levels(raw) | _taking(raw, lens)
     order = plane_order(camera)
     if order:
         tags |= _colour(camera, order)
@@ -103,7 +125,7 @@ def dng_tags(raw: RawImage, lens: MountedLens | None = None, correction: LensCor
     if len(order) > 1 and raw.channel is not None:
         tags |= _mosaic(raw, order)
     if correction and (opcodes := _opcodes(correction, order)):
-        tags[51022] = UNDEFINED, opcodes
+        tags["OpcodeList3"] = opcodes
     return tags
 
 
@@ -138,18 +160,21 @@ def _layout(raw):
     planes = 1 if raw.channel is not None else len(raw.numbers)
     mosaic = raw.channel is not None and len(filter_channels(raw.camera)) > 1
     margin = MARGIN_PX if mosaic and min(rows, columns) > 2 * MARGIN_PX else 0
-    return {254: (LONG, 0), 256: (LONG, columns), 257: (LONG, rows), 258: (SHORT, (16,) * planes),
-            259: (SHORT, UNCOMPRESSED), 262: (SHORT, CFA if mosaic else LINEAR_RAW), 273: (LONG, 0),
-            274: (SHORT, UPRIGHT), 277: (SHORT, planes), 278: (LONG, rows), 279: (LONG, 2 * planes * rows * columns),
-            284: (SHORT, 1), 50829: (LONG, (0, 0, rows, columns)), 50719: (LONG, (margin, margin)),
-            50720: (LONG, (columns - 2 * margin, rows - 2 * margin))}
+    return {
+        "NewSubFileType": 0, "ImageWidth": columns, "ImageLength": rows, "BitsPerSample": (16,) * planes,
+        "Compression": UNCOMPRESSED, "PhotometricInterpretation": CFA if mosaic else LINEAR_RAW,
+        "StripOffsets": 0,  # from the end of the directory, to which Pillow adds its place
+        "Orientation": UPRIGHT, "SamplesPerPixel": planes, "RowsPerStrip": rows,
+        "StripByteCounts": 2 * planes * rows * columns, "PlanarConfiguration": 1,
+        "ActiveArea": (0, 0, rows, columns), "DefaultCropOrigin": (margin, margin),
+        "DefaultCropSize": (columns - 2 * margin, rows - 2 * margin)}
 
 
 def _identity(camera):
     """The name of a simulated camera, for which converters do not have other data than the file's."""
     name = _ascii(camera.title or camera.name)
-    return {271: (ASCII, "Lensfield"), 272: (ASCII, name), 305: (ASCII, software()), 50706: (BYTE, VERSION),
-            50707: (BYTE, OLDEST_READER), 50708: (ASCII, f"Lensfield {name}")}
+    return {"Make": "Lensfield", "Model": name, "UniqueCameraModel": f"Lensfield {name}", "Software": software(),
+            "DNGVersion": VERSION, "DNGBackwardVersion": OLDEST_READER}
 
 
 def _ascii(text):
@@ -158,27 +183,26 @@ def _ascii(text):
 
 def _levels(raw):
     planes = 1 if raw.channel is not None else len(raw.numbers)
-    return {50713: (SHORT, (1, 1)), 50714: (RATIONAL, (_rational(raw.dark_dn),) * planes),
-            50717: (LONG, (raw.highest_dn,) * planes)}
+    return {"BlackLevelRepeatDim": (1, 1), "BlackLevel": (_rational(raw.dark_dn),) * planes,
+            "WhiteLevel": (raw.highest_dn,) * planes}
 
 
 def _colour(camera, order):
     colour = camera_colour(camera)
-    return {50721: (SRATIONAL, _decimals(colour.xyz_to_camera[order])),
-            50728: (RATIONAL, _decimals(colour.neutral[order])), 50778: (SHORT, D65)}
+    return {"ColorMatrix1": _decimals(colour.xyz_to_camera[order]), "CalibrationIlluminant1": D65,
+            "AsShotNeutral": _decimals(colour.neutral[order])}
 
 
 def _mosaic(raw, order):
-    channels = filter_channels(raw.camera)
-    cell = filter_cell(raw)
+    cell, letters = filter_cell(raw), filter_channels(raw.camera)
     codes = np.array([FILTER_CODES.find(letter) for letter in raw.camera.channels])
-    return {33421: (SHORT, cell.shape), 33422: (BYTE, codes[cell].astype(np.uint8).tobytes()),
-            50710: (BYTE, bytes(FILTER_CODES.index(channels[index]) for index in order)), 50711: (SHORT, 1)}
+    return {"CFARepeatPatternDim": cell.shape, "CFAPattern": codes[cell].astype(np.uint8).tobytes(),
+            "CFAPlaneColor": bytes(FILTER_CODES.index(letters[index]) for index in order), "CFALayout": RECTANGULAR}
 
 
 def filter_cell(raw: RawImage) -> np.ndarray:
     """The smallest cell that repeats over a mosaic from its first pixel: indices of the camera's channels."""
-    cell = raw.channel[:len(raw.camera.filters), :len(raw.camera.filters[0])]
+    cell = np.asarray(raw.channel)[:len(raw.camera.filters), :len(raw.camera.filters[0])]
     for axis, size in enumerate(cell.shape):
         period = next(n for n in range(1, size + 1)
                       if size % n == 0 and np.array_equal(cell, np.roll(cell, n, axis)))
@@ -193,19 +217,20 @@ def _noise(raw, planes):
     dark_e2 = (camera.dark_noise_at(exposure.iso)**2 + camera.dsnu_e**2
                + camera.dark_current_e_per_s * exposure.shutter_s)
     constant_dn2 = gain**2 * dark_e2 + 1 / 12  # the last from rounding
-    return {51041: (DOUBLE, (gain / span_dn, constant_dn2 / span_dn**2) * planes)}
+    return {"NoiseProfile": (gain / span_dn, constant_dn2 / span_dn**2) * planes}
 
 
-def _exif(raw, lens):
+def _taking(raw, lens):
+    """How the picture was taken."""
     exposure = raw.exposure
-    fields: dict[int, Any] = {
-        33434: _rational(exposure.shutter_s), 34855: min(max(1, round(exposure.iso)), MOST_SHORT), 36864: b"0232"}
-    tags: Tags = {50735: (ASCII, str(exposure.serial))}
+    exif = {"ExifVersion": b"0232", "ExposureTime": _rational(exposure.shutter_s),
+            "ISOSpeedRatings": min(max(1, round(exposure.iso)), MOST_SHORT)}
+    tags = {"CameraSerialNumber": str(exposure.serial), "ExifIFD": exif}
     if lens:
         focal, f_number = _rational(lens.focal_mm), _rational(lens.f_number)
-        fields |= {33437: f_number, 37386: focal, 42034: (focal, focal, f_number, f_number), 42036: _ascii(lens.name)}
-        tags[50736] = RATIONAL, (focal, focal, f_number, f_number)
-    return tags | {34665: (LONG, fields)}
+        exif |= {"FNumber": f_number, "FocalLength": focal, "LensModel": _ascii(lens.name)}
+        tags["LensInfo"] = exif["LensSpecification"] = focal, focal, f_number, f_number
+    return tags
 
 
 def _decimals(values):

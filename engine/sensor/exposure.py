@@ -148,9 +148,9 @@ def raw_grid(grid: PixelGrid, camera: Camera) -> PixelGrid:
     """The pixels of the raw picture that a camera takes of a picture on these."""
     frame = grid.frame()
     shape = covered_px(frame, camera)
-    centre = [(n - 1) / 2 + (axis - (picture - 1) / 2) * grid.pitch_um / camera.pitch_um
-              for n, picture, axis in zip(shape, frame.shape_px, frame.centre_px, strict=True)]
-    return PixelGrid(shape, camera.pitch_um, tuple(centre))
+    row, column = ((n - 1) / 2 + (axis - (picture - 1) / 2) * grid.pitch_um / camera.pitch_um
+                   for n, picture, axis in zip(shape, frame.shape_px, frame.centre_px, strict=True))
+    return PixelGrid(shape, camera.pitch_um, (row, column))
 
 
 def channels_of(camera: Camera, shape_px: tuple[int, int]) -> np.ndarray | None:
