@@ -7,6 +7,7 @@ import numpy as np
 from ..engine.lens.formats import crop_factor
 from ..engine.library.bodies import find_cameras, load_camera
 from ..engine.sensor.camera import NUMBERS
+from ..engine.sensor.exposure import Exposure
 from ..engine.sensor.metering import full_scale_e
 
 CAMERAS = "a bundled camera (lensfield camera list), or a camera's file (.toml)"
@@ -33,7 +34,7 @@ def _list(options):
 
 def camera_info(camera, iso=None):
     """Facts about a camera at an ISO, in JSON types."""
-    iso = camera.base_iso if iso is None else iso
+    iso = Exposure(1.0, camera.base_iso if iso is None else iso).iso
     rows, columns = camera.shape_px
     peak = camera.quantum_efficiency.argmax(axis=1)
     return {"name": camera.name, "title": camera.title, "maker": camera.maker,

@@ -36,7 +36,7 @@ class Shot:
     samples: int = 48
 
 
-SHOTS = {"phone": Shot("evening_chess", (640, 480), "apple-phone-4mm", "generic-phone", 200.0),
+SHOTS = {"phone": Shot("evening_chess", (640, 480), "apple-phone-4mm", "generic-phone", 200.0, 270.0),
          "petzval": Shot("night_portrait", (400, 600), "kodak-petzval-100mm", "sony-a7-iv", 1600.0, 1915.0)}
 
 

@@ -16,8 +16,9 @@ from ..shading.lint import lint
 from ..shading.repeated import tinting_objects
 from .empty_frame import empty_reasons
 from .job import check_output_folder, job_of
+from .photo import camera_words
 from .radiance import job_grid, room_for_capture
-from .remarks import colour_remarks, depth_remarks, scale_remarks, scene_remarks, unlayered_remarks
+from .remarks import Remark, colour_remarks, depth_remarks, scale_remarks, scene_remarks, unlayered_remarks
 from .result import Result
 from .scene_plan import ScenePlan, check_job, plan_scene
 from .slabs import looked_at, plan_by
@@ -66,7 +67,8 @@ def preflight(scene, *, frame=None, **given):
             fits = True
         with _noted(refusals):
             job = job_of(scene, **given)
-            remarks = tuple(scene_remarks(scene, job))
+            remarks = (*scene_remarks(scene, job), *(Remark("Camera", job.camera.title, line)
+                                                     for line in camera_words(job)))
         if job:
             with _noted(refusals):
                 _check_files(scene, job)

@@ -14,16 +14,17 @@ def draw_camera(layout, scene):
     layout.prop(settings, "camera")
     if settings.camera == FROM_FILE:
         layout.prop(settings, "camera_file")
-    name = settings.camera_name_or_path()
-    if not name:
-        return
     try:
+        name = settings.camera_name_or_path()
+        if not name:
+            return
         camera = load_camera(name)
+        missing = missing_text(missing_channels(camera, settings.wavelengths_nm()))
     except InputError as error:
         draw_wrapped(layout, str(error), "ERROR")
         return
     layout.label(text="{:.3g} \u00d7 {:.3g} mm, {} \u00d7 {} pixels".format(*camera.size_mm,
                                                                             *reversed(camera.shape_px)))
     draw_listed(layout, settings, "camera")
-    if missing := missing_text(missing_channels(camera, settings.wavelengths_nm())):
+    if missing:
         draw_wrapped(layout, f"{missing[0].upper()}{missing[1:]}", "INFO")

@@ -26,6 +26,7 @@ from ...engine.library import described_lenses
 from ...engine.library.bodies import bundled_cameras
 from ...engine.plan.options import AUTO, KNOBS, TIER_ACCURACY
 from ...engine.prescription.readers import READERS
+from ...engine.runtime.errors import InputError
 from ...engine.runtime.setting import settings_of
 from ...engine.spectral.refraction import refraction_names
 from ...engine.spectral.spectra import library_names, parse_wavelengths
@@ -261,12 +262,13 @@ class LensfieldSettings(bpy.types.PropertyGroup):
         return self.lens_file if self.lens == FROM_FILE else self.lens
 
     def camera_name_or_path(self):
-        """The name or path for `load_camera`, "" for none; raises SceneError for an untrusted file."""
+        """The name or path for `load_camera`, "" for none; raises an InputError for no file or an untrusted one."""
         if self.camera != FROM_FILE:
             return "" if self.camera == NO_CAMERA else self.camera
+        if not self.camera_file:
+            raise InputError("scene settings", "camera file", "empty", "choose a file (.toml), or another camera")
         path = bpy.path.abspath(self.camera_file)
-        if path:
-            check_trusted(path, "scene settings", "camera file", "lensfield camera info FILE quotes it")
+        check_trusted(path, "scene settings", "camera file", "lensfield camera info FILE quotes it")
         return path
 
     def view_text(self):
