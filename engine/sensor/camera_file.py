@@ -2,6 +2,7 @@
 
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -29,8 +30,8 @@ def read_camera(path: Path) -> Camera:
     table = read_toml(path, FORMAT, VERSION, error=CameraError)
     check_known(table, FIELDS_OF_FILE)
     channels, efficiency = _efficiency(table)
-    texts = {"name": path.stem} | {name: table.line(name) for name in TEXTS if name in table}
-    numbers = {name: table.number(name) for name in NUMBERS if name in table or name not in _optional()}
+    texts: dict[str, Any] = {"name": path.stem} | {name: table.line(name) for name in TEXTS if name in table}
+    numbers: dict[str, Any] = {name: table.number(name) for name in NUMBERS if name in table or name not in _optional()}
     try:
         return Camera(**texts, **numbers, shape_px=tuple(map(_whole, table.numbers("shape_px", 2))),
                       filters=_filters(table), channels=channels, wavelengths_nm=_wavelengths_nm(table),

@@ -1,6 +1,7 @@
 """Exposure metering: the exposure that suits a picture's light."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +19,7 @@ LARGEST_CHANGE = 1e15
 
 
 def metered(irradiance: SpectralImage, camera: Camera, iso: float | None = None, shutter_s: float | None = None,
-            **others: int | bool) -> Exposure:
+            **others: Any) -> Exposure:
     """The exposure that the camera's meter chooses: the shutter, or the ISO if only the shutter is given.
 
     The mean of the frame, with pixels counted as saturated at most, becomes `METERED` of saturation. Bright lamps
@@ -38,13 +39,19 @@ def metered(irradiance: SpectralImage, camera: Camera, iso: float | None = None,
     InputError
         A value is not valid.
     """
-    base = Exposure(shutter_s or COMMON_SHUTTER_S, iso or camera.base_iso, **others)
+    base = usual_exposure(camera, iso, shutter_s, **others)
     if iso is not None and shutter_s is not None:
         return base
     factor = exposure_factor(irradiance, camera, base)
     if shutter_s is None:
         return replace(base, shutter_s=base.shutter_s * factor)
     return replace(base, iso=base.iso * max(1.0, factor))
+
+
+def usual_exposure(camera: Camera, iso: float | None, shutter_s: float | None, **others: Any) -> Exposure:
+    """An exposure with the camera's base ISO and a common shutter for what is None."""
+    return Exposure(COMMON_SHUTTER_S if shutter_s is None else shutter_s, camera.base_iso if iso is None else iso,
+                    **others)
 
 
 def exposure_factor(irradiance: SpectralImage, camera: Camera, exposure: Exposure) -> float:

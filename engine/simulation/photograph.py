@@ -9,8 +9,8 @@ import numpy as np
 from ..image.spectral_image import SpectralImage
 from ..sensor.camera import Camera
 from ..sensor.electrons import missing_response
-from ..sensor.exposure import Exposure, RawImage, expose
-from ..sensor.metering import COMMON_SHUTTER_S, exposure_factor, metered
+from ..sensor.exposure import RawImage, expose
+from ..sensor.metering import exposure_factor, metered, usual_exposure
 from .report import Report
 from .report_parts import Part, Parts
 
@@ -73,7 +73,7 @@ class CameraFacts(Part):
 
 
 def photograph(irradiance: SpectralImage, camera: Camera, iso: float | None = None, shutter_s: float | None = None, *,
-               report: Report | None = None, **others: int | bool) -> RawImage:
+               report: Report | None = None, **others: Any) -> RawImage:
     """Take a picture with a camera whose sensor is where the lens image is.
 
     For a picture that is higher than wide, the camera is turned.
@@ -99,7 +99,7 @@ def photograph(irradiance: SpectralImage, camera: Camera, iso: float | None = No
     """
     camera = held(camera, irradiance.frame_px)
     if irradiance.arbitrary:
-        exposure = Exposure(shutter_s or COMMON_SHUTTER_S, iso or camera.base_iso, **others)
+        exposure = usual_exposure(camera, iso, shutter_s, **others)
         factor = np.float32(exposure_factor(irradiance, camera, exposure))
         light = replace(irradiance, cube=irradiance.cube * factor, arbitrary=False)
     else:

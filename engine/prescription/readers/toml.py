@@ -42,7 +42,7 @@ def read_lensfield(path: Path, options: ReadingOptions = AS_IT_IS) -> Prescripti
     scale = table.number("scale", 1.0)
     if not 0 < scale < np.inf:
         raise table.refusal("scale", "expected a positive number")
-    facts = {name: table.line(name) for name in TEXTS if name in table}
+    facts: dict[str, Any] = {name: table.line(name) for name in TEXTS if name in table}
     facts |= {"focus": options.image_plane} if options.image_plane else {}
     facts |= {name: table.number(name) for name in NUMBERS if name in table}
     if "focused_at_mm" in table:  # the file's thicknesses are for the first of these
