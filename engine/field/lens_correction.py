@@ -18,7 +18,7 @@ WARP_POWERS, GAIN_POWERS = np.arange(0, 8, 2), np.arange(2, 12, 2)
 FIT_RADII = np.linspace(0, 1, 257)[1:]
 STRONGEST_DISTORTION = 0.25  # beyond it, a lens is a fisheye: straightened, most of its picture would be lost
 LARGEST_DISTORTION_ERROR = 3e-3  # of the distance from the axis: straight lines look straight
-LARGEST_GAIN, LARGEST_GAIN_ERROR = 16.0, 0.05
+LARGEST_GAIN, LARGEST_GAIN_ERROR = 16.0, 0.05  # darker corners stay dark
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -83,40 +83,40 @@ def lens_correction(lens: Lens, frame: PixelGrid, wavelengths_nm: np.ndarray, we
     LensCorrection
         Without polynomials that cannot describe this lens to LARGEST_DISTORTION_ERROR or LARGEST_GAIN_ERROR.
     """
-    centre, radius_mm = _axis(frame)
+    nearest_px, farthest_px = _border_px(frame)
     nm = lens.nearest_nm(wavelengths_nm)
     shares = weights * np.interp(nm, lens.wavelengths_nm, lens.transmittance)
     shares /= shares.sum(axis=1, keepdims=True)
-    fields = [field_map(lens).at_wavelength(float(each)) for each in nm]
-    at_mm, axis_mm = FIT_RADII * radius_mm, np.zeros_like(FIT_RADII)
-    source = shares @ [field.source_mm(at_mm, axis_mm)[0] for field in fields] / at_mm
-    shrinkage = min(1.0, float(source[:, FIT_RADII >= _nearest_edge(frame)].min()))
-    landing = shares @ [field.landing_mm(shrinkage * at_mm, axis_mm)[0] for field in fields] / at_mm
+    at_mm, axis_mm = FIT_RADII * farthest_px * frame.pitch_um * 1e-3, np.zeros_like(FIT_RADII)
+    source = shares @ [field.source_mm(at_mm, axis_mm)[0] for field in _fields(lens, nm)] / at_mm
+    shrinkage = min(1.0, float(source[:, FIT_RADII * farthest_px >= nearest_px].min()))
+    landing = shares @ [field.landing_mm(shrinkage * at_mm, axis_mm)[0] for field in _fields(lens, nm)] / at_mm
     distortion = float(landing[:, -1].mean() / shrinkage - 1)
     warp, distortion_error = _fitted(landing, WARP_POWERS, landing)
-    middle = field_map(lens).at_wavelength(float(shares.mean(axis=0) @ nm))  # falloff hardly varies with wavelength
-    gain = 1 / np.maximum(middle.relative_illumination(at_mm, axis_mm), 0.5 / LARGEST_GAIN)
-    gain_terms, gain_error = _fitted(gain - 1, GAIN_POWERS, gain)
+    middle, = _fields(lens, [shares.mean(axis=0) @ nm])  # falloff hardly varies with wavelength
+    gain = 1 / np.maximum(middle.relative_illumination(at_mm, axis_mm), 1 / LARGEST_GAIN)
+    falloff, gain_error = _fitted(gain - 1, GAIN_POWERS, gain)
     straight = distortion_error <= LARGEST_DISTORTION_ERROR and abs(distortion) <= STRONGEST_DISTORTION
-    even = gain_error <= LARGEST_GAIN_ERROR and gain.max() <= LARGEST_GAIN
-    inside = all(0 <= place <= 1 for place in centre)
-    return LensCorrection(centre, warp if straight and inside else None, gain_terms if even and inside else None,
+    even, inside = gain_error <= LARGEST_GAIN_ERROR, nearest_px >= 0
+    return LensCorrection(_centre(frame), warp if inside and straight else None, falloff if inside and even else None,
                           distortion, distortion_error, gain_error, 1 / shrinkage)
 
 
-def _axis(frame):
-    """Position of the axis, to the right and down, in the frame, and distance of the farthest pixel in mm."""
-    last = np.maximum(np.subtract(frame.shape_px, 1), 1)
-    down, right = np.divide(frame.centre_px, last)
-    farthest = np.maximum(frame.centre_px, last - frame.centre_px)
-    return (float(right), float(down)), float(np.hypot(*farthest)) * frame.pitch_um * 1e-3
+def _fields(lens, wavelengths_nm):
+    """The lens at each wavelength, one after another, because each may have its own PSFs in memory."""
+    return (field_map(lens).at_wavelength(float(nm)) for nm in wavelengths_nm)
 
 
-def _nearest_edge(frame):
-    """Distance of the nearest edge from the axis, relative to the farthest pixel."""
-    last = np.subtract(frame.shape_px, 1)
-    nearest = np.minimum(frame.centre_px, last - frame.centre_px).min()
-    return nearest / np.hypot(*np.maximum(frame.centre_px, last - frame.centre_px))
+def _centre(frame):
+    """Position of the axis, to the right and down, in the frame."""
+    down, right = np.divide(frame.centre_px, np.maximum(np.subtract(frame.shape_px, 1), 1))
+    return float(right), float(down)
+
+
+def _border_px(frame):
+    """Distances of the nearest border and of the farthest pixel from the axis."""
+    before, after = np.array(frame.centre_px), np.subtract(frame.shape_px, 1) - frame.centre_px
+    return float(np.minimum(before, after).min()), max(1.0, float(np.hypot(*np.maximum(before, after))))
 
 
 def _fitted(values, powers, scale):
