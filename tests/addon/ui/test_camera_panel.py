@@ -1,0 +1,70 @@
+"""The camera's part of the panel: bodies, files of one's own, and the sensor that they put behind the lens."""
+
+import pytest
+
+from layouts import Layout
+from lensfield.addon.job.named_files import named_files
+from lensfield.addon.scene import trust
+from lensfield.addon.ui.camera_panel import draw_camera
+from lensfield.addon.ui.panels import draw_settings
+from lensfield.addon.ui.properties import camera_items
+from lensfield.engine import InputError, load_camera
+from lensfield.engine.library.bodies import bundled_cameras
+from lensfield.engine.sensor.camera_file import camera_text
+
+EXPOSURE = ["iso", "shutter_s", "noise", "develop", "dng"]
+
+
+def drawn(scene):
+    layout = Layout()
+    draw_camera(layout, scene)
+    return layout
+
+
+def test_a_body_sets_sensor_and_exposure(scene):
+    settings = scene.lensfield
+    assert settings.to_request().camera == "" and settings.view_text() == "lens" and drawn(scene).shown == ["camera"]
+    settings.camera, settings.iso, settings.shutter_s = "sony-a7-iv", 800, 1 / 60
+    request = settings.to_request()
+    assert (request.camera, request.iso) == ("sony-a7-iv", 800) and request.shutter_s == pytest.approx(1 / 60, rel=1e-5)
+    assert settings.view_text() == request.view_on_sensor == request.view == "35.902x23.9347"
+    layout = drawn(scene)
+    assert layout.shown == ["camera", *EXPOSURE]
+    assert "35.9 \u00d7 23.9 mm, 7008 \u00d7 4672 pixels" in layout.labels
+    settings.view = "CAMERA"
+    assert settings.view_text() == "camera", "the user's choice"
+    settings.wavelength_first_nm = 500
+    assert "leave out part of the camera's response" in " ".join(drawn(scene).labels)
+
+
+def test_all_bodies_are_offered():
+    assert {name for name, *_ in camera_items(None, None)} == {"NONE", *bundled_cameras(), "FILE"}
+
+
+def test_a_file_of_ones_own_is_read_if_it_is_trusted(scene, tmp_path):
+    path = tmp_path / "own.toml"
+    path.write_text(camera_text(load_camera("nikon-d700")), encoding="utf-8")
+    settings = scene.lensfield
+    settings.camera = "FILE"
+    with pytest.raises(InputError, match="camera file is empty: choose a file"):
+        settings.to_request()
+    assert any("choose a file" in line for line in drawn(scene).labels)
+    settings.camera_file = str(path)  # trusted, because it was chosen
+    assert settings.to_request().camera == str(path) and "36 \u00d7 24 mm" in drawn(scene).labels[0]
+    path.write_text("format = 'lensfield-camera'", encoding="utf-8")
+    assert any("version" in line for line in drawn(scene).labels)
+    draw_settings(Layout(), scene)
+
+
+def test_a_file_that_only_the_blend_names_is_not_read(scene, tmp_path, monkeypatch):
+    monkeypatch.setattr(trust, "trusts_all", lambda: False)
+    monkeypatch.setattr("lensfield.addon.job.named_files.trusts_all", lambda: False)
+    with monkeypatch.context() as without_trust:
+        without_trust.setattr("lensfield.addon.ui.properties.trust", lambda path: None)
+        scene.lensfield.camera, scene.lensfield.camera_file = "FILE", str(tmp_path / "theirs.toml")
+    assert named_files() == {str(tmp_path / "theirs.toml"): "camera"}
+    with pytest.raises(InputError, match="camera file"):
+        scene.lensfield.to_request()
+    layout = Layout()
+    draw_settings(layout, scene)
+    assert any("Camera: " in line for line in layout.labels)
