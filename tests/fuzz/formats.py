@@ -24,10 +24,11 @@ from lensfield.engine.pictures.spectral_exr import write_exr
 from lensfield.engine.prescription.readers import ReadingOptions, read_prescription
 from lensfield.engine.prescription.readers.toml import write_prescription
 from lensfield.engine.sensor.camera_file import camera_text, read_camera
+from lensfield.engine.sensor.film import read_film
 from lensfield.engine.spectral import refraction, spectra
 from lensfield.engine.spectral.refraction import load_refraction
 from lensfield.engine.spectral.spectra import load_spectrum, parse_wavelengths
-from places import SHARED_DATA
+from places import DATA, SHARED_DATA
 from rgb_files import window
 from vendor_files import EXPORTS, exported_lens
 
@@ -81,6 +82,7 @@ def formats(folder: Path) -> Iterator[tuple[str, Format]]:
     yield "spectrum (.spd)", Format(_texts(".spd", LIBRARY_SPECTRA), lambda path: load_spectrum(str(path)))
     yield "refraction (.yml)", Format(_texts(".yml", LIBRARY_GLASSES), lambda path: load_refraction(str(path)))
     yield "camera (.toml)", Format(_texts(".toml", LIBRARY_CAMERAS), _read_camera)
+    yield "film (.toml)", Format(_texts(".toml", [DATA / "film.toml"]), read_film)
     yield "spectrum in a line", Format(_lines("400:0.1, 700:0.2", "[400 0.1 700 0.2]", "blackbody 5600", "~/x.spd"),
                                        _of_text(load_spectrum))
     yield "wavelengths", Format(_lines("400:700:31", "450, 550, 650.5"), _of_text(parse_wavelengths))
