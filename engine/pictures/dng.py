@@ -183,8 +183,7 @@ def _ascii(text):
 
 def _levels(raw):
     planes = 1 if raw.channel is not None else len(raw.numbers)
-    return {"BlackLevelRepeatDim": (1, 1), "BlackLevel": (_rational(raw.dark_dn),) * planes,
-            "WhiteLevel": (raw.highest_dn,) * planes}
+    return {"BlackLevel": (_rational(raw.dark_dn),) * planes, "WhiteLevel": (raw.highest_dn,) * planes}
 
 
 def _colour(camera, order):
@@ -197,7 +196,8 @@ def _mosaic(raw, order):
     cell, letters = filter_cell(raw), filter_channels(raw.camera)
     codes = np.array([FILTER_CODES.find(letter) for letter in raw.camera.channels])
     return {"CFARepeatPatternDim": cell.shape, "CFAPattern": codes[cell].astype(np.uint8).tobytes(),
-            "CFAPlaneColor": bytes(FILTER_CODES.index(letters[index]) for index in order), "CFALayout": RECTANGULAR}
+            "CFAPlaneColor": bytes(FILTER_CODES.index(letters[index]) for index in order), "CFALayout": RECTANGULAR,
+            "BlackLevelRepeatDim": (1, 1)}  # the default, which RawTherapee 5.9 needs here, and misreads in planes
 
 
 def filter_cell(raw: RawImage) -> np.ndarray:

@@ -251,9 +251,10 @@ def test_adobes_sdk_validates_the_file(tmp_path, capfd, filters):
         np.testing.assert_allclose(file.get_white_balance(), camera_colour(raw.camera).neutral, atol=1e-5)
 
 
-@pytest.mark.parametrize("converter", CONVERTERS)
-@pytest.mark.parametrize("name, filters", [("sony-a7-iv", ("RG", "GB")), ("fujifilm-x-t4", XTRANS),
-                                           ("canon-eos-5d-iv", ("GB", "RG"))])
+@pytest.mark.parametrize("converter, name, filters", [
+    *((converter, *camera) for converter in CONVERTERS for camera in (
+        ("sony-a7-iv", ("RG", "GB")), ("fujifilm-x-t4", XTRANS), ("canon-eos-5d-iv", ("GB", "RG")))),
+    ("RawTherapee", "generic-three-chip", ())])
 def test_converters_show_the_charts_colours(tmp_path, converter, name, filters):
     if not installed(converter):
         pytest.skip(f"needs {converter} (apt-get install {converter.lower()})")
