@@ -26,5 +26,8 @@ def draw_camera(layout, scene):
     layout.label(text="{:.3g} \u00d7 {:.3g} mm, {} \u00d7 {} pixels".format(*camera.size_mm,
                                                                             *reversed(camera.shape_px)))
     draw_listed(layout, settings, "camera")
+    if metered := " and ".join(name for name, value in (("ISO", settings.iso), ("shutter", settings.shutter_s))
+                               if value == 0):
+        draw_wrapped(layout, f"0: the camera chooses {metered} for each picture")
     if missing:
         draw_wrapped(layout, f"{missing[0].upper()}{missing[1:]}", "INFO")

@@ -24,7 +24,9 @@ def drawn(scene):
 def test_a_body_sets_sensor_and_exposure(scene):
     settings = scene.lensfield
     assert settings.to_request().camera == "" and settings.view_text() == "lens" and drawn(scene).shown == ["camera"]
-    settings.camera, settings.iso, settings.shutter_s = "sony-a7-iv", 800, 1 / 60
+    settings.camera = "sony-a7-iv"
+    assert "0: the camera chooses ISO and shutter" in " ".join(drawn(scene).labels)
+    settings.iso, settings.shutter_s = 800, 1 / 60
     request = settings.to_request()
     assert (request.camera, request.iso) == ("sony-a7-iv", 800) and request.shutter_s == pytest.approx(1 / 60, rel=1e-5)
     assert settings.view_text() == request.view_on_sensor == request.view == "35.902x23.9347"
