@@ -160,7 +160,7 @@ class RenderRequest:
 
     @property
     def view_on_sensor(self) -> str:
-        """The field of view: on the camera's sensor, unless the lens's is not asked for."""
+        """The field of view, with the camera's sensor in place of the lens's."""
         return view_on_sensor(self.view, self.camera)
 
     @property
@@ -170,7 +170,7 @@ class RenderRequest:
 
 
 def view_on_sensor(view: str, camera: CameraSource) -> str:
-    """The field of view of a request: the lens's becomes that of the camera's sensor, if there is a camera."""
+    """A field of view, with the sensor of a camera, if there is one, in place of the lens's."""
     return "{:.6g}x{:.6g}".format(*load_camera(camera).size_mm) if camera and view == LENS_VIEW else view
 
 

@@ -76,6 +76,15 @@ class TomlTable:
             raise self.refusal(field, f"expected {'a list of' if count is None else count} numbers in brackets")
         return [replace(self, values={field: value}).number(field) for value in values]
 
+    def number_rows(self, field: str, of: str) -> dict[str, list[float]]:
+        """Lists of numbers by name, all as long as the first; `of` says in errors what each belongs to."""
+        rows = self.values.get(field)
+        if not isinstance(rows, dict) or not rows:
+            raise self.refusal(field, f"expected a list of numbers for each {of}")
+        table = replace(self, values=rows, place=f"{field}, ")
+        first = len(table.numbers(next(iter(rows))))
+        return {name: table.numbers(name, first) for name in rows}
+
     def flag(self, field: str) -> bool:
         """A boolean; False if it is missing."""
         value = self.values.get(field, False)

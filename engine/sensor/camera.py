@@ -65,7 +65,7 @@ class Camera(Value):
     title, maker : str
         What lists of cameras show.
     source, notes : str
-        Where the figures come from, and what is assumed.
+        The origin of the figures, and the assumptions.
     provenance : tuple of (str, str)
         A part of the figures and its origin, of `PARTS` and `ORIGINS`.
 

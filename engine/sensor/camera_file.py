@@ -29,13 +29,14 @@ def read_camera(path: Path) -> Camera:
     """
     table = read_toml(path, FORMAT, VERSION, error=CameraError)
     check_known(table, FIELDS_OF_FILE)
-    channels, efficiency = _efficiency(table)
+    efficiency = table.number_rows("quantum_efficiency", "channel")
     texts: dict[str, Any] = {"name": path.stem} | {name: table.line(name) for name in TEXTS if name in table}
     numbers: dict[str, Any] = {name: table.number(name) for name in NUMBERS if name in table or name not in _optional()}
     try:
         return Camera(**texts, **numbers, shape_px=tuple(map(_whole, table.numbers("shape_px", 2))),
-                      filters=_filters(table), channels=channels, wavelengths_nm=_wavelengths_nm(table),
-                      quantum_efficiency=efficiency, bits=_whole(table.number("bits")), provenance=_provenance(table))
+                      filters=_filters(table), channels="".join(efficiency), wavelengths_nm=_wavelengths_nm(table),
+                      quantum_efficiency=np.array(list(efficiency.values())), bits=_whole(table.number("bits")),
+                      provenance=_provenance(table))
     except CameraError as error:
         raise error.at(path) from None
 
@@ -64,21 +65,6 @@ def _wavelengths_nm(table):
         return parse_wavelengths(given)
     except InputError as error:
         raise table.refusal("wavelengths_nm", error.remedy) from None
-
-
-def _efficiency(table):
-    """Letters of the channels, and their quantum efficiencies."""
-    rows = table.values.get("quantum_efficiency")
-    if not isinstance(rows, dict) or not rows or not all(len(name) == 1 for name in rows):
-        raise table.refusal("quantum_efficiency", "expected a list of numbers for each channel, such as R = [0.1, 0.2]")
-    rows = TomlTable(table.path, rows, "quantum_efficiency, ", table.error)
-    efficiency = [rows.numbers(name) for name in rows.values]
-    first = len(efficiency[0])
-    for name, values in zip(rows.values, efficiency, strict=True):
-        if len(values) != first:
-            raise CameraError(table.path, f"quantum_efficiency, {name}", f"{len(values)} numbers",
-                              f"expected {first}, as for the first channel")
-    return "".join(rows.values), np.array(efficiency)
 
 
 def _provenance(table):

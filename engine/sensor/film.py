@@ -7,7 +7,7 @@ import numpy as np
 
 from ..image.spectral_image import SpectralImage, check_irradiance
 from ..runtime.errors import InputError
-from ..runtime.toml_fields import TomlTable, check_known, read_toml
+from ..runtime.toml_fields import check_known, read_toml
 from ..runtime.values import Value
 from .electrons import plane_weights
 
@@ -99,8 +99,8 @@ def read_film(path: Path) -> Film:
     table = read_toml(path, FORMAT, VERSION, error=InputError)
     check_known(table, FIELDS)
     log_m2_per_j = LOG_M2_PER_J[table.choice("unit", list(LOG_M2_PER_J))]
-    sensitivity = _by_layer(table, "log_sensitivity")
-    curves = _by_layer(table, "density") if "density" in table else {}
+    sensitivity = table.number_rows("log_sensitivity", "layer")
+    curves = table.number_rows("density", "layer") if "density" in table else {}
     if curves and set(curves) != set(sensitivity):
         raise table.refusal("density", f"expected {', '.join(sensitivity)}")
     try:
@@ -110,16 +110,6 @@ def read_film(path: Path) -> Film:
                     np.array([curves[layer] for layer in sensitivity]) if curves else None, table.line("source"))
     except InputError as error:
         raise error.at(path) from None
-
-
-def _by_layer(table, name):
-    """The numbers of each layer in a table of the file."""
-    rows = table.values.get(name)
-    if not isinstance(rows, dict) or not rows:
-        raise table.refusal(name, "expected a list of numbers for each layer")
-    rows = TomlTable(table.path, rows, f"{name}, ", table.error)
-    first = len(rows.numbers(next(iter(rows.values))))
-    return {layer: rows.numbers(layer, first) for layer in rows.values}
 
 
 def film_exposure(irradiance: SpectralImage, film: Film, shutter_s: float) -> np.ndarray:

@@ -49,7 +49,7 @@ def metered(irradiance: SpectralImage, camera: Camera, iso: float | None = None,
 
 
 def usual_exposure(camera: Camera, iso: float | None, shutter_s: float | None, **others: Any) -> Exposure:
-    """An exposure with the camera's base ISO and a common shutter for what is None."""
+    """An exposure with the camera's base ISO, or a common shutter, in place of None."""
     return Exposure(COMMON_SHUTTER_S if shutter_s is None else shutter_s, camera.base_iso if iso is None else iso,
                     **others)
 

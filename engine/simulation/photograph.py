@@ -84,7 +84,8 @@ def photograph(irradiance: SpectralImage, camera: Camera, iso: float | None = No
         W m^-2 nm^-1. In arbitrary units it is scaled so that the exposure is the metered one.
     camera : Camera
     iso, shutter_s : float, optional
-        What is left out is metered: the shutter, at `base_iso` without an ISO; or the ISO if only the shutter is given.
+        A missing shutter is metered, at the camera's base ISO if the ISO is missing, too; so is an ISO that alone is
+        missing.
     report : Report, optional
         Gets CameraFacts.
     others : by name
@@ -122,7 +123,7 @@ def held(camera: Camera, frame_px: tuple[int, int]) -> Camera:
 def darkest_snr(raw: RawImage) -> float:
     """Signal-to-noise ratio, over time and pixels, of a pixel in the darkest hundredth of a raw picture.
 
-    Means of blocks of pixels tell dark pixels from noisy ones.
+    It compares means of blocks of pixels, because the darkest single pixels are noisy rather than dark.
     """
     camera, iso = raw.camera, raw.exposure.iso
     dark_e = camera.dark_current_e_per_s * raw.exposure.shutter_s

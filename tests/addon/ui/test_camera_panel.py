@@ -1,4 +1,4 @@
-"""The camera's part of the panel: bodies, files of one's own, and the sensor that they put behind the lens."""
+"""The camera's part of the panel: bodies, the user's own files, and the sensor that they put behind the lens."""
 
 import pytest
 
@@ -43,7 +43,7 @@ def test_all_bodies_are_offered():
     assert {name for name, *_ in camera_items(None, None)} == {"NONE", *bundled_cameras(), "FILE"}
 
 
-def test_a_file_of_ones_own_is_read_if_it_is_trusted(scene, tmp_path):
+def test_the_users_own_file_is_read_if_it_is_trusted(scene, tmp_path):
     path = tmp_path / "own.toml"
     path.write_text(camera_text(load_camera("nikon-d700")), encoding="utf-8")
     settings = scene.lensfield

@@ -64,7 +64,7 @@ def test_a_camera_survives_its_file(name, tmp_path):
     ('filters = ["RG", "GB"]', 'filters = "RGGB"', 'filters is RGGB: expected rows of the filter array'),
     ('filters = ["RG", "GB"]', 'filters = ["RG", "GX"]', "filters is X: expected only R, G, B"),
     ("shape_px = [2912, 4368]", "shape_px = [2912]", r"shape_px is \[2912\]: expected 2 numbers"),
-    ("R = [", "R = [0.1, ", "quantum_efficiency, G is 81 numbers: expected 82"),
+    ("R = [", "R = [0.1, ", "quantum_efficiency, G is .*: expected 82 numbers"),
     ("[quantum_efficiency]", "[quantum_efficiencies]", "quantum_efficiencies is unknown"),
     ('format = "lensfield-camera"', 'format = "lensfield-prescription"', "expected lensfield-camera"),
     ("prnu = 0.006", "prnu = -1", "prnu is -1.0: expected 0 or more"),
