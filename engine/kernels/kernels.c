@@ -14,6 +14,8 @@ typedef struct {
     lf_fit_loop *fit;
     lf_spots_loop *spots;
     lf_cast_loop *cast;
+    lf_collect_loop *collect;
+    lf_read_loop *read;
 } variant;
 
 #define DECLARED(v) \
@@ -27,10 +29,12 @@ typedef struct {
     lf_aim_loop lf_aim_##v; \
     lf_fit_loop lf_fit_##v; \
     lf_spots_loop lf_spots_##v; \
-    lf_cast_loop lf_cast_##v;
+    lf_cast_loop lf_cast_##v; \
+    lf_collect_loop lf_collect_##v; \
+    lf_read_loop lf_read_##v;
 #define LISTED(v) \
     {#v, lf_spread_##v, lf_extremes_##v, lf_excess_##v, lf_footprints_##v, lf_turn_##v, lf_waves_##v, lf_trace_##v, \
-     lf_aim_##v, lf_fit_##v, lf_spots_##v, lf_cast_##v}
+     lf_aim_##v, lf_fit_##v, lf_spots_##v, lf_cast_##v, lf_collect_##v, lf_read_##v}
 
 #if defined(__x86_64__)
 DECLARED(base) DECLARED(avx2) DECLARED(avx512)
@@ -270,4 +274,24 @@ int lf_cast(int variant, const lf_cast_of *c, int64_t first_tile, int64_t end_ti
             if (!within(c->meetings[tile * c->layers + n].level, 0, c->layer[n].levels - 1)) return LF_BAD_SIZE;
     }
     return variants[variant].cast(c, first_tile, end_tile, blurred, clear, work);
+}
+
+int lf_collect(int variant, const lf_picture *light, const lf_filters *f, int64_t first_row, int64_t end_row,
+               const lf_picture *out)
+{
+    if (!within(variant, 0, VARIANTS - 1) || !fits(light) || !fits(out) || out->planes != 1 || out->rows != light->rows
+        || out->columns != light->columns || !has_rows(out, first_row, end_row) || !within(f->rows, 1, MOST_PX)
+        || !within(f->columns, 1, MOST_PX))
+        return LF_BAD_SIZE;
+    return variants[variant].collect(light, f, first_row, end_row, out);
+}
+
+int lf_read(int variant, const lf_pixels *p, const lf_picture *light_e, int64_t first_row, int64_t end_row,
+            uint16_t *numbers)
+{
+    if (!within(variant, 0, VARIANTS - 1) || !fits(light_e) || !has_rows(light_e, first_row, end_row)
+        || !within(p->row, 0, LF_MOST_SENSOR - light_e->rows)
+        || !within(p->column, 0, LF_MOST_SENSOR - light_e->columns) || !(p->white_dn >= 0 && p->white_dn <= 65535))
+        return LF_BAD_SIZE;
+    return variants[variant].read(p, light_e, first_row, end_row, numbers);
 }

@@ -17,7 +17,7 @@
 #define LENSFIELD_KERNELS_H
 #include <stdint.h>
 
-#define LF_ABI 9
+#define LF_ABI 10
 
 enum { LF_OUTSIDE = 1, LF_BAD_SIZE = 2 };
 
@@ -238,6 +238,32 @@ typedef struct {
 typedef int lf_cast_loop(const lf_cast_of *, int64_t first_tile, int64_t end_tile, const lf_picture *blurred,
                          const lf_picture *clear, float *work);
 
+/* collecting */
+
+typedef struct { /* the filters of a sensor's pixels, repeated over the picture */
+    const float *weights; /* (row, plane, column): factors on the light */
+    int64_t rows, columns;
+} lf_filters;
+
+typedef int lf_collect_loop(const lf_picture *light, const lf_filters *, int64_t first_row, int64_t end_row,
+                            const lf_picture *out);
+
+/* reading */
+
+#define LF_MOST_SENSOR 65536 /* rows and columns of a sensor */
+
+typedef struct { /* a sensor's pixels, as they are read in an exposure */
+    int64_t pixel_key, noise_key; /* of random numbers: for the pixels' differences, and for the exposure */
+    int64_t row, column;          /* of the picture's first pixel on the sensor */
+    float prnu, dsnu_e;           /* differences of their response and of their dark signal */
+    float dark_e, full_e, noise_e; /* mean dark signal, full well, noise of the reading */
+    float gain_dn_per_e, black_dn, white_dn;
+    int32_t noisy;                /* 0: without anything random */
+} lf_pixels;
+
+typedef int lf_read_loop(const lf_pixels *, const lf_picture *light_e, int64_t first_row, int64_t end_row,
+                         uint16_t *numbers);
+
 /* the library's functions */
 
 LF_API int lf_abi(void);
@@ -264,4 +290,8 @@ LF_API int lf_fit(int variant, const lf_scattered *, double *out, double *residu
 LF_API int lf_spots(int variant, const lf_bundle *, double *out, double *light);
 LF_API int lf_cast(int variant, const lf_cast_of *, int64_t first_tile, int64_t end_tile, const lf_picture *blurred,
                    const lf_picture *clear, float *work); /* work: 32 floats for each pixel of a tile and wavelength */
+LF_API int lf_collect(int variant, const lf_picture *light, const lf_filters *, int64_t first_row, int64_t end_row,
+                      const lf_picture *out);
+LF_API int lf_read(int variant, const lf_pixels *, const lf_picture *light_e, int64_t first_row, int64_t end_row,
+                   uint16_t *numbers); /* numbers: (plane, row, column) */
 #endif

@@ -4,12 +4,9 @@
    Each row therefore has its polynomials over 2 x^2 - 1. Every variant processes eight columns at once. Cells at the
    edge of an aperture transmit a share of the light, which depends on the change of the tightest limit across them.
    Three rows of that limit are therefore stored. */
-#include "variant.h"
-
-typedef int32_t eight_ints __attribute__((vector_size(32), aligned(4), may_alias));
+#include "elementary.h"
 
 #define WHOLE 6755399441055744.0 /* adding and subtracting it rounds a double to an integer */
-#define WHOLE_SINGLE 12582912.0f
 #define LOG2_E 1.44269504f
 #define LEAST_POWER -80 /* of e: near the smallest number of single precision */
 
@@ -34,13 +31,6 @@ INLINE eight_floats series_single(const float *terms, int64_t count, const float
     return even + odd;
 }
 
-INLINE eight_floats chosen(eight_ints mask, eight_floats yes, eight_floats no)
-{
-    return (eight_floats)(((eight_ints)yes & mask) | ((eight_ints)no & ~mask));
-}
-INLINE eight_floats larger(eight_floats a, eight_floats b) { return chosen(a > b, a, b); }
-INLINE eight_floats smaller(eight_floats a, eight_floats b) { return chosen(a < b, a, b); }
-
 /* e to a power from LEAST_POWER to 80, by a Taylor series to 2e-7. */
 INLINE eight_floats exponential(eight_floats power)
 {
@@ -49,18 +39,6 @@ INLINE eight_floats exponential(eight_floats power)
     const eight_floats part = 1 + x * (1 + x * (0.5f + x * (1.66666667e-1f + x * (4.16666667e-2f + x * (
                               8.33333333e-3f + x * 1.38888889e-3f)))));
     return part * (eight_floats)((__builtin_convertvector(whole, eight_ints) + 127) << 23);
-}
-
-/* Cosine and minus sine of waves between -1/2 and 1/2, by Taylor series of half the angle to 2e-7. */
-INLINE void turned(eight_floats waves, eight_floats *cosine, eight_floats *minus_sine)
-{
-    const eight_floats x = waves * 3.14159265f, square = x * x;
-    const eight_floats sine = x * (1 + square * (-1.66666667e-1f + square * (8.33333333e-3f + square * (
-                              -1.98412698e-4f + square * (2.75573192e-6f + square * -2.50521084e-8f)))));
-    const eight_floats half = 1 + square * (-0.5f + square * (4.16666667e-2f + square * (-1.38888889e-3f + square * (
-                              2.48015873e-5f + square * (-2.75573192e-7f + square * 2.08767570e-9f)))));
-    *cosine = 1 - 2 * sine * sine;
-    *minus_sine = -2 * sine * half;
 }
 
 /* Writes the tightest of a row's limits to `tightest`, which has room for a value before and one after it. */
