@@ -30,7 +30,7 @@ FLOORS = {
     "engine.blur": {"engine.field", "engine.kernels", "engine.runtime"},
     "engine.plan": {"engine.blur", "engine.field", "engine.image", "engine.kernels", "engine.lens", "engine.runtime"},
     "engine.depth": {"engine.field", "engine.image", "engine.kernels", "engine.lens", "engine.rays", "engine.runtime"},
-    "engine.sensor": {"engine.image", "engine.runtime", "engine.spectral"},
+    "engine.sensor": {"engine.image", "engine.kernels", "engine.runtime", "engine.spectral"},
     "engine.pictures": {"engine.depth", "engine.field", "engine.image", "engine.lens", "engine.runtime",
                         "engine.sensor", "engine.spectral"},
     "engine.library": {"engine.bake", "engine.field", "engine.lens", "engine.lens_files",

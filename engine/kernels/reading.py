@@ -54,6 +54,11 @@ class Pixels:
     noisy: bool
 
 
+def key(*numbers: int) -> int:
+    """A key for random numbers, from whole numbers of 0 or more."""
+    return int(np.random.SeedSequence(numbers).generate_state(1, np.uint64).view(np.int64)[0])
+
+
 def read(pixels: Pixels, light_e: np.ndarray, rows: slice, numbers: np.ndarray) -> None:
     """Write the digital numbers of some rows.
 

@@ -8,18 +8,14 @@ their response (PRNU) and in their dark signal (DSNU), and always in the same wa
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 
 from ..image.pixel_grid import PixelGrid
 from ..image.spectral_image import SpectralImage, check_irradiance
+from ..kernels.reading import Pixels, key, read
 from ..runtime.errors import InputError
+from ..runtime.threads import in_bands
 from .camera import Camera
-from .electrons import response
-from .resampling import pixel_means
-
-BLOCK_ROWS = 64  # that draw from one stream of random numbers
-FEW_E = 64.0  # electrons up to which counts are drawn from the Poisson distribution itself
-PIXELS, NOISE = 0, 1  # kinds of random numbers: of the camera, and of an exposure
+from .collecting import BAND_PIXELS, check_memory, collected_e
 
 
 @dataclass(frozen=True)
@@ -122,19 +118,15 @@ def expose(irradiance: SpectralImage, camera: Camera, exposure: Exposure) -> Raw
     Raises
     ------
     ImageError
-        The picture is not irradiance in W m^-2 nm^-1.
+        The picture is not irradiance in W m^-2 nm^-1, or there is not enough memory.
     """
     check_irradiance(irradiance)
     shape = covered_px(irradiance, camera)
+    check_memory(irradiance, camera, shape)
     channel = channels_of(camera, shape)
-    light_e = _behind_filters(_light(irradiance, camera, exposure, shape), channel)
-    planes = () if channel is not None else (len(camera.channels),)
-    numbers = np.empty((*planes, *shape), np.uint16)
-    for first in range(0, shape[0], BLOCK_ROWS):
-        rows = slice(first, min(first + BLOCK_ROWS, shape[0]))
-        numbers[..., rows, :] = _converted(_shared(light_e, rows, shape[0], camera), camera, exposure, first)
+    numbers = _read(collected_e(irradiance, camera, exposure.shutter_s, channel, shape), camera, exposure)
     resampled = irradiance.pitch_um / camera.pitch_um
-    return RawImage(numbers, channel, camera, exposure, None if resampled == 1 else resampled)
+    return RawImage(numbers if channel is None else numbers[0], channel, camera, exposure, None if resampled == 1 else resampled)
 
 
 def covered_px(irradiance: SpectralImage | PixelGrid, camera: Camera) -> tuple[int, int]:
@@ -165,71 +157,13 @@ def channels_of(camera: Camera, shape_px: tuple[int, int]) -> np.ndarray | None:
     return np.tile(cell, repeats)[:shape_px[0], :shape_px[1]]
 
 
-def _light(irradiance, camera, exposure, shape):
-    """A function of rows of the raw picture: mean electrons from their light, array (channel, row, column)."""
-    per_plane = (response(camera, irradiance.wavelengths_nm) * exposure.shutter_s).astype(np.float32)
-    cube = irradiance.frame().cube
-    if irradiance.pitch_um == camera.pitch_um:  # each pixel is even: the same through any aperture
-        above, left = ((n - part) // 2 for n, part in zip(cube.shape[1:], shape, strict=True))
-        cube = cube[:, above:above + shape[0], left:left + shape[1]]
-        return lambda rows: np.tensordot(per_plane, cube[:, rows], 1)
-    planes = np.stack([pixel_means(np.tensordot(each, cube, 1), irradiance.pitch_um, shape, camera.pitch_um,
-                                   camera.pixel_aperture)
-                       for each in per_plane])
-    return lambda rows: planes[:, rows]
-
-
-def _behind_filters(light_e, channel):
-    """The function of rows with, of the electrons in each channel, those of each pixel's own: array (row, column)."""
-    if channel is None:
-        return light_e
-
-    def pixel_e(rows):
-        chosen_e = np.empty(channel[rows].shape, np.float32)
-        for index, plane in enumerate(light_e(rows)):
-            np.copyto(chosen_e, plane, where=channel[rows] == index)
-        return chosen_e
-
-    return pixel_e
-
-
-def _shared(pixel_e, rows, number, camera):
-    """Mean electrons in some of a number of rows after crosstalk. None leave the picture."""
-    if not camera.crosstalk:
-        return pixel_e(rows)
-    around = slice(max(rows.start - 1, 0), min(rows.stop + 1, number))
-    before_e = pixel_e(around)
-    exchange = np.float32(camera.crosstalk / 4) * np.array([1, -2, 1])
-    after_e = before_e + sum(scipy.ndimage.correlate1d(before_e, exchange, axis, mode="nearest") for axis in (-2, -1))
-    return after_e[..., rows.start - around.start:rows.stop - around.start, :]
-
-
-def _converted(light_e, camera, exposure, first_row):
-    """Digital numbers of pixels with these mean electrons from light, in rows from the first."""
-    gain = np.float32(camera.gain_at(exposure.iso))
-    dark_e = np.float32(camera.dark_current_e_per_s * exposure.shutter_s)
-    if not exposure.noise:
-        read_e = np.minimum(light_e + dark_e, np.float32(camera.saturation_e))
-        return _quantised(read_e * gain, camera)
-    pixels, drawn = (np.random.Generator(np.random.Philox(np.random.SeedSequence([kind, *numbers, first_row])))
-                     for kind, numbers in ((PIXELS, (exposure.serial,)),
-                                           (NOISE, (exposure.serial, exposure.seed, exposure.frame))))
-    response_of_each = 1 + np.float32(camera.prnu) * pixels.standard_normal(light_e.shape, np.float32)
-    offset_e = np.float32(camera.dsnu_e) * pixels.standard_normal(light_e.shape, np.float32)
-    mean_e = light_e * np.maximum(response_of_each, 0) + dark_e
-    read_e = np.minimum(_counted(mean_e, drawn), np.float32(camera.saturation_e)) + offset_e
-    noise_e = np.float32(camera.dark_noise_at(exposure.iso))
-    return _quantised((read_e + noise_e * drawn.standard_normal(light_e.shape, np.float32)) * gain, camera)
-
-
-def _counted(mean_e, drawn):
-    """Electrons counted where these are expected: Poisson's distribution, by its first three moments above FEW_E."""
-    normal = drawn.standard_normal(mean_e.shape, np.float32)
-    counted = np.rint(mean_e + np.sqrt(mean_e) * normal + (normal * normal - 1) / 6)
-    few = mean_e < FEW_E
-    counted[few] = drawn.poisson(mean_e[few])
-    return counted
-
-
-def _quantised(signal_dn, camera):
-    return np.clip(np.rint(signal_dn + np.float32(camera.black_dn)), 0, camera.white_dn).astype(np.uint16)
+def _read(light_e, camera, exposure):
+    """Digital numbers of pixels in the middle of the sensor with these mean electrons from light."""
+    first = [(n - part) // 2 for n, part in zip(camera.shape_px, light_e.shape[1:], strict=True)]
+    pixels = Pixels(key(exposure.serial), key(exposure.serial, exposure.seed, exposure.frame), tuple(first), camera.prnu,
+                    camera.dsnu_e, camera.dark_current_e_per_s * exposure.shutter_s, camera.saturation_e,
+                    camera.dark_noise_at(exposure.iso), camera.gain_at(exposure.iso), camera.black_dn, camera.white_dn,
+                    exposure.noise)
+    numbers = np.empty(light_e.shape, np.uint16)
+    in_bands(lambda rows: read(pixels, light_e, rows, numbers), light_e.shape[1], BAND_PIXELS // light_e.shape[2])
+    return numbers

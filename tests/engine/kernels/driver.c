@@ -15,7 +15,8 @@
 
 static uint64_t state;
 static uint64_t hash[MOST_VARIANTS];
-#define LOOPS 11 /* spreading, footprints, turning, waves, casting, extremes, excess, spots, tracing, aiming, fitting */
+#define LOOPS 13 /* spreading, footprints, turning, waves, casting, extremes, excess, spots, tracing, aiming, fitting,
+                    collecting, reading */
 static double worst[MOST_VARIANTS][LOOPS];
 
 static uint32_t random_bits(void)
@@ -876,13 +877,133 @@ static void try_casting(void)
     for (size_t n = 0; n < sizeof all / sizeof *all; n++) free(all[n]);
 }
 
+/* Collecting and reading, pixel by pixel; of numbers of any kind, for the sanitizers. */
+
+static void try_collecting(void)
+{
+    const int64_t planes = 1 + below(13), rows = 1 + below(9), columns = 1 + below(150), step = columns + below(5);
+    const int64_t down = 1 + below(5), across = 1 + below(70);
+    float *values = ROOM(float, planes * rows * step), *weights = ROOM(float, down * planes * across);
+    for (int64_t i = 0; i < planes * rows * step; i++) values[i] = (float)unit();
+    for (int64_t i = 0; i < down * planes * across; i++) weights[i] = (float)unit();
+    const lf_picture light = {values, planes, rows, columns, rows * step, step};
+    const lf_filters f = {weights, down, across};
+    lf_filters bare = f;
+    bare.columns = 0;
+    for (int v = 0; runs(v); v++) {
+        float *result = ROOM(float, rows * columns);
+        const lf_picture out = {result, 1, rows, columns, rows * columns, columns};
+        expect(lf_collect(v, &light, &bare, 0, rows, &out) == LF_BAD_SIZE
+               && lf_collect(v, &light, &f, 0, rows + 1, &out) == LF_BAD_SIZE, "collecting took a size that cannot be");
+        expect(!lf_collect(v, &light, &f, 0, rows, &out), "collecting refused its sizes");
+        take_bits(v, result, rows * columns * 4);
+        for (int64_t i = 0; i < rows * columns; i++) {
+            const int64_t y = i / columns, x = i % columns;
+            double sum = 0;
+            for (int64_t q = 0; q < planes; q++)
+                sum += (double)values[(q * rows + y) * step + x] * weights[(y % down * planes + q) * across + x % across];
+            take_deviation(v, 11, fabs(result[i] - sum), SINGLE * (double)(planes + 2) * sum);
+        }
+        free(result);
+    }
+    free(values), free(weights);
+}
+
+/* Random words, from the definition of Threefry2x32-20. */
+static void threefry(int64_t key, uint32_t first, uint32_t second, uint32_t out[2])
+{
+    static const int turns[] = {13, 15, 26, 6, 17, 29, 16, 24};
+    uint32_t keys[3] = {(uint32_t)key, (uint32_t)((uint64_t)key >> 32), 0x1BD11BDA};
+    keys[2] ^= keys[0] ^ keys[1];
+    first += keys[0], second += keys[1];
+    for (uint32_t round = 1; round <= 20; round++) {
+        const int turn = turns[(round - 1) % 8];
+        first += second;
+        second = (second << turn | second >> (32 - turn)) ^ first;
+        if (round % 4 == 0) first += keys[round / 4 % 3], second += keys[(round / 4 + 1) % 3] + round / 4;
+    }
+    out[0] = first, out[1] = second;
+}
+
+/* Two normal numbers of a pixel. */
+static void two_normals(int64_t key, uint32_t place, uint32_t of, double out[2])
+{
+    uint32_t w[2];
+    threefry(key, place, of, w);
+    const float share = (float)(int32_t)(w[0] >> 1) * 0x1p-31f + 0x1p-32f; /* rounded: a logarithm near 0 depends on it */
+    const double radius = sqrt(-2 * log(share)), angle = 2 * 3.141592653589793 * (int32_t)w[1] * 0x1p-32;
+    out[0] = radius * cos(angle), out[1] = -radius * sin(angle);
+}
+
+/* A pixel's digital number before it is rounded, and by how much rounding may change it. */
+static double number_of(const lf_pixels *p, double light_e, uint32_t place, uint32_t plane, double *off)
+{
+    double differences[2] = {0}, noise[2] = {0}, counted, at;
+    if (p->noisy) two_normals(p->pixel_key, place, 4 * plane, differences), two_normals(p->noise_key, place, 4 * plane + 1, noise);
+    const double mean_e = fmax(light_e * fmax(1 + p->prnu * differences[0], 0) + p->dark_e, 0), z = noise[0];
+    double off_e = mean_e * 32 * SINGLE;
+    if (!p->noisy) counted = mean_e;
+    else if (mean_e < 32) {
+        uint32_t w[2], n = 0;
+        threefry(p->noise_key, place, 4 * plane + 2, w);
+        double term = exp(-mean_e), sum = term;
+        const double share = (w[0] + 0.5) * 0x1p-32;
+        for (; share > sum && n < 200; sum += term) term *= mean_e / ++n;
+        counted = n;
+        off_e = fabs(share - sum) < 1e-5 || fabs(share - sum + term) < 1e-5; /* the mean is rounded */
+    } else {
+        at = mean_e + sqrt(mean_e) * z + (z * z + 2) / 6 - (z * z * z + 2 * z) / (72 * sqrt(mean_e));
+        counted = floor(at);
+        off_e = fabs(at - rint(at)) < off_e + 1e-4 * sqrt(mean_e); /* an electron more or less */
+    }
+    if (p->noisy && fabs(mean_e - 32) < 1e-3) off_e = 100; /* the other way of counting */
+    const double full_e = fmin(counted, p->full_e), dn = (full_e + p->dsnu_e * differences[1] + p->noise_e * noise[1]) * p->gain_dn_per_e;
+    *off = 0.5 + p->gain_dn_per_e * (off_e + 2e-5 * (p->dsnu_e + p->noise_e)) + 8 * SINGLE * (fabs(dn) + p->black_dn);
+    return fmin(fmax(dn + p->black_dn, 0), p->white_dn);
+}
+
+static void try_reading(void)
+{
+    static const float wild[] = {NAN, INFINITY, -INFINITY, -1e30f, 1e30f, 1e-40f}, levels[] = {1, 40, 300, 1e4f};
+    const int64_t planes = 1 + below(3), rows = 1 + below(5), columns = 1 + below(60), step = columns + below(5);
+    const int tame = below(4) > 0;
+    float *values = ROOM(float, planes * rows * step);
+    const float level = levels[below(4)];
+    for (int64_t i = 0; i < planes * rows * step; i++)
+        values[i] = !tame && !below(9) ? wild[below(6)] : (float)(unit() * level);
+    const lf_picture light = {values, planes, rows, columns, rows * step, step};
+    const int64_t keys[2] = {(int64_t)(random_bits() * 0x9E3779B97F4A7C15u), (int64_t)(random_bits() * 0x9E3779B97F4A7C15u)};
+    const lf_pixels p = {keys[0], keys[1], below(60000), below(60000), (float)(0.05 * unit()), (float)(3 * unit()),
+                         (float)unit(), (float)(10 + 9000 * unit()), (float)(5 * unit()), (float)(0.05 + 4 * unit()),
+                         (float)below(100), (float)((1 << (8 + below(9))) - 1), below(4) > 0};
+    lf_pixels odd = p;
+    odd.column = LF_MOST_SENSOR;
+    for (int v = 0; runs(v); v++) {
+        uint16_t *result = ROOM(uint16_t, planes * rows * columns);
+        expect(lf_read(v, &odd, &light, 0, rows, result) == LF_BAD_SIZE && lf_read(v, &p, &light, 0, rows + 1, result) == LF_BAD_SIZE,
+               "reading took a size that cannot be");
+        expect(!lf_read(v, &p, &light, 0, rows, result), "reading refused its sizes");
+        take_bits(v, result, planes * rows * columns * 2); /* of any numbers: not-a-number counts as 0 */
+        for (int64_t i = 0; tame && i < planes * rows * columns; i++) {
+            const int64_t q = i / (rows * columns), y = i / columns % rows, x = i % columns;
+            double off;
+            const double dn = number_of(&p, values[(q * rows + y) * step + x], (uint32_t)((p.row + y) << 16 | (p.column + x)),
+                                        (uint32_t)q, &off);
+            take_deviation(v, 12, fabs(result[i] - dn), off);
+        }
+        free(result);
+    }
+    free(values);
+}
+
 int main(int argc, char **argv)
 {
     const int rounds = argc > 1 ? atoi(argv[1]) : 100;
     state = argc > 2 ? strtoull(argv[2], 0, 10) : 0;
     expect(lf_abi() == LF_ABI, "the library is of another ABI");
     expect(lf_spread_work(-1, 1) == 0 && lf_spread_work(1, (int64_t)1 << 60) == 0, "sizes that cannot be have room");
-    for (int i = 0; i < rounds; i++) try_spreading(), try_footprints(), try_sections(), try_turning(), try_waves(), try_casting(), try_spots(), try_tracing(), try_fitting();
+    for (int i = 0; i < rounds; i++) try_spreading(), try_footprints(), try_sections(), try_turning(), try_waves(), try_casting(), try_spots(), try_tracing(), try_fitting(),
+                                     try_collecting(), try_reading();
     int off = 0;
     for (int v = 0; runs(v); v++) {
         printf("%-7s off by", lf_variant(v));

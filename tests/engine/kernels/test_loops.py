@@ -1,5 +1,6 @@
 """Each loop in C against plain numpy, in every variant that this machine can run; all of them give the same bits."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,10 +15,13 @@ from lensfield.engine.field.radial.distortion import footprints as numpy_footpri
 from lensfield.engine.field.radial.psf_bank import PsfBank
 from lensfield.engine.field.radial.psf_table import PsfTable, TurnedPsfs
 from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.kernels.collecting import collect
 from lensfield.engine.kernels.excess import excess
 from lensfield.engine.kernels.extremes import extremes
 from lensfield.engine.kernels.footprints import RadialGeometry, footprints
 from lensfield.engine.kernels.library import NUMPY, available
+from lensfield.engine.kernels.numpy_reading import random_words
+from lensfield.engine.kernels.reading import Pixels, read
 from lensfield.engine.kernels.spots import spots
 from lensfield.engine.kernels.spreading import PackedTable, TablePlaces, spread
 from lensfield.engine.kernels.tracing import ANGLE, TracedSurfaces, aim, trace
@@ -385,3 +389,74 @@ def test_rays_refuse_mismatched_shapes():
         aim(SINGLET, MEDIA, ANGLE, np.inf, np.zeros((2, 3)), np.zeros(2), np.zeros((2, 5)), 1e-3)
     with pytest.raises(ValueError, match="invalid sizes"):
         aim(SINGLET, MEDIA, 3, np.inf, np.zeros((2, 3)), np.zeros(3), np.zeros((2, 5)), 1e-3)
+
+
+@pytest.mark.parametrize("planes, cell", [(12, (2, 2)), (3, (6, 6)), (1, (1, 1)), (4, (3, 64))])
+def test_collect_equals_numpy(planes, cell):
+    random = np.random.default_rng(4)
+    light = random.random((planes, 21, 160), np.float32)[:, 2:, 3:]
+    weights = random.random((cell[0], planes, cell[1]), np.float32)
+
+    def collected():
+        out = np.full((19, 157), np.nan, np.float32)
+        for rows in (slice(0, 7), slice(7, 8), slice(8, 19)):
+            collect(light, weights, rows, out)
+        return out
+
+    result = in_every_variant(collected)
+    with using(NUMPY):
+        np.testing.assert_array_equal(collected(), result)
+    row, column = np.indices(result.shape)
+    exact = (np.moveaxis(weights, 1, 2)[row % cell[0], column % cell[1]] * np.moveaxis(light, 0, 2)).sum(axis=2)
+    np.testing.assert_allclose(result, exact, rtol=1e-5)
+
+
+def test_collect_refuses_mismatched_shapes():
+    out = np.zeros((5, 6), np.float32)
+    with pytest.raises(ValueError, match="weights of 2 planes"):
+        collect(np.zeros((3, 5, 6), np.float32), np.ones((1, 2, 1), np.float32), slice(0, 5), out)
+    with pytest.raises(ValueError, match="invalid sizes"):
+        collect(np.zeros((2, 5, 7), np.float32), np.ones((1, 2, 1), np.float32), slice(0, 5), out)
+
+
+PIXELS = Pixels(pixel_key=3**40, noise_key=-(5**27), place=(40, 65500), prnu=0.01, dsnu_e=1.5, dark_e=0.2, full_e=9000.0,
+                noise_e=3.0, gain_dn_per_e=0.3, black_dn=64.0, white_dn=4095, noisy=True)
+
+
+@pytest.mark.parametrize("noisy", [True, False])
+@pytest.mark.parametrize("columns", [1, 8, 35])
+def test_read_equals_numpy(columns, noisy):
+    random = np.random.default_rng(5)
+    light_e = (10 ** random.uniform(-2, 4.2, (3, 30, columns))).astype(np.float32)
+    light_e[1, :6, 0] = np.nan, np.inf, -np.inf, -5, 1e-42, 3e38
+    pixels = replace(PIXELS, noisy=noisy)
+
+    def numbers():
+        out = np.full(light_e.shape, 7, np.uint16)
+        for rows in (slice(0, 1), slice(1, 29)):
+            read(pixels, light_e, rows, out)
+        return out
+
+    result = in_every_variant(numbers)
+    with using(NUMPY):
+        np.testing.assert_array_equal(numbers(), result)
+    assert np.all(result[:, 29] == 7) and result[:, :29].max() > 2000
+    if not noisy:
+        assert result[1, :6, 0].tolist() == [64, 64 + 2700, 64, 64, 64, 64 + 2700]
+
+
+def test_read_refuses_pixels_beyond_the_largest_sensor():
+    light_e = np.zeros((1, 2, 37), np.float32)
+    with pytest.raises(ValueError, match="invalid sizes"):
+        read(PIXELS, light_e, slice(0, 2), np.zeros(light_e.shape, np.uint16))
+    with pytest.raises(ValueError, match="expected contiguous uint16"):
+        read(PIXELS, light_e, slice(0, 2), np.zeros((2, 37), np.uint16))
+
+
+@pytest.mark.parametrize("key, counter, words", [
+    (0, (0, 0), (0x6B200159, 0x99BA4EFE)), (-1, (0xFFFFFFFF, 0xFFFFFFFF), (0x1CB996FC, 0xBB002BE7)),
+    (0x0370734413198A2E, (0x243F6A88, 0x85A308D3), (0xC4923A9C, 0x483DF7A0))])
+def test_random_words_are_threefrys(key, counter, words):
+    """The known answers of Random123, the authors' library."""
+    (row, column), (plane, purpose) = divmod(counter[0], 2**16), divmod(counter[1], 4)
+    assert tuple(random_words(key, row, np.array([column]), plane, purpose)[:, 0]) == words
