@@ -82,6 +82,6 @@ def read(pixels: Pixels, light_e: np.ndarray, rows: slice, numbers: np.ndarray) 
     first, end, _ = rows.indices(light_e.shape[1])
     structure = PIXELS(pixels.pixel_key, pixels.noise_key, *pixels.place, pixels.prnu, pixels.dsnu_e, pixels.dark_e,
                        pixels.full_e, pixels.noise_e, pixels.gain_dn_per_e, pixels.black_dn, pixels.white_dn,
-                       pixels.noisy)
+                       int(pixels.noisy))
     check(loops.lf_read(variant, byref(structure), byref(picture(light_e)), first, end,
                         address(numbers, np.uint16, light_e.shape)))

@@ -124,9 +124,9 @@ def expose(irradiance: SpectralImage, camera: Camera, exposure: Exposure) -> Raw
     shape = covered_px(irradiance, camera)
     check_memory(irradiance, camera, shape)
     channel = channels_of(camera, shape)
-    numbers = _read(collected_e(irradiance, camera, exposure.shutter_s, channel, shape), camera, exposure)
-    resampled = irradiance.pitch_um / camera.pitch_um
-    return RawImage(numbers if channel is None else numbers[0], channel, camera, exposure, None if resampled == 1 else resampled)
+    planes = _read(collected_e(irradiance, camera, exposure.shutter_s, channel, shape), camera, exposure)
+    numbers, resampled = planes if channel is None else planes[0], irradiance.pitch_um / camera.pitch_um
+    return RawImage(numbers, channel, camera, exposure, None if resampled == 1 else resampled)
 
 
 def covered_px(irradiance: SpectralImage | PixelGrid, camera: Camera) -> tuple[int, int]:
@@ -160,8 +160,8 @@ def channels_of(camera: Camera, shape_px: tuple[int, int]) -> np.ndarray | None:
 def _read(light_e, camera, exposure):
     """Digital numbers of pixels in the middle of the sensor with these mean electrons from light."""
     first = [(n - part) // 2 for n, part in zip(camera.shape_px, light_e.shape[1:], strict=True)]
-    pixels = Pixels(key(exposure.serial), key(exposure.serial, exposure.seed, exposure.frame), tuple(first), camera.prnu,
-                    camera.dsnu_e, camera.dark_current_e_per_s * exposure.shutter_s, camera.saturation_e,
+    pixels = Pixels(key(exposure.serial), key(exposure.serial, exposure.seed, exposure.frame), tuple(first),
+                    camera.prnu, camera.dsnu_e, camera.dark_current_e_per_s * exposure.shutter_s, camera.saturation_e,
                     camera.dark_noise_at(exposure.iso), camera.gain_at(exposure.iso), camera.black_dn, camera.white_dn,
                     exposure.noise)
     numbers = np.empty(light_e.shape, np.uint16)

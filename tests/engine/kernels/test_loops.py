@@ -419,8 +419,8 @@ def test_collect_refuses_mismatched_shapes():
         collect(np.zeros((2, 5, 7), np.float32), np.ones((1, 2, 1), np.float32), slice(0, 5), out)
 
 
-PIXELS = Pixels(pixel_key=3**40, noise_key=-(5**27), place=(40, 65500), prnu=0.01, dsnu_e=1.5, dark_e=0.2, full_e=9000.0,
-                noise_e=3.0, gain_dn_per_e=0.3, black_dn=64.0, white_dn=4095, noisy=True)
+PIXELS = Pixels(pixel_key=3**39, noise_key=-(5**27), place=(40, 65500), prnu=0.01, dsnu_e=1.5, dark_e=0.2,
+                full_e=9000.0, noise_e=3.0, gain_dn_per_e=0.3, black_dn=64.0, white_dn=4095, noisy=True)
 
 
 @pytest.mark.parametrize("noisy", [True, False])

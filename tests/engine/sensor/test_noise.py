@@ -15,8 +15,8 @@ from lensfield.engine.sensor.electrons import response
 from lensfield.engine.sensor.exposure import Exposure, expose
 from seed import SEED
 
-QUIET = Camera("test", (1000, 1200), 4.0, ("G",), "G", np.array([400.0, 600.0]), np.array([[0.5, 0.5]]), gain_dn_per_e=1.0,
-               base_iso=100.0, saturation_e=6e4, bits=16)
+QUIET = Camera("test", (1000, 1200), 4.0, ("G",), "G", np.array([400.0, 600.0]), np.array([[0.5, 0.5]]),
+               gain_dn_per_e=1.0, base_iso=100.0, saturation_e=6e4, bits=16)
 COARSE = 5000.0  # numbers per standard deviation of the noise of readings
 NOISY = replace(QUIET, dark_noise_e=COARSE, black_dn=32768.0)
 
