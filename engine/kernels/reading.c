@@ -1,8 +1,8 @@
 /* Reading: digital numbers of pixels, from the mean number of electrons that light frees in each.
 
    Random numbers are those of Threefry2x32-20 (Salmon et al., "Parallel random numbers: as easy as 1, 2, 3", 2011) at
-   the pixel's place on the sensor: they depend neither on the order of the pixels nor on the size of the picture. It
-   needs no products of 64 bits, which Philox, its faster relative on graphics cards, has no vectors for. */
+   the pixel's place on the sensor: they depend neither on the order of the pixels nor on the size of the picture. Philox,
+   of the same authors, takes twice the time here, because compilers shuffle the halves of its products of 64 bits. */
 #include "elementary.h"
 
 #define FEW_E 32.0f /* mean electrons below which counts come from Poisson's distribution itself */
