@@ -159,9 +159,13 @@ INLINE void note(double *squares, int64_t step, int64_t n, int64_t count, triple
     if (squares) stored(squares + n * step, count, at.x * at.x + at.y * at.y);
 }
 
+/* By parts, because compilers for ARM copy all of it by memcpy, which the library does not have. */
+INLINE ray copy_of(const ray *r) { return (ray){r->position, r->direction, r->path}; }
+
 /* From the stop back to the first surface; squared heights are written if requested. */
-static ray traced_back(const lf_system *s, ray r, double *squares, int64_t step, int64_t count)
+static ray traced_back(const lf_system *s, const ray *from, double *squares, int64_t step, int64_t count)
 {
+    ray r = copy_of(from);
     r.direction = times(even(-1), r.direction);
     for (int64_t n = s->stop - 1; n >= 0; n--) {
         r.position.z += shape_of(s, n)[2];
@@ -173,8 +177,9 @@ static ray traced_back(const lf_system *s, ray r, double *squares, int64_t step,
 }
 
 /* From the stop, before refraction there, to the image plane. */
-static ray traced_on(const lf_system *s, ray r, double *squares, int64_t step, int64_t count)
+static ray traced_on(const lf_system *s, const ray *from, double *squares, int64_t step, int64_t count)
 {
+    ray r = copy_of(from);
     note(squares, step, s->stop, count, r.position);
     refract(s, s->stop, &r, s->indices[s->stop], s->indices[s->stop + 1]);
     for (int64_t n = s->stop + 1; n < s->surfaces; n++) {
@@ -202,8 +207,8 @@ int OF_VARIANT(lf_trace)(const lf_system *s, const double *rays, int64_t rays_co
         double *to = out + first, *squares = to + 13 * rays_count;
         const ray on_stop = started(s, loaded(in, count), loaded(in + rays_count, count),
                                     loaded(in + 2 * rays_count, count), loaded(in + 3 * rays_count, count));
-        const ray back = traced_back(s, on_stop, squares, rays_count, count);
-        const ray on = traced_on(s, on_stop, squares, rays_count, count);
+        const ray back = traced_back(s, &on_stop, squares, rays_count, count);
+        const ray on = traced_on(s, &on_stop, squares, rays_count, count);
         stored_triple(to, rays_count, count, back.position);
         stored_triple(to + 3 * rays_count, rays_count, count, back.direction);
         stored_triple(to + 6 * rays_count, rays_count, count, on.position);
@@ -220,10 +225,10 @@ static pair missed(const lf_system *s, const lf_targets *t, pair target, eight_d
 {
     const ray on_stop = started(s, x, y, slope.x, slope.y);
     if (t->kind == LF_IMAGE_HEIGHT) {
-        const ray on = traced_on(s, on_stop, 0, 0, 0);
+        const ray on = traced_on(s, &on_stop, 0, 0, 0);
         return (pair){on.position.x / t->scale, (on.position.y - target.x) / t->scale};
     }
-    const ray back = traced_back(s, on_stop, 0, 0, 0);
+    const ray back = traced_back(s, &on_stop, 0, 0, 0);
     if (t->kind == LF_ANGLE)
         return (pair){back.direction.x, back.direction.y * target.x - back.direction.z * target.y};
     const eight_doubles way = (t->scale + back.position.z) / back.direction.z;
