@@ -2,8 +2,7 @@
 
     python benchmarks/sensor_figures.py [TIMES]
 
-Each figure is the least of several exposures, 5 without an argument. The rows have different mean numbers of electrons,
-because few electrons take longer than many.
+Each figure is the least of several exposures, 5 without an argument. Few electrons take longer than many.
 """
 
 import sys
@@ -23,7 +22,9 @@ BAYER = Camera("bench", SHAPE_PX, PITCH_UM, ("RG", "GB"), "RGB", NM, EFFICIENCY,
                saturation_e=10000.0, bits=12, black_dn=64.0, dark_noise_e=2.5, readout_noise_dn=0.5, dsnu_e=1.0,
                prnu=0.006)
 SENSORS = {"Bayer": BAYER, "three chips": replace(BAYER, filters=())}
-LIGHTS_E = 5, 50, 1000  # mean electrons in green pixels
+LIGHTS = {"without noise": (1000, PITCH_UM, False), "5 e": (5, PITCH_UM, True), "50 e": (50, PITCH_UM, True),
+          "1000 e": (1000, PITCH_UM, True), "1000 e, from pixels of 6 um": (1000, 6.0, True)}
+"""Mean electrons in green pixels, the picture's pitch, and whether there is noise."""
 SHUTTER_S = 0.01
 
 
@@ -35,15 +36,19 @@ def light(camera: Camera, mean_e: float, pitch_um: float) -> SpectralImage:
     return SpectralImage(rows, NM, pitch_um=pitch_um, quantity="irradiance")
 
 
+def seconds(camera: Camera, mean_e: float, pitch_um: float, noise: bool, times: int) -> tuple[float, float]:
+    """Processor seconds and wall-clock seconds of an exposure."""
+    picture, exposure = light(camera, mean_e, pitch_um), Exposure(SHUTTER_S, 100.0, noise=noise)
+    return least_s(lambda: expose(picture, camera, exposure), times)
+
+
 def main(times: str = "5") -> None:
     """Print a line for each sensor and light."""
     print(machine())
-    for name, camera in SENSORS.items():
-        for what, pitch_um, mean_e, noise in (("without noise", PITCH_UM, 1000, False), *(
-                ("noise", PITCH_UM, mean_e, True) for mean_e in LIGHTS_E), ("noise, from pixels of 6 um", 6.0, 1000, True)):
-            picture, exposure = light(camera, mean_e, pitch_um), Exposure(SHUTTER_S, 100.0, noise=noise)
-            processor_s, waited_s = least_s(lambda: expose(picture, camera, exposure), int(times))
-            print(f"{name:12} {what:26} {mean_e:5} e: {processor_s:5.2f} processor s, {waited_s:5.2f} s", flush=True)
+    for sensor, camera in SENSORS.items():
+        for name, settings in LIGHTS.items():
+            processor_s, waited_s = seconds(camera, *settings, int(times))
+            print(f"{sensor:12} {name:28} {processor_s:5.2f} processor s, {waited_s:5.2f} s", flush=True)
 
 
 if __name__ == "__main__":

@@ -123,8 +123,8 @@ def _logarithm(a):
     twos = (bits - np.int32(0x3F3504F3)) >> 23
     x = (bits - (twos << 23)).view(np.float32) - np.float32(1)
     power, square = twos.astype(np.float32), x * x
-    series = x * square * _polynomial(x, LOGARITHM)
-    return power * np.float32(0.693359375) + (x + (series - np.float32(0.5) * square - power * np.float32(2.12194440e-4)))
+    series = x * square * _polynomial(x, LOGARITHM) - np.float32(0.5) * square - power * np.float32(2.12194440e-4)
+    return power * np.float32(0.693359375) + (x + series)
 
 
 def _turned(waves):

@@ -55,8 +55,9 @@ class Pixels:
 
 
 def key(*numbers: int) -> int:
-    """A key for random numbers, from whole numbers of 0 or more."""
-    return int(np.random.SeedSequence(numbers).generate_state(1, np.uint64).view(np.int64)[0])
+    """A key for random numbers, from whole numbers of 0 or more, up to 64 bits each."""
+    words = [word for number in numbers for word in divmod(number, 2**32)]  # two each: otherwise, some keys are equal
+    return int(np.random.SeedSequence(words).generate_state(1, np.uint64).view(np.int64)[0])
 
 
 def read(pixels: Pixels, light_e: np.ndarray, rows: slice, numbers: np.ndarray) -> None:

@@ -34,7 +34,7 @@ INLINE eight_floats series_single(const float *terms, int64_t count, const float
 /* e to a power from LEAST_POWER to 80, by a Taylor series to 2e-7. */
 INLINE eight_floats exponential(eight_floats power)
 {
-    const eight_floats twos = power * LOG2_E, whole = (twos + WHOLE_SINGLE) - WHOLE_SINGLE;
+    const eight_floats twos = power * LOG2_E, whole = rounded(twos);
     const eight_floats x = (twos - whole) * 0.693147181f;
     const eight_floats part = 1 + x * (1 + x * (0.5f + x * (1.66666667e-1f + x * (4.16666667e-2f + x * (
                               8.33333333e-3f + x * 1.38888889e-3f)))));

@@ -1,6 +1,7 @@
 """Each loop in C against plain numpy, in every variant that this machine can run; all of them give the same bits."""
 
 from dataclasses import replace
+from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
@@ -21,7 +22,7 @@ from lensfield.engine.kernels.extremes import extremes
 from lensfield.engine.kernels.footprints import RadialGeometry, footprints
 from lensfield.engine.kernels.library import NUMPY, available
 from lensfield.engine.kernels.numpy_reading import random_words
-from lensfield.engine.kernels.reading import Pixels, read
+from lensfield.engine.kernels.reading import Pixels, key, read
 from lensfield.engine.kernels.spots import spots
 from lensfield.engine.kernels.spreading import PackedTable, TablePlaces, spread
 from lensfield.engine.kernels.tracing import ANGLE, TracedSurfaces, aim, trace
@@ -453,10 +454,15 @@ def test_read_refuses_pixels_beyond_the_largest_sensor():
         read(PIXELS, light_e, slice(0, 2), np.zeros((2, 37), np.uint16))
 
 
-@pytest.mark.parametrize("key, counter, words", [
+def test_keys_of_large_numbers_differ():
+    numbers = list(product((0, 1, 2**32 - 1, 2**32, 2**63 - 1), repeat=3))
+    assert len({key(*each) for each in numbers}) == len(numbers)
+
+
+@pytest.mark.parametrize("of, counter, words", [
     (0, (0, 0), (0x6B200159, 0x99BA4EFE)), (-1, (0xFFFFFFFF, 0xFFFFFFFF), (0x1CB996FC, 0xBB002BE7)),
     (0x0370734413198A2E, (0x243F6A88, 0x85A308D3), (0xC4923A9C, 0x483DF7A0))])
-def test_random_words_are_threefrys(key, counter, words):
+def test_random_words_are_threefrys(of, counter, words):
     """The known answers of Random123, the authors' library."""
     (row, column), (plane, purpose) = divmod(counter[0], 2**16), divmod(counter[1], 4)
-    assert tuple(random_words(key, row, np.array([column]), plane, purpose)[:, 0]) == words
+    assert tuple(random_words(of, row, np.array([column]), plane, purpose)[:, 0]) == words

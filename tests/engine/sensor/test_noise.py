@@ -94,10 +94,11 @@ def test_the_same_pixel_has_the_same_noise_in_any_picture(monkeypatch):
 
 def test_rows_in_any_order_in_memory():
     camera, light = replace(QUIET, shape_px=(50, 70)), np.random.default_rng(SEED).random((3, 50, 70), np.float32)
-    still = Exposure(1e12, 100.0, noise=False)
+    noiseless = Exposure(1e12, 100.0, noise=False)
 
     def numbers(cube):
-        return expose(SpectralImage(cube, [420, 500, 580], pitch_um=4.0, quantity="irradiance"), camera, still).numbers
+        picture = SpectralImage(cube, [420, 500, 580], pitch_um=4.0, quantity="irradiance")
+        return expose(picture, camera, noiseless).numbers
 
     expected = numbers(light)
     for other in (np.asfortranarray(light), light[:, ::-1].copy()[:, ::-1], light.repeat(2, axis=2)[..., ::2]):
@@ -109,13 +110,13 @@ def test_memory_is_priced_before_the_picture_is_taken(filters, pitch_um, monkeyp
     camera = replace(QUIET, filters=filters, channels="GH", quantum_efficiency=np.array([[0.5, 0.5], [0.1, 0.1]]))
     shape = tuple(round(n * 4.0 / pitch_um) for n in camera.shape_px)
     picture = SpectralImage(np.ones((1, *shape)), [500.0], pitch_um=pitch_um, quantity="irradiance")
-    asked = []
-    monkeypatch.setattr(collecting, "check_room", lambda where, needed, remedy: asked.append(needed))
+    requested = []
+    monkeypatch.setattr(collecting, "check_room", lambda where, needed, remedy: requested.append(needed))
     tracemalloc.start()
     expose(picture, camera, Exposure(1.0, 100.0))
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert 0.8 * asked[0] < peak < 1.05 * asked[0]
+    assert 0.8 * requested[0] < peak < 1.05 * requested[0]
     monkeypatch.undo()
     monkeypatch.setattr(memory, "available_bytes", lambda: 1e6)
     with pytest.raises(ImageError, match="raw picture: size is .* GB in memory: 0.001 GB are free: give a smaller"):
