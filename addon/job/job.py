@@ -61,8 +61,15 @@ class Job(RenderRequest):
         return self.denoise == ON
 
 
-def job_of(scene, **given):
+def job_of(scene, quality=None, **given):
     """The Job for the scene's current frame, by its settings except for the given fields of a RenderRequest.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+    quality : str, optional
+        Of the lens, as for `load_lens`; by default the request's.
+    given : by name
 
     Raises
     ------
@@ -76,7 +83,7 @@ def job_of(scene, **given):
         raise InputError("scene settings", "lens file", "empty", "choose a prescription or a lens package")
     rings = {name: getattr(request, name) for name in RING_FIELDS}
     iris = scene_iris(scene, request.lens, request.iris, **rings)
-    quality = request.lens_quality or request.spectral.tier
+    quality = quality or request.lens_quality or request.spectral.tier
     lens, warning, words = scene_lens(scene, request.lens, request.view_on_sensor, quality, request.wavelengths_nm,
                                       **rings)
     decided = {"lens": lens, "camera": chosen_camera(request), "iris": iris,

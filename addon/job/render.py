@@ -69,14 +69,14 @@ def render_through_lens(scene, *, frame=None, progress=None, **given):
         return run(render_steps(scene, job), progress)
 
 
-def job_of_frame(scene, frame, **given):
-    """The Job for a frame, by the scene's camera and settings at that frame, except for the given fields."""
+def job_of_frame(scene, frame, quality=None, **given):
+    """The `job_of` a frame, by the scene's camera and settings at that frame, except for the given fields."""
     if given.get("output_folder") is None:
         check_output_folder(scene)
     with Journal() as journal:
         go_to_frame(scene, frame, journal)
         check_scene(scene, **given)
-        return job_of(scene, **{"to_compositor": False} | given)
+        return job_of(scene, quality, **{"to_compositor": False} | given)
 
 
 def run(steps, progress=None):

@@ -21,11 +21,13 @@ from ...engine.library import has_rings, iris_is_visible
 from ...engine.library.rays import lens_rays, sketched_rays
 from ...engine.pictures.preview import to_rec709
 from ...engine.pictures.spectral_exr import write_plane_exr, write_rgb_exr
+from ...engine.rays.rings import AT_REST
 from ...engine.runtime.errors import InputError
 from ...engine.spectral.colour import metamer_weights
 from ...request import RenderRequest
 from ..scene.changes import take_changes
-from ..scene.lens_cache import load_lens, sketched_lens
+from ..scene.lens_cache import SKETCH, load_lens
+from ..scene.rings import ring_fields, scene_rings
 from .growing_capture import FINER, Grown, growing_capture
 from .pictures import alpha_through_lens
 from .refilter import fitted, rings_in_view
@@ -56,13 +58,13 @@ class ScenePreview:
 
     def __init__(self, scene, **given):
         self.scene = scene
-        self._job = job_of_frame(scene, scene.frame_current, **given, state="preview")
+        self._job = job_of_frame(scene, scene.frame_current, SKETCH, **given, state="preview")
         self._folder = Path(self._job.output_folder)
         self._result = Result.of(scene, self._folder, self._job.frame)
         self._capture = growing_capture(scene, self._job)
         self._step = next(self._capture)  # not executed yet; None once the capture is complete
         self._grown, self._waiting, self._number = {}, [], 0  # newest stages; those to be shown; of the last picture
-        self._request = None
+        self._request = _lens_request(scene, self._job, **given)
 
     def look_through(self, **given):
         """Use another lens, or other settings of it, from now on.
@@ -132,22 +134,17 @@ class ScenePreview:
         show({"picture": str(path), "size_px": (columns, rows), "samples": grown.samples, "number": self._number})
 
     def _lens_for(self, grown, progress):
-        """The lens, its iris, and the Captured that suits it; for coarse pixels, a new lens is baked coarsely."""
-        if self._request is None:
-            return self._job.lens, self._job.iris, grown.captured
-        request, radiance = self._request, grown.captured.radiance
-        rings = rings_in_view(request, radiance)
-        if grown.times == 1 and has_rings(request.lens):
-            lens = sketched_lens(request.lens, rings, radiance.wavelengths_nm)
-        else:
-            lens = load_lens(request.lens, rings, request.lens_quality, lambda fraction, _: progress(fraction),
-                             radiance.wavelengths_nm)
+        """The lens, its iris, and the Captured that suits it; for coarse pixels, the lens is baked coarsely."""
+        request = self._request
+        rings = rings_in_view(request, grown.captured.radiance)
+        lens = load_lens(request.lens, rings, SKETCH if grown.times == 1 else request.lens_quality,
+                         lambda fraction, _: progress(fraction), self._job.wavelengths_nm)
         lens, captured = fitted(lens, grown.captured, request, self._result.radiance)
         return lens, request.iris if request.iris and iris_is_visible(request.lens, rings) else None, captured
 
     def _cast(self, times, captured, lens, iris, progress):
         """The lens image: Rec. 709 and alpha; and the depth."""
-        light, options = captured.layers or captured.radiance, (self._request or self._job).options
+        light, options = captured.layers or captured.radiance, self._request.options
         irradiance = simulate(light, lens, options, iris=iris, progress=progress, cache=_channels(times),
                               rays=sketched_rays if times == 1 else lens_rays)
         irradiance = replace(irradiance, cube=captured.cut(irradiance.cube))
@@ -167,6 +164,16 @@ class ScenePreview:
         write_plane_exr(depth_m, result.depth)
         write_rgb_exr(picture, result.lens_image, alpha)
         return result.lens_image
+
+
+def _lens_request(scene, job, **given):
+    """The RenderRequest of a job's lens, with the scene's focus and f-stop."""
+    request = scene.lensfield.to_request(**given)
+    rings = AT_REST
+    if has_rings(request.lens):
+        rings = scene_rings(scene, request.focus, request.f_number, request.focused_wide_open)
+    return replace(request, lens_quality=request.lens_quality or request.spectral.tier, iris=job.iris,
+                   **ring_fields(rings))
 
 
 @cache

@@ -15,7 +15,9 @@ from ...engine.rays.rings import AT_REST, Rings, turned
 from ...engine.runtime.files import stamp_of
 
 MOST_LENSES = 6
+SKETCH = "sketch"  # a quality for pixels that are larger than the lens's PSFs
 SKETCHED_HEIGHTS, SKETCHED_SAMPLES = 4, 33  # distortion within 0.2 px of 160; relative illumination within 0.04
+SKETCHED_WAVELENGTHS = 4
 
 _lenses: dict[tuple, Lens] = {}  # the newest at the end
 _lock = Lock()  # a thread may bake a lens while the window requests another
@@ -24,7 +26,12 @@ _lock = Lock()  # a thread may bake a lens while the window requests another
 def load_lens(source: library.LensSource, rings: Rings = AT_REST, quality: str = "standard",
               progress: Callable[[float, str], object] = lambda fraction, label: None,
               wavelengths_nm: Sequence[float] | np.ndarray | None = None) -> Lens:
-    """The lens of `library.load_lens`: the same value as before unless the file has changed."""
+    """The lens of `library.load_lens`: the same value as before unless the file has changed.
+
+    With the quality SKETCH, a lens with rings is baked at a few field heights and wavelengths.
+    """
+    if quality == SKETCH and library.has_rings(source):
+        return _sketched(*identity_of(source), rings, needed_wavelengths_nm(wavelengths_nm))
     key = _key(source, rings, quality, wavelengths_nm)
     lens = _lenses.get(key) or library.load_lens(source, rings, quality, progress, wavelengths_nm)
     with _lock:
@@ -35,16 +42,12 @@ def load_lens(source: library.LensSource, rings: Rings = AT_REST, quality: str =
     return lens
 
 
-def sketched_lens(source: library.LensSource, rings: Rings, wavelengths_nm: Sequence[float] | np.ndarray) -> Lens:
-    """A lens with rings, baked at few field heights: for pixels that are larger than its PSFs."""
-    return _sketched(*identity_of(source), rings, tuple(wavelengths_nm))
-
-
 @lru_cache(maxsize=4)
 def _sketched(source, changed, rings, wavelengths_nm):
+    few_nm = np.linspace(wavelengths_nm[0], wavelengths_nm[-1], min(len(wavelengths_nm), SKETCHED_WAVELENGTHS))
     prescription = turned(library.prescription_of(source), rings).prescription
     return replace(bake(prescription, quality="preview", heights=SKETCHED_HEIGHTS, samples=SKETCHED_SAMPLES,
-                        wavelengths_nm=wavelengths_nm), prescription=prescription)
+                        wavelengths_nm=few_nm), prescription=prescription)
 
 
 def loaded_lens(source: library.LensSource, rings: Rings, quality: str,

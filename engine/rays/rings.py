@@ -79,6 +79,7 @@ class TurnedLens:
     words: tuple[str, ...]
 
 
+@lru_cache(maxsize=MOST_LENSES)
 def turned(prescription: Prescription, rings: Rings = AT_REST) -> TurnedLens:
     """Set a prescription to a focus distance and an f-number, clamped to the lens's range.
 
