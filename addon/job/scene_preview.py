@@ -11,7 +11,6 @@ from time import monotonic, sleep
 
 import bpy
 import numpy as np
-import scipy
 from bpy.app.handlers import persistent
 
 from ...engine import ChannelCache, simulate
@@ -20,7 +19,7 @@ from ...engine.inspection.curves import reference_nm
 from ...engine.library import has_rings, iris_is_visible
 from ...engine.library.rays import lens_rays, sketched_rays
 from ...engine.pictures.preview import to_rec709
-from ...engine.pictures.spectral_exr import write_plane_exr, write_rgb_exr
+from ...engine.pictures.spectral_exr import write_planes_exr
 from ...engine.rays.rings import AT_REST
 from ...engine.runtime.errors import InputError
 from ...engine.spectral.colour import metamer_weights
@@ -161,8 +160,9 @@ class ScenePreview:
         folder = self._folder / f"picture-{self._number % 2}"
         folder.mkdir(parents=True, exist_ok=True)
         result = Result.from_file(self._result.lens_image, "lens_image", folder)
-        write_plane_exr(depth_m, result.depth)
-        write_rgb_exr(picture, result.lens_image, alpha)
+        planes = dict(zip("RGB", np.moveaxis(picture, -1, 0), strict=True)) | {"A": alpha}
+        write_planes_exr({"Y": depth_m}, result.depth, {})  # uncompressed: they are read only once
+        write_planes_exr(planes, result.lens_image, {})
         return result.lens_image
 
 
@@ -215,8 +215,13 @@ def metameric(captured):
 
 def enlarged(plane, times):
     """A plane (row, column, ...) with `times` x `times` pixels for each of its own, interpolated linearly."""
-    zoom = (times, times, *[1] * (plane.ndim - 2))
-    return scipy.ndimage.zoom(plane, zoom, order=1, mode="nearest", grid_mode=True)
+    for axis, count in enumerate(plane.shape[:2]):
+        place = np.clip((np.arange(times * count) + 0.5) / times - 0.5, 0, count - 1)
+        before, after = np.floor(place).astype(int), np.ceil(place).astype(int)
+        share = np.float32(place - before).reshape(-1, *[1] * (plane.ndim - 1 - axis))
+        before, after = plane.take(before, axis), plane.take(after, axis)
+        plane = before + share * (after - before)
+    return plane
 
 
 def open_preview(scene, **given):

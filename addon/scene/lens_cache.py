@@ -16,7 +16,7 @@ from ...engine.runtime.files import stamp_of
 
 MOST_LENSES = 6
 SKETCH = "sketch"  # a quality for pixels that are larger than the lens's PSFs
-SKETCHED_HEIGHTS, SKETCHED_SAMPLES = 4, 33  # distortion within 0.2 px of 160; relative illumination within 0.04
+SKETCHED_HEIGHTS, SKETCHED_SAMPLES = 4, 33  # distortion within 0.2 px of 160; relative illumination within 0.03
 SKETCHED_WAVELENGTHS = 4
 
 _lenses: dict[tuple, Lens] = {}  # the newest at the end
@@ -46,8 +46,8 @@ def load_lens(source: library.LensSource, rings: Rings = AT_REST, quality: str =
 def _sketched(source, changed, rings, wavelengths_nm):
     few_nm = np.linspace(wavelengths_nm[0], wavelengths_nm[-1], min(len(wavelengths_nm), SKETCHED_WAVELENGTHS))
     prescription = turned(library.prescription_of(source), rings).prescription
-    return replace(bake(prescription, quality="preview", heights=SKETCHED_HEIGHTS, samples=SKETCHED_SAMPLES,
-                        wavelengths_nm=few_nm), prescription=prescription)
+    return replace(bake(prescription, quality="preview", heights=SKETCHED_HEIGHTS, even=True,
+                        samples=SKETCHED_SAMPLES, wavelengths_nm=few_nm), prescription=prescription)
 
 
 def loaded_lens(source: library.LensSource, rings: Rings, quality: str,
