@@ -13,7 +13,7 @@ from .job.preflight import preflight
 from .job.refilter import apply_lens
 from .job.render import render_through_lens, shared_cache
 from .job.result import check_next_to_frames
-from .job.scene_preview import changed_scene, open_preview, opened_preview
+from .job.scene_preview import changed_scene, moved_preview, open_preview, opened_preview
 from .job.session import take_session
 from .job.source import source_digest
 from .scene.compositor_watch import start_watching, stop_watching
@@ -48,8 +48,8 @@ from .ui.keys import register_keys, unregister_keys
 from .ui.previews import forget_previews
 
 __all__ = ["Animation", "RenderRequest", "apply_lens", "camera_words", "changed_scene", "check_next_to_frames",
-           "check_output_folder", "folder_for", "open_preview", "opened_preview", "plan_comparison", "preflight",
-           "register", "render_animation", "render_comparison", "render_through_lens", "set_blend_folder",
+           "check_output_folder", "folder_for", "moved_preview", "open_preview", "opened_preview", "plan_comparison",
+           "preflight", "register", "render_animation", "render_comparison", "render_through_lens", "set_blend_folder",
            "source_digest", "take_session", "unregister"]
 
 _MODULES = (properties, preferences, favourites, fixes, operators, open_lens, animation, another_lens, comparison,

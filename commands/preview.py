@@ -29,6 +29,8 @@ def add_options(preview):
     add_copy_options(group)
     group.add_argument("--changes", type=Path, metavar="FILE.json",
                        help="properties that have changed since the last preview (addon/scene/changes.py)")
+    group.add_argument("--moves", type=Path, metavar="FILE.json",
+                       help="places of objects that have moved since the last preview, if nothing else has changed")
     preview.set_defaults(run=_preview, confines=_folders)
 
 
@@ -49,6 +51,8 @@ def _preview(options):
         elif options.changes:
             scene, given = scene_and_fields(options, lambda options: addon.changed_scene(options.changes))
             preview = addon.open_preview(scene, **given)
+        elif options.moves:
+            preview = addon.moved_preview(options.moves)
         else:
             preview = addon.opened_preview()
         if options.lens and not (options.scene or options.changes):

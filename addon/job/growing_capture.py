@@ -3,7 +3,7 @@
 Each range of a pixel's samples is rendered once and added to those before it.
 """
 
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from math import prod
 from time import monotonic
@@ -13,12 +13,16 @@ from ..scene.denoise import can_denoise, denoise_quickly, denoised, guide_planes
 from ..scene.render_state import rendered_layer, show_samples, show_slab
 from ..scene.undo import Journal
 from .light import place_in
-from .radiance import Captured, captured_from, light_steps, ready_steps
+from .radiance import Captured, captured_from, light_steps, planned_steps, sliced_steps
 from .sampled_passes import Samples, WholePasses, mean_light
 
 FINER = 3  # fine pixels in a coarse one, down and across
 LONGEST_S, SHORTEST_S = 0.4, 1e-3  # of a render, which cannot be stopped; and of a sample
 FIRST_SAMPLES, GROWTH = 4, 4  # the first number of samples, and the factor from each to the next
+
+
+class Moved(Exception):
+    """Objects have moved, and nothing else has changed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,29 +44,41 @@ class Grown:
 
 
 def growing_capture(scene, job):
-    """Generator of steps, and of a Grown after each stage; send it the return value of each step's call.
+    """Generator of steps, and of a Grown after each stage; send it the return value of each step's call. It yields None
+    once all stages are complete.
 
     The first stage has the scene's pixels; the others have pixels of a third of their side, and up to the scene's
-    samples. Closing it at any time restores the scene.
+    samples. Throw Moved into it after objects have moved: it begins anew, but with the same plan and stand-ins.
+    Closing it at any time restores the scene.
 
     Parameters
     ----------
     scene : bpy.types.Scene
     job : Job
     """
-    ends = sample_ends(scene.cycles.samples)
     with temporary_folder() as folder, Journal() as journal, ExitStack() as alone:
-        ready = yield from ready_steps(scene, job, (), 1.0, folder, journal, alone, FINER)
-        passes = _GrowingPasses(ready, journal)
-        for times, stages in ((1, ends[:1]), (FINER, ends)):
-            grid, capture_px = ready.grid.finer(times), ready.capture_px.finer(times)
-            slabs = [slab.finer(times) for slab in ready.slabs]
-            passes.begin(capture_px)
-            for samples in stages:
-                passes.last = samples
-                lights = yield from light_steps(ready, passes, capture_px, slabs, 1.0, journal)
-                yield Grown(captured_from(ready, lights, grid, capture_px), samples, times)
-                slabs = [replace(light.slab, narrows=False) for light in lights]
+        planned = yield from planned_steps(scene, job, (), folder, journal, alone, FINER)
+        while True:
+            with suppress(Moved), Journal() as of_stages:
+                yield from _stages(planned, of_stages)
+                while True:
+                    yield None
+
+
+def _stages(planned, journal):
+    """Steps of the stages of a planned scene, and a Grown after each."""
+    ends = sample_ends(planned.scene.cycles.samples)
+    ready = yield from sliced_steps(planned, 1.0, journal, FINER)
+    passes = _GrowingPasses(ready, journal)
+    for times, stages in ((1, ends[:1]), (FINER, ends)):
+        grid, capture_px = ready.grid.finer(times), ready.capture_px.finer(times)
+        slabs = [slab.finer(times) for slab in ready.slabs]
+        passes.begin(capture_px)
+        for samples in stages:
+            passes.last = samples
+            lights = yield from light_steps(ready, passes, capture_px, slabs, 1.0, journal)
+            yield Grown(captured_from(ready, lights, grid, capture_px), samples, times)
+            slabs = [replace(light.slab, narrows=False) for light in lights]
 
 
 def sample_ends(samples):

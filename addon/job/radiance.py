@@ -2,7 +2,7 @@
 
 import math
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -225,22 +225,26 @@ class Ready:
 
 
 def ready_steps(scene, job, files, share, folder, journal, alone, times=1):
-    """Steps that prepare a scene for its passes; returns a Ready.
+    """Steps that prepare a scene for its passes; returns a Ready. The parameters are as for the two below."""
+    planned = yield from planned_steps(scene, job, files, folder, journal, alone, times)
+    return (yield from sliced_steps(planned, share, journal, times))
+
+
+def planned_steps(scene, job, files, folder, journal, alone, times=1):
+    """Steps that plan a scene's passes and substitute its materials; returns a Ready that is not cut into slabs.
 
     Parameters
     ----------
     scene, job
     files : sequence of Path
         To be written later.
-    share : float
-        The capture's part of the complete job.
     folder : Path
         For the files of renders.
     journal : Journal
     alone : ExitStack
         As for `alone_with_passes`.
     times : int
-        Parts of a pixel, down and across, in the finest pixels to be captured: the scene is cut for these.
+        Parts of a pixel, down and across, in the finest pixels to be captured.
     """
     grid = job_grid(scene, job)
     go_to_frame(scene, job.frame, journal)
@@ -260,19 +264,36 @@ def ready_steps(scene, job, files, share, folder, journal, alone, times=1):
     if region and not job.traced:
         rendered = captured_region(region, job.lens, job.wavelengths_nm, grid, job.options, job.room, job.others)
     journal.set(scene.render, "use_persistent_data", True)  # from the depth pre-pass on
-    cut = None
+    return Ready(scene, job, plan, substitution, None, passes, grid, grid, (single_slab(scene, rendered),), names,
+                 clamps_of(scene), folder / "pass.exr", None, region, rendered, empty, exposure, film, remarks,
+                 of_capture, 0.0)
+
+
+def sliced_steps(planned, share, journal, times=1):
+    """Steps that cut a planned scene into slabs, if its depth requires it, and guard its render state; returns a Ready.
+
+    Parameters
+    ----------
+    planned : Ready
+    share : float
+        The capture's part of the complete job.
+    journal : Journal
+    times : int
+        Parts of a pixel, down and across, in the finest pixels to be captured: the scene is cut for these.
+    """
+    scene, job, plan, grid, cut = planned.scene, planned.job, planned.plan, planned.grid, None
     if job.depth == AUTO:
-        substitution.set_wavelengths(plan.bands[0], plan.dispersive)
-        cut = yield from cut_steps(scene, job, grid.finer(times), finer_region(rendered, times), plan.tinting,
-                                   empty.sky and not film, passes, folder / "look.exr", 0.0, LOOK_SHARE * share)
+        planned.substitution.set_wavelengths(plan.bands[0], plan.dispersive)
+        cut = yield from cut_steps(scene, job, grid.finer(times), finer_region(planned.rendered, times), plan.tinting,
+                                   planned.empty.sky and not planned.film, planned.passes,
+                                   planned.path.with_name("look.exr"), 0.0, LOOK_SHARE * share)
     cut = cut and cut.coarser(times)
-    capture_px, slabs = (cut.capture, cut.slabs) if cut else (grid, (single_slab(scene, rendered),))
-    guard_render_state(scene, job, capture_px, folder / "pass.exr", journal)
+    capture_px, slabs = (cut.capture, cut.slabs) if cut else (grid, planned.slabs)
+    guard_render_state(scene, job, capture_px, planned.path, journal)
     needed_bytes, scratch = room_for_capture(scene, job, capture_px.finer(times), plan,
                                              [slab.finer(times) for slab in slabs])
-    peak_mb = (taken_bytes() + needed_bytes) / MEGABYTE
-    return Ready(scene, job, plan, substitution, cut, passes, grid, capture_px, slabs, names, clamps_of(scene),
-                 folder / "pass.exr", scratch, region, rendered, empty, exposure, film, remarks, of_capture, peak_mb)
+    return replace(planned, cut=cut, capture_px=capture_px, slabs=slabs, scratch=scratch,
+                   peak_mb=(taken_bytes() + needed_bytes) / MEGABYTE)
 
 
 def _passes(ready, journal):

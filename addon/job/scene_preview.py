@@ -26,8 +26,9 @@ from ...engine.spectral.colour import metamer_weights
 from ...request import RenderRequest
 from ..scene.changes import take_changes
 from ..scene.lens_cache import SKETCH, load_lens
+from ..scene.moves import take_moves
 from ..scene.rings import ring_fields, scene_rings
-from .growing_capture import FINER, Grown, growing_capture
+from .growing_capture import FINER, Grown, Moved, growing_capture
 from .pictures import alpha_through_lens
 from .refilter import fitted, rings_in_view
 from .render import job_of_frame, run
@@ -88,6 +89,10 @@ class ScenePreview:
         """
         run(self._steps(show), progress)
 
+    def begin_again(self):
+        """Capture the scene anew, after objects have moved."""
+        self._step, self._grown, self._waiting = self._capture.throw(Moved()), {}, []
+
     def close(self):
         """Restore the scene."""
         self._capture.close()
@@ -106,19 +111,13 @@ class ScenePreview:
                 grown = replace(grown, captured=metameric(grown.captured))
             self._grown[grown.times] = grown
             self._waiting.append(grown)
-            self._advance(None)
+            self._step = self._capture.send(None)
             yield from self._picture_steps(grown, show)
 
     def _growing_steps(self):
         """Steps of the capture up to its next stage, or its end. If they are stopped, the same step comes again."""
         while not (self._step is None or isinstance(self._step, Grown)):
-            self._advance((yield self._step))
-
-    def _advance(self, answer):
-        try:
-            self._step = self._capture.send(answer)
-        except StopIteration:
-            self._step = None
+            self._step = self._capture.send((yield self._step))
 
     def _picture_steps(self, grown, show):
         """Steps that show a stage through the lens."""
@@ -259,6 +258,20 @@ def changed_scene(path):
     close_preview()
     take_changes(scene, path)
     return scene
+
+
+def moved_preview(path):
+    """The opened preview, which begins anew with the moved objects of a file from `write_moves`.
+
+    Raises
+    ------
+    InputError
+        No scene has been opened, or the file does not fit it.
+    """
+    preview = opened_preview()
+    take_moves(preview.scene, path)
+    preview.begin_again()
+    return preview
 
 
 @persistent

@@ -34,7 +34,7 @@ def changed_blocks(depsgraph, before):
     DIFFERENT if only their own values can explain the change, MAYBE if other data-blocks can, COPY if values cannot
     express it.
     """
-    now = {_name(update.id.original): _expected(update) for update in depsgraph.updates
+    now = {name_of(update.id.original): _expected(update) for update in depsgraph.updates
            if update.id.id_type not in OF_WINDOW and not update.id.original.is_embedded_data  # its owner is announced
            and not _is_shading_of_shape(update)}
     return before | {name: max(each, before.get(name, MAYBE)) for name, each in now.items()}
@@ -58,13 +58,14 @@ def _flags(update):
     return update.is_updated_transform, update.is_updated_geometry, update.is_updated_shading
 
 
-def _name(block):
+def name_of(block):
+    """The ID type and the full name of a data-block."""
     return block.id_type, block.name_full
 
 
 def structure_digest(scene):
     """Text that changes with everything about a scene that the values of its data-blocks cannot express."""
-    names = sorted(map(_name, blocks_of(scene)))
+    names = sorted(map(name_of, blocks_of(scene)))
     request = scene.lensfield.to_request(lens="", view="lens", focused_wide_open=False, options=Options())
     return json.dumps([names, repr(request), all_settings_digest(scene)])
 
@@ -87,17 +88,21 @@ def write_changes(path, scene, changed, expected):
     bool
         False if the file must be copied instead; nothing is written then.
     """
-    blocks = {_name(block): block for block in blocks_of(scene)}
+    blocks = {name_of(block): block for block in blocks_of(scene)}
     sent = {name: MAYBE for name in blocks if name[0] == "COLLECTION"}
     sent |= {name: each for name, each in changed.items() if name in blocks}
-    painted = any(getattr(block, "is_dirty", False) for block in blocks.values())
-    if COPY in sent.values() or len(sent) > MOST_BLOCKS or painted or has_simulations(scene, blocks.values()):
+    if COPY in sent.values() or len(sent) > MOST_BLOCKS or not values_suffice(scene, blocks.values()):
         return False
     changes = {"frame": [scene.frame_current, scene.frame_subframe], "expected": expected,
                "blocks": [[*name, each, *values_and_digest(blocks[name])] for name, each in sent.items()]}
     with atomic_path(path, overwrite=True) as temporary:
         temporary.write_text(json.dumps(changes, default=_json_value))
     return True
+
+
+def values_suffice(scene, blocks):
+    """Whether values can describe a scene's data-blocks: no painted images, and no simulations."""
+    return not any(getattr(block, "is_dirty", False) for block in blocks) and not has_simulations(scene, blocks)
 
 
 def take_changes(scene, path):
@@ -113,34 +118,40 @@ def take_changes(scene, path):
     InputError
         The scene cannot become equal by setting values. Some may have been set.
     """
-    try:
-        changes = json.loads(Path(path).read_text())
-    except ValueError as error:
-        raise InputError(path, "changes", "not readable", str(error)) from None
-    blocks = {_name(block): block for block in blocks_of(scene)}
+    changes = read_changes(path)
+    blocks = {name_of(block): block for block in blocks_of(scene)}
     differ = [_take(blocks.get((kind, name)), name, *facts) for kind, name, *facts in changes["blocks"]]
     if frame_differs := changes["frame"] != [scene.frame_current, scene.frame_subframe]:
         frame, subframe = changes["frame"]
         scene.frame_set(frame, subframe=subframe)
     if changes["expected"] == DIFFERENT and not frame_differs and not any(differ):
-        raise _needs_copy(path, "empty")
+        raise needs_copy(path, "empty")
+
+
+def read_changes(path):
+    """The contents of a .json with changes."""
+    try:
+        return json.loads(Path(path).read_text())
+    except ValueError as error:
+        raise InputError(path, "changes", "not readable", str(error)) from None
 
 
 def _take(block, name, expected, values, digest):
     """Set the values of a data-block that differ; returns whether any did."""
     if block is None:
-        raise _needs_copy(name, "missing")
+        raise needs_copy(name, "missing")
     differs = values_and_digest(block)[1] != digest
     if not differs and expected == DIFFERENT:
-        raise _needs_copy(name, "without values that differ")
+        raise needs_copy(name, "without values that differ")
     for _ in range(ROUNDS if differs else 0):
         _set_values(block, values)
     if differs and values_and_digest(block)[1] != digest:
-        raise _needs_copy(name, "more than values")
+        raise needs_copy(name, "more than values")
     return differs
 
 
-def _needs_copy(name, change):
+def needs_copy(name, change):
+    """The InputError for a change that values cannot express."""
     return InputError(name, "change", change, "copy the file again")
 
 
@@ -150,10 +161,10 @@ def _set_values(block, values):
     for path in (path for path in values if path in before and _json_value(before[path]) != values[path]):
         head, _, name = path.rpartition(".")
         with suppress(AttributeError, RuntimeError, TypeError, ValueError):
-            _set(block.path_resolve(head) if head else block, name, values[path])
+            set_value(block.path_resolve(head) if head else block, name, values[path])
 
 
-def _set(owner, name, value):
+def set_value(owner, name, value):
     """Set a property, except for text, unless another one has determined it already."""
     now = getattr(owner, name)
     if isinstance(now, set):

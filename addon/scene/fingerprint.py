@@ -149,6 +149,13 @@ def values_and_digest(block):
     return walk.values, walk.digest()
 
 
+def digest_without(block, names):
+    """The digest of a data-block without some of its own properties, computed again."""
+    walk = _Walk(_animated(block), names)
+    walk.struct(block, "", block)
+    return walk.digest()
+
+
 def blocks_of(scene):
     """Data-blocks that a scene's objects, collections and world use, directly or not."""
     uses = {}
@@ -252,9 +259,9 @@ class _Walk:
         The values of their properties by path, with None for animated elements of arrays.
     """
 
-    def __init__(self, animated=frozenset()):
+    def __init__(self, animated=frozenset(), left_out=frozenset()):
         self.values = {}
-        self._parts, self._animated, self._visited = [], animated, set()
+        self._parts, self._animated, self._left_out, self._visited = [], animated, left_out, set()
 
     def digest(self):
         return blake2b(";".join(self._parts).encode(errors="surrogateescape"), digest_size=12).hexdigest()
@@ -275,6 +282,8 @@ class _Walk:
         self._parts.append(key[1])
         for name, kind in _fields_of(struct):
             inner = f"{path}.{name}" if path else name
+            if inner in self._left_out:
+                continue
             value = _value(struct, name)
             if kind == "POINTER":
                 self._pointer(name, value, inner, block)

@@ -25,6 +25,7 @@ from ..job.result import Result
 from ..scene.camera import frame_px, view_tangents
 from ..scene.changes import DIFFERENT, MAYBE, changed_blocks, structure_digest, write_changes
 from ..scene.compositor import show_file
+from ..scene.moves import still_digests, write_moves
 from ..scene.requirements import check_scene
 from ..scene.rings import rings_for, scene_iris
 from . import focus_overlay, preview_overlay
@@ -45,7 +46,7 @@ SAMPLES = 64  # of the finest picture
 LEAST_SIDE_PX = 12
 SAME_VIEW = 0.005
 LONGEST_COPY_S = 1.0  # longest automatic copy, as copying blocks the window
-CHANGES = "changes.json"  # next to the copy
+CHANGES, MOVES = "changes.json", "moves.json"  # next to the copy
 QUIET = {"WINDOWMANAGER", "SCREEN", "WORKSPACE", "BRUSH", "IMAGE"}  # ID types that do not affect the render
 
 
@@ -60,6 +61,8 @@ class Preview:
     other_s: float | None = None  # the same, without changes of the lens or of its focus and f-stop
     structure: str = ""  # of the scene that the child has loaded
     changes: dict | None = None  # data-blocks that have changed since; None if the file must be copied
+    prepared: tuple = ()  # the lens's key and the size that the child has prepared the scene for
+    still: dict = field(default_factory=dict)  # the `still_digests` of that scene that are known
     by_hand: bool = False  # the user has requested a refresh
     job: tuple = ()  # the child's current job: a name, and the lens's key
     stopping: bool = False  # the job has been stopped, and its next pictures are not wanted
@@ -233,23 +236,50 @@ def _ask_next(preview, scene):
 
 def _ask_after_change(preview, scene, key):
     """Send the values that have changed; if these are not all, a copy, unless that takes long: the user requests it."""
-    if preview.changes is not None and not _ask_change(preview, scene, key):
+    if preview.changes is not None and not _ask_moves_or_change(preview, scene, key):
         preview.changes = None
     if preview.changes is None and not preview.slow:
         _ask_render(preview, scene, key)
 
 
-def _ask_change(preview, scene, key):
+def _ask_moves_or_change(preview, scene, key):
     """Send the values that have changed since the copy, if these are all; returns whether they are."""
-    path = Path(preview.folder.name) / CHANGES
     try:
-        if structure_digest(scene) != preview.structure or not write_changes(
-                path, scene, preview.changes, MAYBE if preview.same_scene else DIFFERENT):
+        if structure_digest(scene) != preview.structure:
             return False
-        _ask_pictures(preview, scene, key, "change", changes=path)
+        still = still_digests(scene, preview.changes)
+        if _only_moved(preview, scene, key, still):
+            _ask_moves(preview, key)
+        elif not _ask_change(preview, scene, key):
+            return False
     except InputError:  # the copy will report it
         return False
     _note_request(preview)
+    preview.still |= still or {}
+    return True
+
+
+def _only_moved(preview, scene, key, still):
+    """Whether objects have moved since the child prepared the scene, by their `still_digests`, and nothing else has
+    changed."""
+    return (still is not None and still.items() <= preview.still.items()
+            and key == preview.lens and (key, size_px(scene)) == preview.prepared)
+
+
+def _ask_moves(preview, key):
+    """Send the places of the objects that have moved."""
+    path = Path(preview.folder.name) / MOVES
+    write_moves(path, preview.changes)
+    preview.shown = 0
+    _ask(preview, "change", key, [*CONTINUE, "--moves", str(path)])
+
+
+def _ask_change(preview, scene, key):
+    """Send the values that have changed, if these are all; returns whether they are."""
+    path = Path(preview.folder.name) / CHANGES
+    if not write_changes(path, scene, preview.changes, MAYBE if preview.same_scene else DIFFERENT):
+        return False
+    _ask_pictures(preview, scene, key, "change", changes=path)
     return True
 
 
@@ -258,7 +288,7 @@ def _ask_render(preview, scene, key):
     _note_request(preview)
     begin_s = time.monotonic()
     try:
-        preview.structure = structure_digest(scene)
+        preview.structure, preview.still = structure_digest(scene), {}
         copy = save_copy(preview.folder.name)
         preview.copies_s = (*preview.copies_s[-1:], time.monotonic() - begin_s)
         _ask_pictures(preview, scene, key, "render", copy=copy)
@@ -275,7 +305,7 @@ def _note_request(preview):
 
 def _ask_pictures(preview, scene, key, what, **files):
     preview.tangents = shown_tangents(scene, key)
-    preview.shown = 0
+    preview.shown, preview.prepared = 0, (key, size_px(scene))
     size = tuple(-(-side // FINER) for side in size_px(scene))
     _ask(preview, what, key, preview_arguments(scene, key, **files, size=size, samples=SAMPLES))
 
@@ -329,6 +359,8 @@ def _lens_is_outdated(preview, scene):
 
 def _note_end(preview, scene, outcome):
     (what, _), preview.job, preview.error = preview.job, (), ""
+    if outcome["status"]:
+        preview.prepared = ()
     preview.paused = what if preview.stopping and not outcome["status"] else ""
     if what == "lens" and (outcome["status"] or (preview.shown and not _in_view(preview, scene))):
         preview.changed_s, preview.paused = 0.0, ""  # parts of the scene were not captured: render again
@@ -430,8 +462,10 @@ def _may_be_of_lens(update):
 
 @persistent
 def on_frame(scene, *_):
-    """Record a change of frame, or an undo or redo."""
+    """Record a change of frame, or an undo or redo: more than values may have changed."""
     _note()
+    if session.preview:
+        session.preview.prepared = ()
 
 
 @persistent
