@@ -9,7 +9,7 @@ from ...engine.depth.slabs import SlabPlan
 from ...engine.runtime.errors import InputError
 from ...engine.runtime.files import nearest_existing
 from ..scene.depth import visible_depth_mm
-from ..scene.render_state import go_to_frame, turn_on_layer
+from ..scene.render_state import go_to_frame, stand_in_camera, turn_on_layer
 from ..scene.requirements import check_scene
 from ..scene.undo import Journal
 from ..shading.lint import lint
@@ -85,7 +85,7 @@ def preflight(scene, *, frame=None, **given):
                     slabs = plan_by(depth_mm, scene, job, grid, tinting_objects(scene), empty.sky and not film)[0]
                     remarks += (*depth_remarks(job, slabs), *scale_remarks(depth_mm, job.lens, grid.pitch_um),
                                 *unlayered_remarks(scene, job, grid))
-                journal.stand_in(scene.camera.data)
+                stand_in_camera(scene, journal)
                 plan = plan_scene(scene, job, grid, journal)[0]
                 remarks += tuple(colour_remarks(plan))
                 room_for_capture(scene, job, grid, plan)

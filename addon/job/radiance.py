@@ -17,7 +17,15 @@ from ...engine.runtime.scratch import SAMPLE_BYTES, check_disk, folder_if_large,
 from ...engine.simulation.report_parts import SceneFacts
 from ...engine.spectral.wavelength_choice import FOREIGN_SURPRISE
 from ..scene.camera import capture_grid, captured_region, frame_px, pitch_um, render_region
-from ..scene.render_state import clamps_of, go_to_frame, guard_render_state, rendered_layer, show_slab, turn_on_layer
+from ..scene.render_state import (
+    clamps_of,
+    go_to_frame,
+    guard_render_state,
+    rendered_layer,
+    show_slab,
+    stand_in_camera,
+    turn_on_layer,
+)
 from ..scene.traced_camera import trace_lens
 from ..scene.undo import Journal
 from ..scene.units import M_TO_MM, metres_per_unit
@@ -252,6 +260,7 @@ def planned_steps(scene, job, files, folder, journal, alone, times=1):
     remarks = [*scene_remarks(scene, job)]
     of_capture, empty = [*unlayered_remarks(scene, job, grid)], empty_reasons(scene, job.lens, grid)
     exposure, film = scene.cycles.film_exposure, scene.render.film_transparent
+    stand_in_camera(scene, journal)
     plan, substitution, groups = plan_scene(scene, job, grid, journal)
     plan.check()
     room_for_capture(scene, job, grid.finer(times), plan)

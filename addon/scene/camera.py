@@ -1,6 +1,7 @@
 """The camera: it captures the lens's view of the scene, with the overscan that the lens needs."""
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from mathutils import Euler, Vector
@@ -169,7 +170,7 @@ def in_view(camera, box, lens, capture):
     lens : Lens
     capture : PixelGrid
     """
-    x, y, z = np.linalg.inv(np.array(camera.matrix_world.normalized()))[:3] @ np.c_[box, np.ones(len(box))].T
+    x, y, z = np.array(camera.matrix_world.normalized().inverted())[:3] @ np.c_[box, np.ones(len(box))].T
     tangents = _edge_tangents(lens, capture)
     if tangents is None:
         return True
@@ -178,6 +179,7 @@ def in_view(camera, box, lens, capture):
     return all(np.any(side > 0) for side in sides)
 
 
+@lru_cache(maxsize=4)
 def _edge_tangents(lens, capture):
     """The largest tangents across and up at the edges of a capture; None if its corners show 90 degrees or more."""
     half_mm = [n * capture.pitch_um * 1e-3 / 2 for n in reversed(capture.shape_px)]

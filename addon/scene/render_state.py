@@ -48,8 +48,18 @@ def rendered_world(scene):
     return rendered_layer(scene).world_override or scene.world
 
 
+def stand_in_camera(scene, journal):
+    """Let a copy of the camera's data be set up for all renders: another copy would take Cycles longer to read."""
+    camera = journal.stand_in(scene.camera.data)
+    camera.animation_data_clear()
+    camera.dof.use_dof = False  # the lens adds the blur
+
+
 def guard_render_state(scene, job, capture, path, journal):
-    """Make all settings for the passes; each pass is written to `path`, a multilayer EXR of the light and its depth."""
+    """Make all settings for the passes; each pass is written to `path`, a multilayer EXR of the light and its depth.
+
+    The scene's camera is that of `stand_in_camera`.
+    """
     rows, columns = capture.shape_px
     for name, value in (RENDER | {"filepath": str(path), "resolution_y": rows, "resolution_x": columns}).items():
         journal.set(scene.render, name, value)
@@ -60,10 +70,7 @@ def guard_render_state(scene, job, capture, path, journal):
     for name in (p.identifier for p in layer.bl_rna.properties if p.identifier.startswith("use_pass_")):
         journal.set(layer, name, name in ("use_pass_combined", "use_pass_z"))
     _guard_format(scene.render.image_settings, journal)
-    camera = journal.stand_in(scene.camera.data)
-    camera.animation_data_clear()
-    camera.dof.use_dof = False  # the lens adds the blur
-    set_up_capture(camera, job.lens, capture)
+    set_up_capture(scene.camera.data, job.lens, capture)
 
 
 def clamps_of(scene):
@@ -111,7 +118,8 @@ def read_again(scene):
 def show_slab(scene, slab, capture, journal):
     """Limit the render of a guarded scene to a slab: its depths, and its region of the capture, in these pixels."""
     unit_m = metres_per_unit(scene)
-    scene.camera.data.clip_start, scene.camera.data.clip_end = slab.near_m / unit_m, slab.far_m / unit_m
+    for name, clip_m in (("clip_start", slab.near_m), ("clip_end", slab.far_m)):
+        journal.set(scene.camera.data, name, clip_m / unit_m)
     full = slab.region == tuple(slice(0, n) for n in capture.shape_px)
     rows, columns = capture.shape_px
     for name, value in (("resolution_y", rows), ("resolution_x", columns), ("film_transparent", slab.transparent),

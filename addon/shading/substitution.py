@@ -92,6 +92,7 @@ class Substitution:
         self._scene, self._journal = scene, journal
         self._spectra, self._lamps, self._groups = spectra, lamps, groups
         self._values, self._indices, self._copies, self._sharing = {}, set(), {}, set()
+        self._shown = ()  # the arguments of the last `set_wavelengths`
         self.factors, self.mixed_colours, self.refusals = [], False, []
         self._upsamplers = {basis: self._make_upsampler(basis) for basis in set(BASIS.values())}
         worlds = {scene.world, *(layer.world_override for layer in scene.view_layers)} - {None}
@@ -114,10 +115,12 @@ class Substitution:
 
     def set_wavelengths(self, wavelengths_nm, dispersive=False):
         """Set every attribute to its values at these three wavelengths; refractive indices only if `dispersive`."""
-        for name, values_at in self._values.items():
-            # without dispersion, all three channels take the index at the D line
-            at_nm = np.full(3, D_LINE_NM) if name in self._indices and not dispersive else wavelengths_nm
-            self._scene[name] = [float(value) for value in values_at(at_nm)]
+        if (shown := (tuple(wavelengths_nm), dispersive)) != self._shown:
+            self._shown = shown
+            for name, values_at in self._values.items():
+                # without dispersion, all three channels take the index at the D line
+                at_nm = np.full(3, D_LINE_NM) if name in self._indices and not dispersive else wavelengths_nm
+                self._scene[name] = [float(value) for value in values_at(at_nm)]
         read_again(self._scene)
 
     def brightest(self, wavelengths_nm):

@@ -36,19 +36,15 @@ def stages(scene, given, most=None):
     """The stages of a growing capture; `most` of them, if given, after which it is closed."""
     capture = growing_capture(scene, job_of_frame(scene, scene.frame_current, **given))
     answer, grown = None, []
-    try:
-        while len(grown) != most:
-            step = capture.send(answer)
-            answer = None
-            if isinstance(step, RenderPass):
-                bpy.ops.render.render(write_still=True, scene=step.scene.name)
-            elif isinstance(step, Work):
-                answer = step.call(lambda fraction: None)
-            else:
-                assert isinstance(step, Grown)
-                grown.append(step)
-    except StopIteration:
-        pass
+    while len(grown) != most and (step := capture.send(answer)):
+        answer = None
+        if isinstance(step, RenderPass):
+            bpy.ops.render.render(write_still=True, scene=step.scene.name)
+        elif isinstance(step, Work):
+            answer = step.call(lambda fraction: None)
+        else:
+            assert isinstance(step, Grown)
+            grown.append(step)
     capture.close()
     return grown
 
