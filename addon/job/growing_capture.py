@@ -5,8 +5,11 @@ Each range of a pixel's samples is rendered once and added to those before it.
 
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
-from math import prod
+from itertools import pairwise
+from math import ceil, prod
 from time import monotonic
+
+import numpy as np
 
 from ...engine.runtime.files import temporary_folder
 from ..scene.denoise import can_denoise, denoise_quickly, denoised, guide_planes, render_with_guides
@@ -17,8 +20,9 @@ from .radiance import Captured, captured_from, light_steps, planned_steps, slice
 from .sampled_passes import Samples, WholePasses, mean_light
 
 FINER = 3  # fine pixels in a coarse one, down and across
-LONGEST_S, SHORTEST_S = 0.4, 1e-3  # of a render, which cannot be stopped; and of a sample
-FIRST_SAMPLES, GROWTH = 4, 4  # the first number of samples, and the factor from each to the next
+LONGEST_S, SHORTEST_S = 0.2, 1e-3  # of a render, which cannot be stopped; and of a sample
+COARSE_SAMPLES = 2
+FIRST_SAMPLES, GROWTH = 4, 4  # of fine pixels: the first number of samples, and the factor from each to the next
 
 
 class Moved(Exception):
@@ -67,10 +71,10 @@ def growing_capture(scene, job):
 
 def _stages(planned, journal):
     """Steps of the stages of a planned scene, and a Grown after each."""
-    ends = sample_ends(planned.scene.cycles.samples)
+    most = planned.scene.cycles.samples
     ready = yield from sliced_steps(planned, 1.0, journal, FINER)
     passes = _GrowingPasses(ready, journal)
-    for times, stages in ((1, ends[:1]), (FINER, ends)):
+    for times, stages in ((1, [min(most, COARSE_SAMPLES)]), (FINER, sample_ends(most))):
         grid, capture_px = ready.grid.finer(times), ready.capture_px.finer(times)
         slabs = [slab.finer(times) for slab in ready.slabs]
         passes.begin(capture_px)
@@ -82,7 +86,7 @@ def _stages(planned, journal):
 
 
 def sample_ends(samples):
-    """The numbers of samples after each stage, up to the given one: list."""
+    """The numbers of samples after each stage of fine pixels, up to the given one: list."""
     ends = [min(samples, FIRST_SAMPLES)]
     while ends[-1] < samples:
         ends.append(min(samples, GROWTH * ends[-1]))
@@ -92,7 +96,7 @@ def sample_ends(samples):
 class _GrowingPasses(WholePasses):
     """The passes of a capture, which each stage adds samples to.
 
-    A pass is rendered in as many parts as are needed to stop within about LONGEST_S.
+    A pass is rendered in as many parts, by samples and by bands of rows, as are needed to stop within about LONGEST_S.
 
     Parameters
     ----------
@@ -124,26 +128,40 @@ class _GrowingPasses(WholePasses):
 
     def light(self, index, gathered, step):
         """Steps that render the stage's samples; returns the PassLight of all samples so far."""
-        needed, slab = [*gathered.planes, *self._guides], gathered.slab
+        slab = gathered.slab
         part = self._before(index, slab)
         while (first := part.count if part else 0) < self.last:
             count = min(self.last - first, max(1, round(LONGEST_S / max(self._sample_s, SHORTEST_S))))
-            show_slab(self._scene, slab, self._capture_px, self._journal)
-            show_samples(self._scene, first, first + count, False, self._journal)
-            begin_s = monotonic()
-            planes = yield from self._passes.planes(step, self._path, needed, index, first, count, *slab.facts)
-            self._sample_s = (monotonic() - begin_s) / count
-            part = _sum(part, Samples(count, gathered.light_of(planes, self._guides)))
+            part = _sum(part, (yield from self._range(index, gathered, step, first, count)))
         self._parts[index, slab.near_m] = slab.region, part
         if not self._guides:
             return part.light
         picture = denoised(self._scene, part.light.cube[0, ::-1], part.light.guides, self._path.parent)
         return replace(part.light, cube=picture[None, ::-1])
 
+    def _range(self, index, gathered, step, first, count):
+        """Steps that render a range of a pass's samples; returns Samples."""
+        needed, bands, begin_s = [*gathered.planes, *self._guides], [], monotonic()
+        for band in _bands(gathered.slab, ceil(count * self._sample_s / LONGEST_S)):
+            show_slab(self._scene, band, self._capture_px, self._journal)
+            show_samples(self._scene, first, first + count, False, self._journal)
+            bands.append((yield from self._passes.planes(step, self._path, needed, index, first, count, *band.facts)))
+        self._sample_s = (monotonic() - begin_s) / count
+        planes = {name: np.concatenate([band[name] for band in bands]) for name in needed}
+        return Samples(count, gathered.light_of(planes, self._guides))
+
     def _before(self, index, slab):
         """The Samples of the earlier stages, in the slab's region; None at first."""
         region, part = self._parts.get((index, slab.near_m), (None, None))
         return part and part.within(place_in(region, slab.region))
+
+
+def _bands(slab, number):
+    """A Slab for each of a number of bands of its rows, of about the same height."""
+    rows, columns = slab.region
+    number = max(1, min(number, rows.stop - rows.start))
+    borders = np.linspace(rows.start, rows.stop, number + 1).round().astype(int).tolist()
+    return [replace(slab, region=(slice(*band), columns)) for band in pairwise(borders)]
 
 
 def _sum(before, part):

@@ -4,6 +4,7 @@ import bpy
 import numpy as np
 import pytest
 
+from lensfield.addon.job import growing_capture as growing
 from lensfield.addon.job.growing_capture import FINER, Grown, growing_capture, sample_ends
 from lensfield.addon.job.render import job_of_frame, render_through_lens
 from lensfield.addon.job.scene_preview import COARSE_NM, metameric
@@ -49,10 +50,12 @@ def stages(scene, given, most=None):
     return grown
 
 
-def test_samples_are_added_and_not_begun_anew(scene, request_fields):
-    """After all stages, the fine pixels equal a render of this size with all samples, including its noise."""
+def test_samples_are_added_and_not_begun_anew(scene, request_fields, monkeypatch):
+    """After all stages, the fine pixels equal a render of this size with all samples, including its noise, although
+    they are rendered in bands."""
+    monkeypatch.setattr(growing, "_bands", lambda slab, number, bands=growing._bands: bands(slab, 3))
     coarse, first, last = stages(scene, request_fields)
-    assert [(each.times, each.samples) for each in (coarse, first, last)] == [(1, 4), (FINER, 4), (FINER, 16)]
+    assert [(each.times, each.samples) for each in (coarse, first, last)] == [(1, 2), (FINER, 4), (FINER, 16)]
     rows, columns = coarse.captured.radiance.frame_px
     assert first.captured.radiance.frame_px == (FINER * rows, FINER * columns)
     scene.render.resolution_x, scene.render.resolution_y = FINER * columns, FINER * rows
@@ -97,6 +100,13 @@ def test_three_wavelengths_have_the_colours_of_all(scene, request_fields):
 @pytest.mark.parametrize("samples, ends", [(1, [1]), (4, [4]), (5, [4, 5]), (64, [4, 16, 64]), (100, [4, 16, 64, 100])])
 def test_each_stage_has_four_times_the_samples(samples, ends):
     assert sample_ends(samples) == ends
+
+
+def test_bands_cover_all_rows_of_a_slab_once():
+    slab = Slab(0.1, 1.0, (slice(3, 10), slice(2, 5)), True, False)
+    rows = [band.region[0] for band in growing._bands(slab, 3)]
+    assert rows == [slice(3, 5), slice(5, 8), slice(8, 10)]
+    assert growing._bands(slab, 0) == [slab] and len(growing._bands(slab, 99)) == 7
 
 
 def test_a_coarser_cut_covers_the_same_area():
