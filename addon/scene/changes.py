@@ -63,6 +63,12 @@ def name_of(block):
     return block.id_type, block.name_full
 
 
+def render_switches(scene):
+    """Whether the modifiers of a scene's objects are on in renders, which Blender does not announce: dict of lists."""
+    return {name_of(obj): [modifier.show_render for modifier in obj.modifiers]
+            for obj in scene.objects if obj.modifiers}
+
+
 def structure_digest(scene):
     """Text that changes with everything about a scene that the values of its data-blocks cannot express."""
     names = sorted(map(name_of, blocks_of(scene)))

@@ -23,7 +23,14 @@ from ..job.growing_capture import FINER
 from ..job.named_files import check_named_files, named_files
 from ..job.result import Result
 from ..scene.camera import frame_px, view_tangents
-from ..scene.changes import DIFFERENT, MAYBE, changed_blocks, structure_digest, write_changes
+from ..scene.changes import (
+    DIFFERENT,
+    MAYBE,
+    changed_blocks,
+    render_switches,
+    structure_digest,
+    write_changes,
+)
 from ..scene.compositor import show_file
 from ..scene.moves import still_digests, write_moves
 from ..scene.requirements import check_scene
@@ -40,6 +47,7 @@ from .text_wrap import draw_wrapped
 NAME = "Lensfield Preview"  # image name
 TICK_S = 0.1
 STILL_S = 0.5  # time without a change before the scene is rendered again
+SWITCHES_S = 1.0  # between looks at the modifiers of all objects
 LONG_SIDE_PX = 480  # the finest picture's longer side without a viewport in the camera's view
 VIEWPORT_SIDES_PX = 240, 960  # and its limits in one
 SAMPLES = 64  # of the finest picture
@@ -63,6 +71,8 @@ class Preview:
     changes: dict | None = None  # data-blocks that have changed since; None if the file must be copied
     prepared: tuple = ()  # the lens's key and the size that the child has prepared the scene for
     still: dict = field(default_factory=dict)  # the `still_digests` of that scene that are known
+    switches: dict = field(default_factory=dict)  # the last `render_switches`
+    looked_s: float = 0.0  # time.monotonic() of that
     by_hand: bool = False  # the user has requested a refresh
     job: tuple = ()  # the child's current job: a name, and the lens's key
     stopping: bool = False  # the job has been stopped, and its next pictures are not wanted
@@ -164,6 +174,7 @@ def tick():
         preview.child.end()
         switch_off("its process ended unexpectedly ({}); log: {}".format(*preview.child.death()))
         return None
+    _note_switches(preview, scene)
     if preview.job:
         _take_in(preview, scene)
     if not preview.job and (shown := _shown_scene(scene)) != scene:
@@ -472,6 +483,19 @@ def on_frame(scene, *_):
 def on_load(*_):
     """Switch the preview off before another file is loaded."""
     end()
+
+
+def _note_switches(preview, scene):
+    """Record the objects whose modifiers have been turned on or off for renders."""
+    if time.monotonic() - preview.looked_s < SWITCHES_S:
+        return
+    before, preview.switches = preview.switches, render_switches(scene)
+    switched = {name: MAYBE for name, switches in preview.switches.items() if before.get(name, switches) != switches}
+    if switched:
+        _note()
+        if preview.changes is not None:
+            preview.changes = switched | preview.changes
+    preview.looked_s = time.monotonic()
 
 
 def _note(of_lens=False):

@@ -163,6 +163,49 @@ def test_changed_values_give_the_picture_of_a_new_copy(ready_scene):
 
 
 @pytest.mark.one_blender
+def test_an_object_that_moves_again_needs_no_preparation(ready_scene, monkeypatch):
+    """Off the centre; the picture is that of a new copy, also after another change next to the move."""
+    asked, ask = [], preview._ask
+    monkeypatch.setattr(preview, "_ask", lambda *request: asked.append(request[-1]) or ask(*request))
+    obj, lamp = bpy.data.objects["Wall"], bpy.data.objects["Light"]
+    preview.start(ready_scene)
+    follow()
+    for place, moved, expected in (((-5.1, 0.2), obj, "--changes"), ((-5.2, 0.3), obj, "--moves"),
+                                   ((1.0, 0.5), lamp, "--changes"), ((-5.3, 0.1), obj, "--moves")):
+        before = picture()
+        moved.location.xy = place
+        bpy.context.view_layer.update()
+        follow()
+        assert expected in asked[-1] and not np.allclose(picture(), before, rtol=0.01)
+    with_moves = picture()
+    obj.location.x -= 0.1
+    obj.pass_index = 3  # more than a move
+    bpy.context.view_layer.update()
+    follow()
+    assert "--changes" in asked[-1]
+    obj.location.x += 0.1
+    on().by_hand = True
+    follow()
+    assert np.allclose(picture(), with_moves, rtol=1e-5, atol=1e-6) and not on().error
+
+
+@pytest.mark.one_blender
+def test_a_modifier_that_is_turned_off_for_renders_refreshes_the_preview(ready_scene):
+    """Blender does not announce this."""
+    modifier = bpy.data.objects["Wall"].modifiers.new("Build", "BUILD")
+    modifier.frame_start, modifier.frame_duration = 1000, 1  # removes all faces until then
+    modifier.show_viewport = False
+    bpy.context.view_layer.update()
+    preview.start(ready_scene)
+    follow()
+    assert red(ready_scene) < 1e-6
+    modifier.show_render = False
+    wait_until(lambda: preview.tick() and not on().fresh)
+    follow()
+    assert red(ready_scene) > 1e-3 and not on().error
+
+
+@pytest.mark.one_blender
 def test_changes_do_not_pile_up(ready_scene):
     preview.start(ready_scene)
     preview.tick()
