@@ -25,7 +25,7 @@ from ...engine.runtime.errors import InputError
 from ...engine.spectral.colour import metamer_weights
 from ...request import RenderRequest
 from ..scene.changes import take_changes
-from ..scene.lens_cache import SKETCH, load_lens
+from ..scene.lens_cache import SKETCHED, load_lens
 from ..scene.moves import take_moves
 from ..scene.rings import ring_fields, scene_rings
 from .growing_capture import FINER, Grown, Moved, growing_capture
@@ -58,7 +58,7 @@ class ScenePreview:
 
     def __init__(self, scene, **given):
         self.scene = scene
-        self._job = job_of_frame(scene, scene.frame_current, SKETCH, **given, state="preview")
+        self._job = job_of_frame(scene, scene.frame_current, SKETCHED, **given, state="preview")
         self._folder = Path(self._job.output_folder)
         self._result = Result.of(scene, self._folder, self._job.frame)
         self._capture = growing_capture(scene, self._job)
@@ -135,7 +135,7 @@ class ScenePreview:
         """The lens, its iris, and the Captured that suits it; for coarse pixels, the lens is baked coarsely."""
         request = self._request
         rings = rings_in_view(request, grown.captured.radiance)
-        lens = load_lens(request.lens, rings, SKETCH if grown.times == 1 else request.lens_quality,
+        lens = load_lens(request.lens, rings, SKETCHED if grown.times == 1 else request.lens_quality,
                          lambda fraction, _: progress(fraction), self._job.wavelengths_nm)
         lens, captured = fitted(lens, grown.captured, request, self._result.radiance)
         return lens, request.iris if request.iris and iris_is_visible(request.lens, rings) else None, captured

@@ -9,15 +9,15 @@ import numpy as np
 
 from ...engine import Lens, library
 from ...engine.bake.bake import bake
+from ...engine.bake.quality import SKETCH
 from ...engine.library.baked import needed_wavelengths_nm
 from ...engine.prescription.prescription import Prescription
 from ...engine.rays.rings import AT_REST, Rings, turned
 from ...engine.runtime.files import stamp_of
 
 MOST_LENSES = 6
-SKETCH = "sketch"  # a quality for pixels that are larger than the lens's PSFs
-SKETCHED_HEIGHTS, SKETCHED_SAMPLES = 4, 33  # distortion within 0.2 px of 160; relative illumination within 0.03
-SKETCHED_WAVELENGTHS = 4
+SKETCHED = "sketched"  # the quality SKETCH, without a progress bar or the cache on disk
+SKETCHED_SAMPLES, SKETCHED_WAVELENGTHS = 33, 3
 
 _lenses: dict[tuple, Lens] = {}  # the newest at the end
 _lock = Lock()  # a thread may bake a lens while the window requests another
@@ -28,9 +28,9 @@ def load_lens(source: library.LensSource, rings: Rings = AT_REST, quality: str =
               wavelengths_nm: Sequence[float] | np.ndarray | None = None) -> Lens:
     """The lens of `library.load_lens`: the same value as before unless the file has changed.
 
-    With the quality SKETCH, a lens with rings is baked at a few field heights and wavelengths.
+    With the quality SKETCHED, a lens with rings is baked at a few wavelengths, for pixels that are larger than its PSFs.
     """
-    if quality == SKETCH and library.has_rings(source):
+    if quality == SKETCHED and library.has_rings(source):
         return _sketched(*identity_of(source), rings, needed_wavelengths_nm(wavelengths_nm))
     key = _key(source, rings, quality, wavelengths_nm)
     lens = _lenses.get(key) or library.load_lens(source, rings, quality, progress, wavelengths_nm)
@@ -46,8 +46,8 @@ def load_lens(source: library.LensSource, rings: Rings = AT_REST, quality: str =
 def _sketched(source, changed, rings, wavelengths_nm):
     few_nm = np.linspace(wavelengths_nm[0], wavelengths_nm[-1], min(len(wavelengths_nm), SKETCHED_WAVELENGTHS))
     prescription = turned(library.prescription_of(source), rings).prescription
-    return replace(bake(prescription, quality="preview", heights=SKETCHED_HEIGHTS, even=True,
-                        samples=SKETCHED_SAMPLES, wavelengths_nm=few_nm), prescription=prescription)
+    return replace(bake(prescription, quality=SKETCH, samples=SKETCHED_SAMPLES, wavelengths_nm=few_nm),
+                   prescription=prescription)
 
 
 def loaded_lens(source: library.LensSource, rings: Rings, quality: str,

@@ -10,7 +10,7 @@ from ..lens.conventions import WAVELENGTHS_NM, four_by_three
 from ..lens.lens import Lens
 from ..prescription.prescription import Prescription
 from ..prescription.system import System
-from ..rays.field_heights import even_heights_mm, image_radius_mm
+from ..rays.field_heights import image_radius_mm
 from ..rays.focus import build_system
 from ..rays.pupil import polynomial_weights
 from ..rays.rays import HalfPupil, trace_pupil
@@ -28,7 +28,7 @@ CHIEF_STEP = 1e-3  # relative to the last height: step between chief rays, for t
 SURVEY_SHARE = 0.2  # approximate share of the bake's time, for the progress bar
 
 
-def bake(prescription: Prescription, *, quality: str = "standard", heights: int | None = None, even: bool = False,
+def bake(prescription: Prescription, *, quality: str | Quality = "standard", heights: int | None = None,
          wavelengths_nm: Sequence[float] | np.ndarray = WAVELENGTHS_NM, pitch_um: float | None = None,
          samples: int | None = None, workers: int | None = None,
          progress: Callable[[float, str], object] = lambda fraction, label: None) -> Lens:
@@ -37,13 +37,11 @@ def bake(prescription: Prescription, *, quality: str = "standard", heights: int 
     Parameters
     ----------
     prescription : Prescription
-    quality : str
-        One of `QUALITIES`.
+    quality : str or Quality
+        The name of one of `QUALITIES`; or SKETCH, for pixels that are larger than the lens's PSFs.
     heights : int or None
         Number of field heights, from the axis to the end of the prescription's field, densest where PSFs change
         fastest; None for as many as the quality needs.
-    even : bool
-        Whether this number of heights is at equal distances in the picture instead.
     wavelengths_nm : sequence of float
     pitch_um : float or None
         Pitch of the PSF samples; None for the finest at which every PSF contains 99.5 % of its light.
@@ -65,10 +63,10 @@ def bake(prescription: Prescription, *, quality: str = "standard", heights: int 
     """
     wavelengths_nm = np.asarray(wavelengths_nm, dtype=float)
     _check_request(prescription, heights, wavelengths_nm, samples, pitch_um)
-    fineness = QUALITIES[quality]
+    fineness = quality if isinstance(quality, Quality) else QUALITIES[quality]
     progress(0.0, "Tracing rays")
     system = build_system(prescription)
-    heights_mm, between = _heights(system, heights, even, wavelengths_nm, fineness)
+    heights_mm, between = _heights(system, heights, wavelengths_nm, fineness)
     traced = trace_wavefronts(system, heights_mm, _traced_nm(wavelengths_nm, fineness.traced), fineness.pupil)
     area, flux = _illumination(system, heights_mm, traced, wavelengths_nm, fineness)
     reference_area = _reference_area(system, fineness)
@@ -102,10 +100,8 @@ def _samples(width_um, sensor_mm, quality: Quality):
     return min(max(number, LEAST_SAMPLES), MOST_SAMPLES) // 2 * 2 + 1
 
 
-def _heights(system, number, even, wavelengths_nm, quality: Quality):
-    """Heights in mm, as many as requested or needed, and the share of misplaced light between them, if it is known."""
-    if even:
-        return even_heights_mm(system, number), 0.0
+def _heights(system, number, wavelengths_nm, quality: Quality):
+    """Heights in mm, as many as requested or needed, and the share of misplaced light between them."""
     middle = np.argmin(np.abs(wavelengths_nm - system.prescription.reference_wavelength_nm))
     survey_nm = np.unique([wavelengths_nm[0], wavelengths_nm[middle]])
     if number is None:

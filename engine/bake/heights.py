@@ -29,7 +29,8 @@ def adaptive_heights_mm(system: System, wavelengths_nm: Sequence[float] | np.nda
     wavelengths_nm : sequence of float
         At which PSFs are compared.
     tolerance : float
-        Share of misplaced light allowed halfway between two heights, averaged over the picture.
+        Share of misplaced light allowed halfway between two heights, averaged over the picture; inf for the `most`
+        heights at equal distances in it.
     most, least : int
         Numbers of heights.
 
@@ -37,8 +38,10 @@ def adaptive_heights_mm(system: System, wavelengths_nm: Sequence[float] | np.nda
     -------
     heights_mm : array
     error : float
-        The actual share.
+        The actual share; 0 if any is allowed.
     """
+    if np.isinf(tolerance):
+        return even_heights_mm(system, most), 0.0
     heights_mm = even_heights_mm(system, min(least, most))
     places_mm = np.sort(np.concatenate([heights_mm, (heights_mm[1:] + heights_mm[:-1]) / 2]))
     wavefronts = trace_wavefronts(system, places_mm, wavelengths_nm, PUPIL)

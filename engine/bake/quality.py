@@ -15,7 +15,8 @@ class Quality:
     Attributes
     ----------
     between : float
-        Share of misplaced light allowed halfway between two field heights, averaged over the picture.
+        Share of misplaced light allowed halfway between two field heights, averaged over the picture; inf for
+        `most_heights` at equal distances in it.
     most_heights : int
         Limit of field heights, even if the error is larger; the lens's notes then state the error.
     picture_px : int
@@ -46,3 +47,8 @@ QUALITIES = {
     "reference": Quality(0.002, 161, 3840, HalfPupil(41, 65), 7,
                          Sums(degree=20, oversampling=2.0, repeat=3.0, fringes=np.inf, beyond=0.001), (96, 128)),
 }
+
+SKETCH = Quality(np.inf, 4, 160, HalfPupil(13, 17), 5,
+                 Sums(degree=8, oversampling=0.9, repeat=1.1, fringes=11.5, beyond=0.02), (24, 32))
+"""For pixels of a 160th of the picture: distortion within 0.3 px, relative illumination within 0.03, except at the end
+of a fisheye's field."""

@@ -40,7 +40,8 @@ LOST = -1.0  # margin of a ray that does not reach the sensor for other reasons 
 ORDER = 4  # of the differences that extrapolation minimizes; they vanish for cubic polynomials
 FAINT = 1e-5  # weight of first differences relative to these, in case too few rays are known
 MARGIN_TO_WEIGHT = slice(4, 7)  # of the table's quantities
-RIM_RADII, RIM_AZIMUTHS = 48, 64  # samples for the integral of light over half of the stop
+RIM_RADII, RIM_AZIMUTHS = 48, 64  # samples for the integral of light over half of the stop,
+RIM_PER_RAY = 3, 2  # but at most this many between two rays
 EVEN, ODD, FREE = (1, 0, -1), (1, 0, 1), (1, -4, 6, -4, 1)  # sums of coefficients that vanish at an end of splines
 
 
@@ -208,7 +209,9 @@ class RayTable(Value):
         array (wavelength, height)
             In sr.
         """
-        square, azimuth = np.linspace(0, 1, RIM_RADII + 1), np.pi * (np.arange(RIM_AZIMUTHS) + 0.5) / RIM_AZIMUTHS
+        radii, azimuths = (min(most, per_ray * (count - 3)) for most, per_ray, count in zip(
+            (RIM_RADII, RIM_AZIMUTHS), RIM_PER_RAY, self.coefficients.shape[2:4], strict=True))
+        square, azimuth = np.linspace(0, 1, radii + 1), np.pi * (np.arange(azimuths) + 0.5) / azimuths
         radius, azimuth = np.meshgrid(np.sqrt(square), azimuth, indexing="ij")
         values = self._values(heights_mm, radius.ravel(), azimuth.ravel(), MARGIN_TO_WEIGHT)
         margin, _, weight = values.reshape(*values.shape[:3], *radius.shape)
