@@ -16,7 +16,7 @@ from ...engine.rays.rings import AT_REST, Rings, turned
 from ...engine.runtime.files import stamp_of
 
 MOST_LENSES = 6
-SKETCHED = "sketched"  # the quality SKETCH, without a progress bar or the cache on disk
+SKETCHED = "sketched"  # a quality of `load_lens`: at a few wavelengths, and not cached on disk
 SKETCHED_SAMPLES, SKETCHED_WAVELENGTHS = 33, 3
 
 _lenses: dict[tuple, Lens] = {}  # the newest at the end
@@ -28,7 +28,7 @@ def load_lens(source: library.LensSource, rings: Rings = AT_REST, quality: str =
               wavelengths_nm: Sequence[float] | np.ndarray | None = None) -> Lens:
     """The lens of `library.load_lens`: the same value as before unless the file has changed.
 
-    With the quality SKETCHED, a lens with rings is baked at a few wavelengths, for pixels that are larger than its PSFs.
+    With the quality SKETCHED, a lens with rings is baked for pixels that are larger than its PSFs.
     """
     if quality == SKETCHED and library.has_rings(source):
         return _sketched(*identity_of(source), rings, needed_wavelengths_nm(wavelengths_nm))

@@ -5,8 +5,9 @@ import pytest
 
 from lensfield.engine.bake import bake as module
 from lensfield.engine.bake.bake import _samples, bake
-from lensfield.engine.bake.quality import QUALITIES
-from lensfield.engine.library import BUNDLED
+from lensfield.engine.bake.quality import QUALITIES, SKETCH
+from lensfield.engine.field.field_map import field_map
+from lensfield.engine.library import BUNDLED, prescription_of
 from lensfield.engine.prescription.readers import read_prescription
 
 TWO_NM = (450.0, 650.0)
@@ -28,6 +29,23 @@ def test_too_few_heights_are_stated_in_the_notes(triplet):
 def test_lengthened_waves_are_stated_in_the_notes(triplet):
     lens = bake(triplet, quality="preview", heights=2, wavelengths_nm=TWO_NM, samples=5, pitch_um=100.0)
     assert "Diffraction is computed with wavelengths lengthened by a factor of up to 4.1." in lens.notes
+
+
+@pytest.mark.parametrize("name", ["cooke-triplet-50mm", "leica-noctilux-50mm", "edmund-54852"])
+def test_a_sketch_serves_pixels_of_a_160th_of_the_picture(name):
+    """At wavelengths between its own, and at places between its heights."""
+    prescription = prescription_of(name)
+    lens, sketch = (bake(prescription, quality=quality, wavelengths_nm=nm, samples=33) for quality, nm in
+                    (("preview", (450.0, 610.0)), (SKETCH, (400.0, 550.0, 700.0))))
+    assert sketch.heights_mm.size == 4
+    radius_mm = np.linspace(0, 0.95, 100) * lens.real_height_mm[:, -1].min()
+    x_mm, y_mm = 0.6 * radius_mm, 0.8 * radius_mm
+    for nm in (450.0, 610.0):
+        fields = [field_map(each).at_wavelength(nm) for each in (lens, sketch)]
+        places_mm, sketched_mm = (np.array(field.source_mm(x_mm, y_mm)) for field in fields)
+        assert np.abs(sketched_mm - places_mm).max() < 0.3 / 160 * lens.sensor_mm[0]
+        light, sketched_light = (field.relative_illumination(x_mm, y_mm) for field in fields)
+        assert np.abs(sketched_light - light).max() < 0.05
 
 
 def test_a_cancelled_bake_ends_after_the_psfs_in_progress(triplet, monkeypatch):
