@@ -13,6 +13,7 @@ from ...engine.bake.quality import SKETCH
 from ...engine.library.baked import needed_wavelengths_nm
 from ...engine.prescription.prescription import Prescription
 from ...engine.rays.rings import AT_REST, Rings, turned
+from ...engine.runtime.errors import LensError
 from ...engine.runtime.files import stamp_of
 
 MOST_LENSES = 6
@@ -46,8 +47,11 @@ def load_lens(source: library.LensSource, rings: Rings = AT_REST, quality: str =
 def _sketched(source, changed, rings, wavelengths_nm):
     few_nm = np.linspace(wavelengths_nm[0], wavelengths_nm[-1], min(len(wavelengths_nm), SKETCHED_WAVELENGTHS))
     prescription = turned(library.prescription_of(source), rings).prescription
-    return replace(bake(prescription, quality=SKETCH, samples=SKETCHED_SAMPLES, wavelengths_nm=few_nm),
-                   prescription=prescription)
+    try:
+        lens = bake(prescription, quality=SKETCH, samples=SKETCHED_SAMPLES, wavelengths_nm=few_nm)
+    except LensError as error:
+        raise error.at(error.where if isinstance(source, Prescription) else source) from None
+    return replace(lens, prescription=prescription)
 
 
 def loaded_lens(source: library.LensSource, rings: Rings, quality: str,
