@@ -5,7 +5,8 @@
 For the sample scene and Blender's default scene, at 480 x 270 px: the first picture, and each that refines it; and the
 first picture after the lens's f-stop or focus has been turned, with another lens, and with an object moved. The picture
 before is then still being refined, which counts until it has stopped. Each change is made twice; the second figures
-exclude work that is done once, such as loading modules. The preview is driven as by its timer.
+exclude work that is done once, such as loading modules, or preparing the scene for an object that moves. The preview is
+driven as by its timer.
 """
 
 import os
