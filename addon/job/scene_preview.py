@@ -171,8 +171,8 @@ def _lens_request(scene, job, **given):
     rings = AT_REST
     if has_rings(request.lens):
         rings = scene_rings(scene, request.focus, request.f_number, request.focused_wide_open)
-    return replace(request, lens_quality=request.lens_quality or request.spectral.tier, iris=job.iris,
-                   **ring_fields(rings))
+    return replace(request, view=request.view_on_sensor, lens_quality=request.lens_quality or request.spectral.tier,
+                   iris=job.iris, **ring_fields(rings))
 
 
 @cache

@@ -10,7 +10,7 @@ import json
 import bpy
 
 from ...engine.runtime.files import atomic_path
-from .changes import MAYBE, name_of, needs_copy, read_changes, set_value, values_suffice
+from .changes import MAYBE, MOST_BLOCKS, name_of, needs_copy, read_changes, set_value, values_suffice
 from .fingerprint import blocks_of, digest_without, values_and_digest
 
 PLACE = frozenset({"location", "rotation_euler", "rotation_quaternion", "rotation_axis_angle", "delta_location",
@@ -33,16 +33,16 @@ def still_digests(scene, changed):
     """
     blocks = {name_of(block): block for block in blocks_of(scene)}
     moved = {name for name in changed if name in blocks and name[0] != "COLLECTION"}
-    if (any(name[0] != "OBJECT" or changed[name] != MAYBE for name in moved) or scene.animation_data
-            or not values_suffice(scene, blocks.values())):
+    read = moved | {name for name in blocks if name[0] == "COLLECTION"}
+    if (any(name[0] != "OBJECT" or changed[name] != MAYBE for name in moved) or len(read) > MOST_BLOCKS
+            or scene.animation_data or not values_suffice(scene, blocks.values())):
         return None
-    collections = {name for name in blocks if name[0] == "COLLECTION"}
-    return {name: digest_without(blocks[name], PLACE) for name in moved | collections}
+    return {name: digest_without(blocks[name], PLACE) for name in read}
 
 
-def write_moves(path, changed):
-    """Write the places of changed objects to a .json."""
-    places = {name: _place(bpy.data.objects[name]) for kind, name in changed if kind == "OBJECT"}
+def write_moves(path, still):
+    """Write the places of the objects in the result of `still_digests` to a .json."""
+    places = {obj.name_full: _place(obj) for obj in bpy.data.objects if name_of(obj) in still}
     with atomic_path(path, overwrite=True) as temporary:
         temporary.write_text(json.dumps(places))
 

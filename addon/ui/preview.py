@@ -260,7 +260,7 @@ def _ask_moves_or_change(preview, scene, key):
             return False
         still = still_digests(scene, preview.changes)
         if _only_moved(preview, scene, key, still):
-            _ask_moves(preview, key)
+            _ask_moves(preview, key, still)
         elif not _ask_change(preview, scene, key):
             return False
     except InputError:  # the copy will report it
@@ -277,10 +277,10 @@ def _only_moved(preview, scene, key, still):
             and key == preview.lens and (key, size_px(scene)) == preview.prepared)
 
 
-def _ask_moves(preview, key):
+def _ask_moves(preview, key, still):
     """Send the places of the objects that have moved."""
     path = Path(preview.folder.name) / MOVES
-    write_moves(path, preview.changes)
+    write_moves(path, still)
     preview.shown = 0
     _ask(preview, "change", key, [*CONTINUE, "--moves", str(path)])
 

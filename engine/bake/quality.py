@@ -48,6 +48,6 @@ QUALITIES = {
                          Sums(degree=20, oversampling=2.0, repeat=3.0, fringes=np.inf, beyond=0.001), (96, 128)),
 }
 
-SKETCH = replace(QUALITIES["preview"], between=np.inf, most_heights=4, picture_px=160, edges=(24, 32))
+SKETCH = replace(QUALITIES["preview"], between=np.inf, most_heights=4, edges=(24, 32))
 """For pixels of a 160th of the picture: distortion within 0.3 px, relative illumination within 0.05, except at the end
 of a fisheye's field."""
