@@ -165,8 +165,8 @@ def test_changed_values_give_the_picture_of_a_new_copy(ready_scene):
 @pytest.mark.one_blender
 def test_an_object_that_moves_again_needs_no_preparation(ready_scene, monkeypatch):
     """Off the centre; the picture is that of a new copy, also after another change next to the move."""
-    asked, ask = [], preview._ask
-    monkeypatch.setattr(preview, "_ask", lambda *request: asked.append(request[-1]) or ask(*request))
+    requests, ask = [], preview._ask
+    monkeypatch.setattr(preview, "_ask", lambda *request: requests.append(request[-1]) or ask(*request))
     obj, lamp = bpy.data.objects["Wall"], bpy.data.objects["Light"]
     preview.start(ready_scene)
     follow()
@@ -176,13 +176,13 @@ def test_an_object_that_moves_again_needs_no_preparation(ready_scene, monkeypatc
         moved.location.xy = place
         bpy.context.view_layer.update()
         follow()
-        assert expected in asked[-1] and not np.allclose(picture(), before, rtol=0.01)
+        assert expected in requests[-1] and not np.allclose(picture(), before, rtol=0.01)
     with_moves = picture()
     obj.location.x -= 0.1
     obj.pass_index = 3  # more than a move
     bpy.context.view_layer.update()
     follow()
-    assert "--changes" in asked[-1]
+    assert "--changes" in requests[-1]
     obj.location.x += 0.1
     on().by_hand = True
     follow()
