@@ -26,6 +26,7 @@ from .prepared_layer import PreparedLayer, prepare_layers
 FAINT = 1e-3  # of a picture's mean radiance
 LAYER_PLANES, PREPARING_PLANES = 3, 10  # planes in memory of a prepared layer, and during its preparation
 LEVELS_PX = 1.6  # pixels of a layer's levels, relative to the layer's
+COVER_PLANES = 5  # planes of the capture for the cover of nearer layers, while levels are made
 SAMPLE_RAYS = 256  # for the reach of all
 SUMMABLE = 2.0**88  # radiance whose sums over rays stay within float32
 DIMMED = 2.0**-40  # brighter light is multiplied by this first; for a power of two, this is exact
@@ -127,7 +128,7 @@ def _cast(layers, layered, lens, rays, most_rays, most_of_lamps, stop, times, pr
     meetings = plan_meetings(layers, ends, sensor, lambda radius_px: projection.shrinkage(radius_px * per_focal),
                              most_rays, most_of_lamps)
     counts = np.unique(meetings.counts[meetings.counts > 0])
-    levels = 1 + int(meetings.kinds["level"].max())
+    levels = [np.unique(of_layer).tolist() for of_layer in np.moveaxis(meetings.kinds["level"], -1, 0)]
     shares = _sharp_shares(layers, capture.shape_px)
     for first in range(0, count, TOGETHER):
         group = slice(first, min(first + TOGETHER, count))
@@ -180,7 +181,7 @@ def casting_bytes(layered: Radiance, most_of_lamps: int) -> float:
     layers_px = [layer.alpha.size for layer in layered.layers]
     together = min(TOGETHER, layered.wavelengths_nm.size)
     rays = packed_ray_values(most_of_lamps, together)
-    levels = LEVELS_PX * (together + 2) * sum(layers_px)
+    levels = LEVELS_PX * (together + 1) * sum(layers_px) + COVER_PLANES * capture_px
     group = together * (capture_px + 2 * frame_px) + max(rays + max(levels, TABLE_VALUES),
                                                          TABLE_VALUES + RAY_PLANES * frame_px)
     looked_up = max(PREPARING_PLANES * pixels + values_of_blocks(pixels) for pixels in layers_px)

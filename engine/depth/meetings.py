@@ -143,10 +143,10 @@ class _Blur:
         return _look_up_px(self.reach.area_px((self.least + self.most) / 2), counts)
 
     def level(self, side_px):
-        """The level of the layer's pixels that suits look-ups of this side, 0 for light in focus; and the number of
-        look-ups along a side of its pixels, at least 1."""
+        """The level of the layer's pixels that suits look-ups of this side, 0 for light in focus and for rays that miss
+        the layer; and the number of look-ups along a side of its pixels, at least 1."""
         level = np.minimum(np.searchsorted(SIZES, side_px / COARSEST), len(SIZES) - 1)
-        level = np.where(self.look.sharpest > 0, 0, level)
+        level = np.where(self.met & (self.look.sharpest <= 0), level, 0)
         return level, np.maximum(np.array(SIZES)[level] / side_px, 1)
 
 

@@ -46,6 +46,11 @@ class PreparedLayer:
         return down.start == 0, down.stop >= rows, across.start == 0, across.stop >= columns
 
     @property
+    def sides(self) -> tuple[tuple[bool, bool], tuple[bool, bool]]:
+        """`goes_on` of rows, and of columns."""
+        return self.goes_on[:2], self.goes_on[2:]
+
+    @property
     def axis_px(self) -> tuple[float, float]:
         """Row and column of the axis in the layer's pixels."""
         (row, column), (top, left) = self.capture.centre_px, self.layer.origin_px

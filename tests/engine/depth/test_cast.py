@@ -108,6 +108,26 @@ def test_an_opaque_plane_is_even_across_layer_borders(lens, blur):
         assert not plane.sharp.any() and plane.clear.min() == 1
 
 
+@pytest.mark.parametrize("far, near, slabs", [(10.0, 50.0, 4), (-50.0, -10.0, 4), (20.0, 60.0, 12)])
+def test_a_tilted_plane_is_the_same_if_cut_into_slabs(lens, far, near, slabs):
+    """A plane with a stripe for each slab, 1 or 5 bright, before the dark: rays look up wide parts of several slabs."""
+    grid = PixelGrid.around_frame((48, 60), PITCH_UM, (40, 40))
+    row, column = np.indices(grid.shape_px)
+    place = far + (near - far) * (row + 0.3 * column) / (row + 0.3 * column).max()
+    per_px = np.hypot(*np.gradient(place)).mean()
+    beyond = [np.clip((place - border) / per_px + 0.5, 0, 1) for border in np.linspace(far, near, slabs + 1)[1:-1]]
+    alphas = -np.diff([np.ones_like(place), *beyond, np.zeros_like(place)], axis=0)[::-1]
+    lights, depth_mm = np.resize([5.0, 1.0], slabs), depth_of_blur(lens, place)
+    cut = [layer(alpha, depth_mm, light).cropped() for alpha, light in zip(alphas, lights, strict=True)]
+    uncut = [layer(np.ones(grid.shape_px), depth_mm, np.tensordot(lights, alphas, 1))]
+    even = [replace(each, cube=np.stack([each.alpha] * 2)) for each in cut]
+    dark = layer(np.ones(grid.shape_px), np.inf, 0.0)
+    of_cut, of_uncut, of_even = (planes([*plane, dark], lens, grid)[0].blurred for plane in (cut, uncut, even))
+    off = np.abs(of_cut - of_uncut) / of_uncut.mean()
+    assert off.mean() < 0.01 and off.max() < 0.05
+    np.testing.assert_allclose(of_even, 1, atol=0.01)
+
+
 @pytest.mark.parametrize("nearer", [True, False])
 def test_in_focus_light_stays_in_the_pinhole_image(lens, nearer):
     """In front of a hidden world, or next to out-of-focus light."""
