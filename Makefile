@@ -24,6 +24,9 @@
 #                  PRESCRIPTIONS=FOLDER (ten minutes)
 # make validate-sensor  evaluate simulated flat fields and dark frames of five cameras with emva1288, and write the
 #                  figures and photon transfer curves of docs/camera.md (three minutes)
+# make validate-raw  take pictures of the sample scene with three cameras, have their raw files judged by LibRaw,
+#                  darktable, RawTherapee and Adobe's DNG SDK, and write the figures of docs/camera.md (ten minutes); the
+#                  scene is rendered once, to build/raw-scene
 # make extension   build dist/*.zip, for installation in Blender: one for each platform and generation of Blender
 # make release     build all artefacts in an empty dist/: the zips of make extension, the sdist, the wheel of
 #                  this platform, and their SHA-256 checksums in SHA256SUMS (CONTRIBUTING.md lists the compilers)
@@ -82,12 +85,13 @@ BAKE_READY = $(BAKE)/.ready
 VALIDATE = .venv-validate
 FARM = .venv-farm
 SENSOR = .venv-sensor
+RAW_SCENE = build/raw-scene
 TABLES = .venv-tables
 LINT = .venv-lint
 RELEASE = .venv-release
 LOCK = packaging/lock-5.0.1.txt
 
-.PHONY: demo kernels test fuzz long-runs kill-test test-kernels test-engine test-blender ui-test bench bench-all validate validate-sensor extension release test-bake test-sensor test-farm glasses lenses lens-pictures hero camera-pictures cameras tables bench-tables \
+.PHONY: demo kernels test fuzz long-runs kill-test test-kernels test-engine test-blender ui-test bench bench-all validate validate-sensor validate-raw extension release test-bake test-sensor test-farm glasses lenses lens-pictures hero camera-pictures cameras tables bench-tables \
         test-numpy ci lint lock
 
 demo: $(READY) kernels
@@ -156,6 +160,14 @@ validate: $(VALIDATE)/.ready $(BAKE_READY) kernels
 validate-sensor: $(SENSOR)/.ready
 	$(SENSOR)/bin/python validation/sensor_emva.py docs/camera.md docs/photon_transfer.png
 
+validate-raw: $(SENSOR)/.ready $(RAW_SCENE)/Scene_0001_irradiance.exr
+	$(SENSOR)/bin/python validation/raw_scene.py $(RAW_SCENE)/Scene_0001_irradiance.exr $(RAW_SCENE) docs/camera.md
+
+$(RAW_SCENE)/Scene_0001_irradiance.exr: | $(READY) kernels
+	$(VENV)/bin/lensfield render sample_scenes/evening_chess.blend --lens edmund-54852 --view lens \
+	    --resolution 576x432 --wavelengths 400:700:16 --tier standard --depth off --denoise on --samples 16 \
+	    --output $(RAW_SCENE)
+
 extension: $(READY)
 	$(VENV)/bin/python packaging/build_extension.py dist
 
@@ -175,7 +187,7 @@ test-bake: $(BAKE_READY) kernels
 
 test-sensor: $(SENSOR)/.ready
 	$(SENSOR)/bin/python -m pytest -q tests/engine/sensor/test_emva.py
-	$(SENSOR)/bin/python -m pytest -q tests/engine/pictures/test_dng.py -k adobe
+	$(SENSOR)/bin/python -m pytest -q tests/engine/pictures/test_dng.py tests/engine/pictures/test_raw_scene.py -k adobe
 
 test-farm: $(FARM)/.ready kernels
 	$(FARM)/bin/python -m pytest -q tests/farm/test_openjd.py tests/farm/test_dask.py

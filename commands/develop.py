@@ -4,7 +4,7 @@ from pathlib import Path
 
 from ..engine import ImageError, InputError, Report, load_camera, photograph
 from ..engine.simulation.photograph import missing_channels, missing_text
-from ..engine.simulation.raw_file import write_raw_file
+from ..engine.simulation.raw_file import check_lens, write_raw_file
 from ..engine.simulation.report import together
 from ..request import RenderRequest
 from .arguments import add_lens_settings, add_settings, add_untrusted, check_outputs, chosen_lens, given_fields
@@ -49,7 +49,7 @@ def _develop(options):
     check_outputs([*((shot.output, _suffix(shot.output)) for shots in by_output for shot in shots),
                    (options.report, ".json")],
                   [options.camera, *(shot.radiance for shot in by_output[0]), *filter(None, [options.lens])])
-    lens = chosen_lens(options) if options.lens else None
+    lens = _lens(by_output[0], options) if options.lens else None
     given = {name: value or None for name, value in given_fields(options).items() if name in ("iso", "shutter_s")}
     reports = {}
     for shots in zip(*by_output, strict=True):
@@ -77,6 +77,24 @@ def _check_mosaic(options, camera):
         raise InputError("options", "--mosaic", "given", "also give an output with the suffix .exr")
 
 
+def _lens(shots, options):
+    """The lens that made these lens images."""
+    lens = chosen_lens(options)
+    for shot in shots:
+        try:
+            check_lens(_header(shot, options), lens)
+        except ImageError as error:
+            raise error.at(shot.radiance) from None
+    return lens
+
+
+def _header(shot, options):
+    """A lens image without its light."""
+    from ..engine.pictures.spectral_exr import read_header
+
+    return read_header(shot.radiance, options.pitch_um)[0]
+
+
 def _take(shot, options, camera, given, report):
     """The raw picture of one lens image, which is read again for each."""
     from ..engine.pictures.spectral_exr import read_exr
@@ -96,12 +114,10 @@ def _take(shot, options, camera, given, report):
 def _write(raw, shot, options, lens):
     from ..engine.pictures.develop import camera_rgb, developed, signal, write_linear_exr
     from ..engine.pictures.preview import write_png
-    from ..engine.pictures.spectral_exr import read_header
 
     suffix = shot.output.suffix.lower()
     if suffix == ".dng":
-        image, _ = read_header(shot.radiance)
-        for line in write_raw_file(raw, image, shot.output, lens):
+        for line in write_raw_file(raw, _header(shot, options), shot.output, lens):
             print(f"lens: {line}", flush=True)
     elif suffix == ".png":
         write_png(developed(raw), shot.output, 1.0)

@@ -50,7 +50,7 @@ FIELDS = {
 
 @dataclass(frozen=True)
 class MountedLens:
-    """The lens of a photograph, as its file names it.
+    """The lens of a photograph, as its file names it. The file leaves out what is "" or None.
 
     Raises
     ------
@@ -59,13 +59,14 @@ class MountedLens:
     """
 
     name: str
-    focal_mm: float
-    f_number: float
+    focal_mm: float | None = None
+    f_number: float | None = None
 
     def __post_init__(self) -> None:
         for field in ("focal_mm", "f_number"):
-            if not 0 < getattr(self, field) < np.inf:
-                raise InputError("lens", field, getattr(self, field), "expected a positive number")
+            value = getattr(self, field)
+            if value is not None and not 0 < value < np.inf:
+                raise InputError("lens", field, value, "expected a positive number")
 
 
 def write_dng(raw: RawImage, path: AnyPath, lens: MountedLens | None = None,
@@ -226,10 +227,14 @@ def _taking(raw, lens):
     exif = {"ExifVersion": b"0232", "ExposureTime": _rational(exposure.shutter_s),
             "ISOSpeedRatings": min(max(1, round(exposure.iso)), MOST_SHORT)}
     tags = {"CameraSerialNumber": str(exposure.serial), "ExifIFD": exif}
-    if lens:
-        focal, f_number = _rational(lens.focal_mm), _rational(lens.f_number)
-        exif |= {"FNumber": f_number, "FocalLength": focal, "LensModel": _ascii(lens.name)}
-        tags["LensInfo"] = exif["LensSpecification"] = focal, focal, f_number, f_number
+    if lens and lens.name:
+        exif["LensModel"] = _ascii(lens.name)
+    if lens and lens.f_number:
+        exif["FNumber"] = _rational(lens.f_number)
+    if lens and lens.focal_mm:
+        exif["FocalLength"] = _rational(lens.focal_mm)
+    if lens and lens.focal_mm and lens.f_number:
+        tags["LensInfo"] = exif["LensSpecification"] = (exif["FocalLength"],) * 2 + (exif["FNumber"],) * 2
     return tags
 
 

@@ -229,8 +229,8 @@ def read_exr(path: str | os.PathLike, pitch_um: float | None = None) -> Spectral
     return read_with_planes(path, pitch_um)[0]
 
 
-def read_header(path: str | os.PathLike) -> tuple[SpectralImage, list[str]]:
-    """The image of a file without its light and detail, from the header alone, and the names of its other channels.
+def read_header(path: str | os.PathLike, pitch_um: float | None = None) -> tuple[SpectralImage, list[str]]:
+    """As `read_exr`, without light and detail, from the header alone, and the names of the file's other channels.
 
     Its cube takes no memory: all pixels are the same zero.
     """
@@ -241,7 +241,7 @@ def read_header(path: str | os.PathLike) -> tuple[SpectralImage, list[str]]:
         (left, top), (right, bottom) = np.array(header["dataWindow"], dtype=int).tolist()
         return np.broadcast_to(np.float32(0), (len(names), bottom - top + 1, right - left + 1))
 
-    image, channels = _first_image([(header, dict.fromkeys(names))], path, None, black)
+    image, channels = _first_image([(header, dict.fromkeys(names))], path, pitch_um, black)
     return image, list(channels)
 
 

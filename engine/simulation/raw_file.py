@@ -4,6 +4,7 @@ from ..field.lens_correction import lens_correction
 from ..image.spectral_image import SpectralImage
 from ..lens.lens import Lens
 from ..pictures.dng import MountedLens, write_dng
+from ..runtime.errors import ImageError
 from ..runtime.files import AnyPath
 from ..sensor.colour import channel_weights
 from ..sensor.exposure import RawImage, raw_grid
@@ -19,17 +20,37 @@ def write_raw_file(raw: RawImage, irradiance: SpectralImage, path: AnyPath, lens
         What it is a picture of.
     path : path
     lens : Lens, optional
-        The lens of the irradiance; without it, converters cannot straighten the picture.
+        The lens of the irradiance. Without it, converters cannot straighten the picture, and the file states only the
+        name and the f-number of the lens.
 
     Returns
     -------
     list of str
         What is not corrected.
+
+    Raises
+    ------
+    ImageError
+        From `check_lens`.
     """
     if lens is None:
-        write_dng(raw, path)
+        write_dng(raw, path, MountedLens(irradiance.lens_name, f_number=irradiance.f_number_effective))
         return []
+    check_lens(irradiance, lens)
     nm = irradiance.wavelengths_nm
     correction = lens_correction(lens, raw_grid(irradiance.grid, raw.camera), nm, channel_weights(raw.camera, nm))
     write_dng(raw, path, MountedLens(lens.name, lens.efl_mm, lens.f_number_effective), correction)
     return correction.remarks
+
+
+def check_lens(irradiance: SpectralImage, lens: Lens) -> None:
+    """Refuse to correct a lens image for a lens that did not make it.
+
+    Raises
+    ------
+    ImageError
+        The irradiance names another lens.
+    """
+    if irradiance.lens_name not in ("", lens.name):
+        raise ImageError("lens image", "lens", irradiance.lens_name,
+                         f"expected {lens.name}, for which the raw file would be corrected")

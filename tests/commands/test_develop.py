@@ -1,15 +1,18 @@
 """`lensfield develop` and `lensfield camera`."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
+import OpenEXR
 import pytest
 from PIL import Image
 
+from dng_fields import fields
 from lensfield import cli
-from lensfield.engine import SpectralImage
+from lensfield.engine import SpectralImage, load_lens
 from lensfield.engine.library.bodies import bundled_cameras, load_camera
-from lensfield.engine.pictures.spectral_exr import read_parts, write_exr
+from lensfield.engine.pictures.spectral_exr import read_exr, read_parts, write_exr
 from lensfield.engine.sensor.camera_file import camera_text
 from lensfield.engine.spectral.spectra import load_spectrum
 from lensfield.request import CAMERA_FIELDS
@@ -85,6 +88,33 @@ def test_bad_requests_are_refused_before_any_work(scene, arguments, words, tmp_p
     assert run("develop", scene, *arguments) == 1
     assert words in capsys.readouterr().err
     assert not list(tmp_path.glob("a.*"))
+
+
+def test_a_raw_file_names_the_lens_of_the_picture_and_no_other(scene, tmp_path, capsys):
+    lens = load_lens("edmund-54852", quality="preview")
+    image = replace(read_exr(scene), lens_name=lens.name, f_number_effective=lens.f_number_effective)
+    write_exr(image, scene)
+    command = "develop", scene, "--camera", "nikon-d700", "--lens-quality", "preview", "-o"
+    assert run(*command, tmp_path / "bare.dng") == 0
+    assert run(*command, tmp_path / "full.dng", "--lens", lens.name) == 0
+    (bare_tags, bare), (full_tags, full) = (fields(tmp_path / f"{name}.dng") for name in ("bare", "full"))
+    for exif in (bare, full):
+        assert exif[42036] == lens.name and exif[33437] == pytest.approx(lens.f_number_effective)
+    assert full[37386] == pytest.approx(lens.efl_mm) and 50736 in full_tags and 51022 in full_tags
+    assert 37386 not in bare and not {50736, 51022} & bare_tags.keys()
+    capsys.readouterr()
+    assert run(*command, tmp_path / "other.dng", "--lens", "nikkor-58mm-f1.4") == 1
+    said = capsys.readouterr()
+    assert f"{scene}: lens is edmund-54852: expected nikkor-58mm-f1.4" in said.err and "ISO" not in said.out
+    assert not (tmp_path / "other.dng").exists()
+
+
+def test_a_pitch_serves_the_raw_file_of_a_picture_without_one(scene, tmp_path):
+    part = OpenEXR.File(str(scene)).parts[0]
+    header = {name: value for name, value in part.header.items() if name != "lensfield:pitchUm"}
+    OpenEXR.File(header, part.channels).write(str(tmp_path / "plain.exr"))
+    command = "develop", tmp_path / "plain.exr", "--camera", "nikon-d700", "-o", tmp_path / "a.dng"
+    assert run(*command) == 1 and run(*command, "--pitch-um", 8.459) == 0
 
 
 def test_few_wavelengths_and_radiance_are_reported(scene, tmp_path, capsys):
