@@ -1,6 +1,7 @@
 """Developing raw pictures: demosaicing by LibRaw, to linear light in the camera's channels or in Rec. 709."""
 
 import io
+import os
 from dataclasses import replace
 
 import numpy as np
@@ -147,8 +148,7 @@ def write_linear_exr(light: np.ndarray, camera: Camera, path: AnyPath) -> None:
 
 
 def _demosaiced(raw):
-    import rawpy  # only needed here, and rarely
-
+    rawpy = _rawpy()
     check_room("raw picture", DEVELOP_BYTES * raw.numbers.size, "develop a smaller picture")
     neutral = camera_colour(raw.camera).neutral[plane_order(raw.camera)]
     red, green, blue = 1 / neutral  # balanced, channels resemble each other, which demosaicing assumes
@@ -166,6 +166,20 @@ def _demosaiced(raw):
             output_color=rawpy.ColorSpace.raw, user_flip=0)
     numbers = picture[:rows, :columns] * (neutral / neutral.min() * raw.highest_dn / FULL_SCALE).astype(np.float32)
     return (numbers - np.float32(raw.dark_dn)) / np.float32(raw.highest_dn - raw.dark_dn)
+
+
+def _rawpy():
+    """rawpy, which is only needed here, and rarely; with a single thread, because with several LibRaw's demosaicing of
+    X-Trans gives slightly different pictures each time."""
+    threads = os.environ.get("OMP_NUM_THREADS")
+    os.environ["OMP_NUM_THREADS"] = "1"  # read once, when the library is loaded
+    try:
+        import rawpy
+    finally:
+        del os.environ["OMP_NUM_THREADS"]
+        if threads is not None:
+            os.environ["OMP_NUM_THREADS"] = threads
+    return rawpy
 
 
 def _extended(size):

@@ -1,18 +1,22 @@
 """Developed pictures: exact where light is even, in place, true in colour, and without bias in the dark."""
 
+import os
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from lensfield.engine import ImageError, SpectralImage
-from lensfield.engine.pictures.develop import camera_rgb, developed, signal, write_linear_exr
+from lensfield.engine.pictures.develop import camera_rgb, developed, developed_in, signal, write_linear_exr
 from lensfield.engine.pictures.rgb_picture import read_rgb_exr
 from lensfield.engine.pictures.spectral_exr import read_parts
 from lensfield.engine.runtime.errors import CameraError
 from lensfield.engine.sensor.electrons import response
 from lensfield.engine.sensor.exposure import Exposure, expose
 from lensfield.engine.spectral.colour import REC709_TO_XYZ
+from places import ROOT
 from raw_pictures import QUAD_BAYER, XTRANS, chart_error, chart_raw, small_camera, uneven_raw
 from seed import SEED
 
@@ -101,3 +105,40 @@ def test_linear_pictures_are_no_colours_of_another_space(tmp_path, filters, mosa
     np.testing.assert_array_equal(np.dstack([planes[name] for name in names]), np.atleast_3d(light))
     with pytest.raises(ImageError, match="colorInteropID is data"):
         read_rgb_exr(tmp_path / "a.exr")
+
+
+TWICE = """
+import numpy as np
+from lensfield.engine.library.bodies import load_camera
+from lensfield.engine.pictures.develop import developed
+from lensfield.engine.sensor.exposure import Exposure, RawImage, channels_of
+from raw_pictures import small_camera
+
+camera = small_camera("fujifilm-x-t4", load_camera("fujifilm-x-t4").filters, (1300, 1500))
+numbers = np.random.default_rng(1).integers(500, 15000, camera.shape_px).astype(np.uint16)
+raw = RawImage(numbers, channels_of(camera, camera.shape_px), camera, Exposure(1 / 60, 100.0), None)
+assert np.array_equal(developed(raw), developed(raw))
+"""
+
+
+def test_x_trans_is_developed_in_the_same_way_each_time():
+    """In a process of its own: the tests load LibRaw with as many threads as there are processors."""
+    subprocess.run([sys.executable, "-c", TWICE], check=True, env=os.environ | {"PYTHONPATH": str(ROOT / "tests")})
+
+
+@pytest.mark.parametrize("filters", [*PATTERNS, ("RGWG", "BWGR")], ids=ids)
+def test_larger_pixels_have_the_means_of_each_channel(filters):
+    """A square of 20 pixels with other light around it looks like a picture of its light alone."""
+    camera = small_camera(filters=(), shape_px=(200, 280))
+    camera = replace(camera, filters=filters, channels="RGBW", quantum_efficiency=np.vstack([
+        camera.quantum_efficiency, camera.quantum_efficiency.max(axis=0)])) if "W" in "".join(filters) else replace(
+            camera, filters=filters)
+    electrons = np.random.default_rng(SEED).uniform(0.01, 0.03, (NM.size, 10, 14)).astype(np.float32)
+    image = SpectralImage(electrons.repeat(20, 1).repeat(20, 2), NM, pitch_um=camera.pitch_um, quantity="irradiance")
+    raw = expose(image, camera, Exposure(1e-4, 100.0, noise=False))
+    assert raw.saturated == 0
+    larger = developed_in(raw, (10, 14), 20 * camera.pitch_um)
+    square = replace(image, cube=np.broadcast_to(image.cube[:, 30:31, 250:251], image.cube.shape))
+    alone = developed_in(expose(square, camera, raw.exposure), (10, 14), 20 * camera.pitch_um)
+    np.testing.assert_allclose(larger[1, 12], alone[4, 4], atol=2e-3 * larger.max())
+    assert larger.shape == (10, 14, 3) and np.ptp(larger) > 0.1 * larger.max()
