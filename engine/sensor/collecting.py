@@ -49,8 +49,10 @@ def check_memory(irradiance: SpectralImage, camera: Camera, shape_px: tuple[int,
     pixels, planes = shape_px[0] * shape_px[1], 1 if camera.filters else len(camera.channels)
     to_come = pixels * planes * (ELECTRON_BYTES if camera.crosstalk else NUMBER_BYTES)
     if irradiance.pitch_um != camera.pitch_um:
-        rows, columns = irradiance.frame_px
-        to_come = max(to_come, (rows * columns + 2 * shape_px[0] * columns + pixels) * ELECTRON_BYTES)
+        (rows, columns), down = irradiance.frame_px, len(camera.filters) or 1
+        across = len(camera.filters[0]) if camera.filters else 1
+        resampling = 2 * rows * columns + 2 * rows * shape_px[1] // across + pixels // (down * across)
+        to_come = max(to_come, resampling * ELECTRON_BYTES)
     needed = pixels * (planes * ELECTRON_BYTES + CHANNEL_BYTES) + to_come
     check_room("raw picture", needed, "give a smaller picture, or a camera with fewer pixels")
 
@@ -75,18 +77,16 @@ def _summed(image, camera, factors, channel, light_e):
 
 
 def _resampled(image, camera, factors, channel, light_e):
-    """Of a picture in other pixels."""
-    for index, each in enumerate(factors):
-        if channel is None:
-            light_e[index] = _means(image, camera, each, light_e.shape[1:])
-        else:
-            np.copyto(light_e[0], _means(image, camera, each, light_e.shape[1:]), where=channel == index)
-
-
-def _means(image, camera, factors, shape_px):
+    """Of a picture in other pixels. Behind filters, only the pixels of each channel are computed."""
+    cells = [np.zeros((1, 1), int)] * len(factors) if channel is None else [
+        channel[:len(camera.filters), :len(camera.filters[0])] - index for index in range(len(factors))]
     plane_e = np.empty(image.frame_px, np.float32)
-    _collect(image.cube, factors[None, :, None], plane_e)
-    return pixel_means(plane_e, image.pitch_um, shape_px, camera.pitch_um, camera.pixel_aperture)
+    for index, (each, cell) in enumerate(zip(factors, cells, strict=True)):
+        _collect(image.cube, each[None, :, None], plane_e)
+        for first in np.argwhere(cell == 0):
+            some = tuple(slice(at, None, period) for at, period in zip(first, cell.shape, strict=True))
+            light_e[index if channel is None else 0][some] = pixel_means(
+                plane_e, image.pitch_um, light_e.shape[1:], camera.pitch_um, camera.pixel_aperture, some)
 
 
 def _collect(cube, weights, plane_e):

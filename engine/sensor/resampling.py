@@ -5,7 +5,7 @@ import scipy
 
 
 def pixel_means(picture: np.ndarray, pitch_um: float, shape_px: tuple[int, int], wanted_um: float,
-                aperture: float = 1.0) -> np.ndarray:
+                aperture: float = 1.0, some: tuple[slice, slice] = (slice(None), slice(None))) -> np.ndarray:
     """A picture in other pixels with the same middle.
 
     Parameters
@@ -19,16 +19,18 @@ def pixel_means(picture: np.ndarray, pitch_um: float, shape_px: tuple[int, int],
         Their pitch.
     aperture : float
         Side of the square in the middle of each over which to average, in their pitches, up to 1.
+    some : (slice, slice)
+        Rows and columns of the result to return.
 
     Returns
     -------
     array (row, column)
     """
     if pitch_um == wanted_um and picture.shape == tuple(shape_px):
-        return picture
-    down, across = (_shares(n, pitch_um, wanted, wanted_um, aperture)
-                    for n, wanted in zip(picture.shape, shape_px, strict=True))
-    return (across @ (down @ picture).T).T
+        return picture[some]
+    down, across = (_shares(n, pitch_um, wanted, wanted_um, aperture)[each]
+                    for n, wanted, each in zip(picture.shape, shape_px, some, strict=True))
+    return down @ np.ascontiguousarray((across @ picture.T).T)
 
 
 def _shares(number, pitch_um, wanted, wanted_um, aperture):
