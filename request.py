@@ -111,7 +111,7 @@ class RenderRequest:
     camera: CameraSource = setting(
         "", name="Camera", metavar="NAME|FILE", recorded=False,
         text="Camera that takes a picture of the lens image: a bundled camera (lensfield camera list), or a camera's "
-             "file (.toml). Its sensor replaces the lens's unless --view names another", unset="none")
+             "file (.toml); or none. Its sensor replaces the lens's unless --view names another", unset="none")
     iso: float = setting(
         0.0, name="ISO", kind=float, metavar="ISO", limits=(0, inf), precision=0, panel="camera", unset="auto",
         text="ISO of the camera. 0, or auto: the camera's base ISO, or the metered one if only the shutter is given")

@@ -19,6 +19,7 @@ from .terminal import progress_bar
 
 RESOLUTION_LIMITS = (4, 65536)
 LENSES = "a bundled lens, a lens package, or a prescription"
+NO_CAMERA = "none"
 TIME_LIMIT_S = 3600.0
 WITHOUT_CAMERA = {"focus": "the prescription's, usually infinity", "f_number": "the widest",
                   "lens_quality": "standard"}
@@ -154,7 +155,13 @@ def _number_or_auto(option, expected):
     return parsed
 
 
-PARSERS = {"focus": _focus, "iso": _number_or_auto("--iso", "expected a positive number such as 800, or auto"),
+def _camera(text):
+    """The RenderRequest's value for --camera."""
+    return "" if text.lower() == NO_CAMERA else text
+
+
+PARSERS = {"focus": _focus, "camera": _camera,
+           "iso": _number_or_auto("--iso", "expected a positive number such as 800, or auto"),
            "shutter_s": _number_or_auto("--shutter", "expected seconds such as 1/60 or 0.5, or auto"),
            "wavelengths_nm": parse_wavelengths, "output_folder": Path.resolve}
 """Functions that parse option texts into values of fields; they raise InputError for invalid texts."""

@@ -10,6 +10,7 @@ from PIL import Image
 
 from dng_fields import fields
 from lensfield import cli
+from lensfield.commands.arguments import given_fields
 from lensfield.engine import SpectralImage, load_lens
 from lensfield.engine.library.bodies import bundled_cameras, load_camera
 from lensfield.engine.pictures.spectral_exr import read_exr, read_parts, write_exr
@@ -146,5 +147,7 @@ def test_every_field_of_a_camera_is_an_option_of_render_and_apply():
     for command in (["render", "s.blend"], ["apply", "r.exr", "--lens", "any"]):
         options = parser.parse_args([*command, "--camera", "x", "--iso", "auto", "--shutter", "1/60", "--no-noise",
                                      "--no-develop", "--dng"])
+        none = parser.parse_args([*command, "--camera", "none"])
+        assert given_fields(none)["camera"] == ""
         assert (options.camera, options.iso, options.shutter, options.noise, options.develop, options.dng) == (
             "x", "auto", "1/60", False, False, True) and len(CAMERA_FIELDS) == 6
