@@ -60,6 +60,7 @@ def test_a_camera_takes_a_picture_on_its_own_sensor(squares, tmp_path):
     assert facts["iso"] == 400 and facts["raw_px"] == [83, 150] and facts["metered"]
     after = np.asarray(Image.open(photo.after)).astype(float)
     assert after[18:22, 53:56].mean() > after[18:22, 10:30].mean() > 20
+    assert photo.before.read_bytes() == plain.before.read_bytes()
     assert not plain.raw.exists() and "raw" not in plain.report.files
     assert any("coarse" in line or "Nikon" in line for line in photo.messages)
 
