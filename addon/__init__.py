@@ -37,6 +37,7 @@ from .ui import (
     plan_line,
     preferences,
     preview,
+    preview_panel,
     properties,
     quick_look,
     sheets,
@@ -53,8 +54,8 @@ __all__ = ["Animation", "RenderRequest", "apply_lens", "camera_words", "changed_
            "source_digest", "take_session", "unregister"]
 
 _MODULES = (properties, preferences, favourites, fixes, operators, open_lens, animation, another_lens, comparison,
-            preview, live, quick_look, lens_assets, compositor_panel, panels, lint_panel, spectra_panels, trust_panel,
-            flamenco)
+            preview_panel, live, quick_look, lens_assets, compositor_panel, panels, lint_panel, spectra_panels,
+            trust_panel, flamenco)
 _CLASSES = [cls for module in _MODULES for cls in module.classes]
 for _operator in (cls for cls in _CLASSES if issubclass(cls, bpy.types.Operator)):
     _operator.bl_description = " ".join(_operator.__doc__.split())  # tooltips show line breaks

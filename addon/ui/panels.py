@@ -34,7 +34,7 @@ from .listed_settings import draw_listed
 from .live import draw_live, draw_live_status
 from .panel_pictures import draw_picture
 from .plan_line import plan_text
-from .preview import draw_preview, draw_preview_status
+from .preview_panel import draw_preview, draw_preview_status
 from .previews import growing_preview, sheet_preview
 from .properties import lens_title
 from .quick_look import draw_quick_look

@@ -17,7 +17,7 @@ import numpy as np
 from bpy.app.handlers import persistent
 
 from ...commands.child import Child
-from ...engine.runtime.errors import InputError, one_line
+from ...engine.runtime.errors import InputError
 from ..job.child import CONTINUE, lensfield_command, preview_arguments, save_copy, work_folder
 from ..job.growing_capture import FINER
 from ..job.named_files import check_named_files, named_files
@@ -37,12 +37,8 @@ from ..scene.requirements import check_scene
 from ..scene.rings import rings_for, scene_iris
 from . import focus_overlay, preview_overlay
 from .areas import areas, image_editors, tool_in_use
-from .panel_pictures import draw_picture
-from .preferences import IN_CAMERA, IN_PANEL, preview_place
-from .previews import small_picture
 from .properties import lens_title
 from .session import session
-from .text_wrap import draw_wrapped
 
 NAME = "Lensfield Preview"  # image name
 TICK_S = 0.1
@@ -160,7 +156,7 @@ def switch_off(why=""):
             if editor.image == image:
                 editor.image = bpy.data.images.get("Render Result")
         bpy.data.images.remove(image)
-    _redraw()
+    redraw()
 
 
 def tick():
@@ -183,7 +179,7 @@ def tick():
         _ask_next(preview, scene)
     if preview.announced != (waiting_for := preview.waiting_for):
         preview.announced = waiting_for
-        _redraw()
+        redraw()
     return TICK_S
 
 
@@ -324,7 +320,7 @@ def _ask_pictures(preview, scene, key, what, **files):
 def _show_error(preview, error):
     if preview.error != str(error):
         preview.error = str(error)
-        _redraw()
+        redraw()
 
 
 def _ask(preview, what, key, arguments):
@@ -348,10 +344,10 @@ def _take_in(preview, scene):
     outcome, current = preview.child.status, preview.same_scene and _shown_scene(scene) == scene
     if current and outcome.get("number", 0) > preview.shown and not preview.stopping:
         _show(preview, scene, outcome)
-        _redraw()
+        redraw()
     if "status" in outcome:
         _note_end(preview, scene, outcome)
-        _redraw()
+        redraw()
     elif not preview.stopping and (not current or preview.by_hand or _lens_is_outdated(preview, scene)
                                    or not _may_work()):
         preview.stopping = True
@@ -408,7 +404,7 @@ def _show(preview, scene, outcome):
     preview.facts = _facts(outcome["size_px"], outcome["samples"], seconds, preview.job[1][0])
 
 
-def _is_visible():
+def is_visible():
     """Whether a window has a place for the preview."""
     return any(map(shows_camera, areas("VIEW_3D"))) or any(
         editor.image and editor.image.name == NAME for editor in image_editors())
@@ -431,7 +427,8 @@ def look_through_camera(context):
         chosen.spaces.active.overlay.show_overlays = True
 
 
-def _redraw():
+def redraw():
+    """Draw the editors with the preview, and its panel, again."""
     for area in areas("PROPERTIES", "VIEW_3D", "IMAGE_EDITOR"):
         area.tag_redraw()
 
@@ -507,98 +504,3 @@ def _note(of_lens=False):
 
 _HANDLERS = {"depsgraph_update_post": on_update, "frame_change_post": on_frame, "undo_post": on_frame,
              "redo_post": on_frame, "load_pre": on_load}
-
-
-def draw_preview(layout):
-    """Draw the preview's button and, while it is on, the buttons of its options."""
-    preview = session.preview
-    row = layout.row(align=True)
-    row.operator("lensfield.preview", icon="HIDE_OFF" if preview else "HIDE_ON", depress=preview is not None)
-    if preview:
-        if preview.slow:
-            row.operator("lensfield.refresh_preview", text="", icon="FILE_REFRESH")
-        row.operator("lensfield.focus_overlay", text="", icon="OVERLAY", depress=session.focus_overlay)
-
-
-def draw_preview_status(layout):
-    """Draw the status of the preview: in the panel its picture, its facts, and why it is off, if it failed."""
-    preview = session.preview
-    if preview is None:
-        if session.preview_failure:
-            draw_wrapped(layout, f"Preview switched off: {session.preview_failure}", "ERROR")
-        return
-    if session.focus_overlay:
-        draw_wrapped(layout, focus_overlay.LEGEND, "OVERLAY")
-    if preview_place() == IN_PANEL and preview.picture.is_file():
-        draw_picture(layout, small_picture, preview.picture)
-    for line in _status(preview):
-        draw_wrapped(layout, line)
-
-
-def _status(preview):
-    """Lines about the current picture and the running job."""
-    if preview_place() == IN_CAMERA and not _is_visible():
-        yield "Not visible: view the scene through its camera (Numpad 0), with Viewport Overlays on"
-    yield from preview.facts
-    if preview.error:
-        yield preview.error
-    if preview.job:
-        yield "Refining" if preview.shown else "Applying the lens" if preview.job[0] == "lens" else "Rendering"
-    elif preview.slow and preview.changes is None and not preview.fresh:
-        yield f"Out of date: refresh it manually, because copying this file takes {preview.copies_s[-1]:.1f} s"
-
-
-class LENSFIELD_OT_preview(bpy.types.Operator):
-    """Look through the camera, and show a small version of the lens image there and in Image Editors, rendered in the
-    background from a copy of the file and updated when the scene or the lens changes"""
-
-    bl_idname = "lensfield.preview"
-    bl_label = "Preview"
-
-    def execute(self, context):
-        if session.preview:
-            switch_off()
-            return {"FINISHED"}
-        try:
-            start(context.scene)
-        except (InputError, OSError) as error:
-            self.report({"ERROR"}, one_line(error))
-            return {"CANCELLED"}
-        if context.window and preview_place() == IN_CAMERA:
-            look_through_camera(context)
-        return {"FINISHED"}
-
-
-class LENSFIELD_OT_refresh_preview(bpy.types.Operator):
-    """Copy the file and render the preview again"""
-
-    bl_idname = "lensfield.refresh_preview"
-    bl_label = "Refresh Preview"
-
-    @classmethod
-    def poll(cls, context):
-        return session.preview is not None
-
-    def execute(self, context):
-        session.preview.by_hand = True
-        return {"FINISHED"}
-
-
-class LENSFIELD_OT_focus_overlay(bpy.types.Operator):
-    """Tint out-of-focus parts of the camera's view: orange if nearer, blue if farther. The tint uses the preview's
-    depth and follows Focus Distance and F-Stop while you drag them"""
-
-    bl_idname = "lensfield.focus_overlay"
-    bl_label = "Focus Overlay"
-
-    @classmethod
-    def poll(cls, context):
-        return session.preview is not None
-
-    def execute(self, context):
-        focus_overlay.switch(context.scene)
-        _redraw()
-        return {"FINISHED"}
-
-
-classes = (LENSFIELD_OT_preview, LENSFIELD_OT_refresh_preview, LENSFIELD_OT_focus_overlay)

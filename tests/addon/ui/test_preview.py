@@ -13,7 +13,7 @@ from layouts import Layout
 from lensfield import addon
 from lensfield.addon.scene import rings
 from lensfield.addon.scene.compositor import compositing_tree
-from lensfield.addon.ui import preview
+from lensfield.addon.ui import preview, preview_panel
 from lensfield.addon.ui.preferences import IN_PANEL
 from lensfield.addon.ui.preview_overlay import frame_corners
 from lensfield.addon.ui.properties import lens_title
@@ -54,8 +54,8 @@ def follow():
 
 def shown():
     layout = Layout()
-    preview.draw_preview(layout)
-    preview.draw_preview_status(layout)
+    preview_panel.draw_preview(layout)
+    preview_panel.draw_preview_status(layout)
     return " ".join(layout.labels)
 
 
@@ -108,11 +108,11 @@ def test_one_click_turns_a_viewport_to_the_camera(ready_scene, viewport):
 
 @pytest.mark.one_blender
 def test_the_preview_can_appear_in_the_panel_instead(ready_scene, viewport, monkeypatch):
-    monkeypatch.setattr(preview, "preview_place", lambda: IN_PANEL)
+    monkeypatch.setattr(preview_panel, "preview_place", lambda: IN_PANEL)
     assert bpy.ops.lensfield.preview() == {"FINISHED"}
     follow()
     assert not preview.shows_camera(viewport)
-    preview.draw_preview_status(layout := Layout())
+    preview_panel.draw_preview_status(layout := Layout())
     assert "picture" in layout.shown and not any("Not visible" in label for label in layout.labels)
 
 
