@@ -26,8 +26,7 @@ def draw_camera(layout, scene):
     layout.label(text="{:.3g} \u00d7 {:.3g} mm, {} \u00d7 {} pixels".format(*camera.size_mm,
                                                                             *reversed(camera.shape_px)))
     draw_listed(layout, settings, "camera")
-    if metered := " and ".join(name for name, value in (("ISO", settings.iso), ("shutter", settings.shutter_s))
-                               if value == 0):
-        draw_wrapped(layout, f"0: the camera chooses {metered} for each picture")
+    if settings.iso == 0 or settings.shutter_s == 0:
+        draw_wrapped(layout, "0: automatic, by the camera's meter")
     if missing:
         draw_wrapped(layout, f"{missing[0].upper()}{missing[1:]}", "INFO")

@@ -25,7 +25,7 @@ def test_a_body_sets_sensor_and_exposure(scene):
     settings = scene.lensfield
     assert settings.to_request().camera == "" and settings.view_text() == "lens" and drawn(scene).shown == ["camera"]
     settings.camera = "sony-a7-iv"
-    assert "0: the camera chooses ISO and shutter" in " ".join(drawn(scene).labels)
+    assert "0: automatic, by the camera's meter" in " ".join(drawn(scene).labels)
     settings.iso, settings.shutter_s = 800, 1 / 60
     request = settings.to_request()
     assert (request.camera, request.iso) == ("sony-a7-iv", 800) and request.shutter_s == pytest.approx(1 / 60, rel=1e-5)
