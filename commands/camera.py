@@ -27,8 +27,8 @@ def add_options(command):
 
 def _list(options):
     for name, camera in find_cameras(options.words).items():
-        (rows, columns), (width_mm, height_mm) = camera.shape_px, camera.size_mm
-        print(f"{name:<22} {camera.title:<46} {width_mm:5.1f} x {height_mm:4.1f} mm  {columns:>5} x {rows:<5}px  "
+        (rows, columns), (across_mm, up_mm) = camera.shape_px, camera.size_mm
+        print(f"{name:<22} {camera.title:<46} {across_mm:5.1f} x {up_mm:4.1f} mm  {columns:>5} x {rows:<5}px  "
               f"{camera.pitch_um:.2f} um")
 
 
@@ -57,10 +57,10 @@ def _info(options):
 
 
 def _text(info):
-    (width_mm, height_mm), (columns, rows), iso = info["sensor_mm"], info["pixels"], info["iso"]
+    (across_mm, up_mm), (columns, rows), iso = info["sensor_mm"], info["pixels"], info["iso"]
     full_e, noise_e = info["saturation_at_iso_e"], info["dark_noise_at_iso_e"]
     lines = {
-        "sensor": f"{width_mm:g} x {height_mm:g} mm, crop factor {info['crop_factor']:.2f}",
+        "sensor": f"{across_mm:g} x {up_mm:g} mm, crop factor {info['crop_factor']:.2f}",
         "pixels": f"{columns} x {rows}, {info['pitch_um']:g} um",
         "filters": " / ".join(info["filters"]) or f"none: all pixels have {', '.join(info['channels'])}",
         "quantum efficiency": ", ".join(f"{letter} {peak['peak']:.1%} at {peak['at_nm']:g} nm"

@@ -48,6 +48,5 @@ def _electrons(picture):
 
 def _unsaturated(picture):
     """Pixels below the highest number by more than the noise of a full pixel's reading."""
-    camera, iso = picture.camera, picture.exposure.iso
-    noise_dn = camera.gain_at(iso) * np.hypot(camera.dark_noise_at(iso), camera.dsnu_e)
+    noise_dn = picture.camera.dark_spread_dn(picture.exposure.iso)
     return picture.numbers < picture.highest_dn - SIGMAS * noise_dn

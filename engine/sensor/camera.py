@@ -133,6 +133,10 @@ class Camera(Value):
         """sigma_d at an ISO, in electrons."""
         return float(np.sqrt(self.dark_noise_e**2 + (self.readout_noise_dn / self.gain_at(iso))**2))
 
+    def dark_spread_dn(self, iso: float) -> float:
+        """Standard deviation of dark pixels' numbers at an ISO, over time and pixels: sigma_d and DSNU together."""
+        return self.gain_at(iso) * float(np.sqrt(self.dark_noise_at(iso)**2 + self.dsnu_e**2))
+
 
 def _check(camera: Camera) -> None:
     def refuse(name: str, remedy: str, value: Any = None) -> None:

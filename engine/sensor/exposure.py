@@ -80,8 +80,7 @@ class RawImage:
     @property
     def saturated(self) -> float:
         """Share of the pixels that hold no more light. Noise lowers the numbers of some: most are within 3 sigma."""
-        camera, iso = self.camera, self.exposure.iso
-        noise_dn = camera.gain_at(iso) * np.hypot(camera.dark_noise_at(iso), camera.dsnu_e) * self.exposure.noise
+        noise_dn = self.camera.dark_spread_dn(self.exposure.iso) * self.exposure.noise
         return float((self.numbers >= self.highest_dn - 3 * noise_dn).mean())
 
     @property
