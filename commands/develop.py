@@ -3,7 +3,8 @@
 from pathlib import Path
 
 from ..engine import ImageError, InputError, Report, load_camera, photograph
-from ..engine.simulation.photograph import missing_channels, missing_text
+from ..engine.sensor.exposure import covered_px
+from ..engine.simulation.photograph import held, missing_channels, missing_text
 from ..engine.simulation.raw_file import check_lens, write_raw_file
 from ..engine.simulation.report import together
 from ..request import RenderRequest
@@ -49,6 +50,8 @@ def _develop(options):
     check_outputs([*((shot.output, _suffix(shot.output)) for shots in by_output for shot in shots),
                    (options.report, ".json")],
                   [options.camera, *(shot.radiance for shot in by_output[0]), *filter(None, [options.lens])])
+    for shot in by_output[0]:
+        _check_picture(_header(shot, options), options, camera)
     lens = _lens(by_output[0], options) if options.lens else None
     given = {name: value or None for name, value in given_fields(options).items() if name in ("iso", "shutter_s")}
     reports = {}
@@ -75,6 +78,18 @@ def _check_mosaic(options, camera):
         raise InputError("options", "--mosaic", "given", f"leave it out: all pixels of {camera.name} have all channels")
     if options.mosaic and not any(path.suffix.lower() == ".exr" for path in options.outputs):
         raise InputError("options", "--mosaic", "given", "also give an output with the suffix .exr")
+
+
+def _check_picture(image, options, camera):
+    """Raise an error unless the camera's picture of a lens image can be written in all files."""
+    from ..engine.pictures.develop import check_demosaicable
+    from ..engine.pictures.dng import check_channels
+
+    suffixes, camera = {path.suffix.lower() for path in options.outputs}, held(camera, image.frame_px)
+    if suffixes & {".dng", ".png"}:
+        check_channels(camera)
+    if suffixes & ({".png"} if options.mosaic else {".png", ".exr"}):
+        check_demosaicable(camera, covered_px(image, camera))
 
 
 def _lens(shots, options):

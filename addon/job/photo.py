@@ -1,10 +1,13 @@
 """The camera of a job: its raw picture of the lens image, and the developed one."""
 
 from ...engine import load_camera, photograph
-from ...engine.pictures.develop import developed_in
+from ...engine.pictures.develop import check_demosaicable, developed_in
+from ...engine.pictures.dng import check_channels
 from ...engine.pictures.preview import auto_exposure, to_rec709
 from ...engine.runtime.files import discard
-from ...engine.simulation.photograph import missing_channels, missing_text
+from ...engine.sensor.exposure import covered_px
+from ...engine.sensor.metering import usual_exposure
+from ...engine.simulation.photograph import held, missing_channels, missing_text
 from ...engine.simulation.raw_file import write_raw_file
 
 FRAMES = 2**32  # different noise in each; Blender has negative frames
@@ -20,6 +23,20 @@ def chosen_camera(request):
         It is unknown, or its file is damaged.
     """
     return load_camera(request.camera) if request.camera else ""
+
+
+def check_photo(request, grid):
+    """Raise an InputError unless a request's camera can take, develop and write a picture of a lens image on this
+    PixelGrid."""
+    camera = chosen_camera(request)
+    if not camera:
+        return
+    camera = held(camera, grid.frame_px)
+    usual_exposure(camera, request.iso or None, request.shutter_s or None)
+    if request.dng or request.develop:
+        check_channels(camera)
+    if request.develop:
+        check_demosaicable(camera, covered_px(grid, camera), grid.pitch_um)
 
 
 def camera_words(request):

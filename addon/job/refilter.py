@@ -29,7 +29,7 @@ from ..scene.camera import captured_region, frame_px, sensor_warning, size_warni
 from ..scene.lens_cache import lens_on_sensor, load_lens, scaled_lens
 from ..scene.rings import ring_fields, rings_for, scene_iris
 from .job import check_output_folder, folder_for
-from .photo import chosen_camera
+from .photo import check_photo, chosen_camera
 from .pictures import REGION
 from .radiance import Captured
 from .remarks import ROUND_BLUR
@@ -123,6 +123,7 @@ def _steps(path, request):
         captured = yield Work(lambda _: _read(path, request.depth, result.irradiance.parent),
                               f"Reading radiance{lacking}", 0.05)
     lens, captured, warning = _fitted(lens, captured, request.view)
+    check_photo(request, captured.radiance.grid)
     if captured.layers and not lens.prescription:
         words = *words, f"{lens.name}: {ROUND_BLUR}"
     warning = "; ".join(filter(None, (*words, warning, _blur_warning(lens, captured, iris))))

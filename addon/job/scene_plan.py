@@ -4,10 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...engine.image.pixel_grid import PixelGrid
+from ...engine.lens.pinhole import fitting_pitch_um
 from ...engine.runtime.errors import InputError
 from ...engine.spectral.spectra import BAND_NM
 from ...engine.spectral.wavelength_choice import WavelengthChoice, choose_wavelengths
-from ..scene.camera import in_view
+from ..scene.camera import frame_px, in_view
 from ..scene.errors import SceneError
 from ..scene.instances import rendered_blocks, rendered_instances
 from ..scene.render_state import rendered_world
@@ -20,6 +22,7 @@ from ..shading.node_rules import REJECTED, SEPARATED
 from ..shading.repeated import repeated_colours, tinting_objects
 from ..shading.substitution import Substitution
 from .bands import WAVELENGTHS_PER_PASS, passes
+from .photo import check_photo
 from .source import check_sources
 
 
@@ -115,6 +118,8 @@ def check_job(scene, job):
         if not BAND_NM[0] <= nm <= BAND_NM[1]:
             raise InputError("options", "wavelength", f"{nm:g} nm",
                              "the colours and lights of a scene cover {:g} to {:g} nm".format(*BAND_NM))
+    shape_px = frame_px(scene)
+    check_photo(job, PixelGrid(shape_px, fitting_pitch_um(job.lens, shape_px)))
     check_sources(scene)
 
 

@@ -53,10 +53,28 @@ def camera_rgb(raw: RawImage) -> np.ndarray:
     """
     if raw.channel is None or len(filter_channels(raw.camera)) == 1:
         return np.atleast_3d(signal(replace(raw, numbers=dng_samples(raw))))
-    if min(raw.numbers.shape) < LEAST_MOSAIC_PX:
-        raise ImageError("raw picture", "size", f"{raw.numbers.shape} px",
-                         f"expected at least {LEAST_MOSAIC_PX} rows and columns to demosaic them")
+    check_demosaicable(raw.camera, raw.numbers.shape)
     return _demosaiced(_demosaicable(raw))
+
+
+def check_demosaicable(camera: Camera, shape_px: tuple[int, int], pitch_um: float = 0.0) -> None:
+    """Raise a CameraError or an ImageError unless `camera_rgb` can be had of a camera's pictures of this shape.
+
+    Parameters
+    ----------
+    camera : Camera
+    shape_px : (int, int)
+        Rows and columns.
+    pitch_um : float
+        Of the pixels of `developed_in`, which may be too large to need it.
+    """
+    channel = channels_of(camera, shape_px)
+    if channel is None or len(filter_channels(camera)) == 1 or _is_coarse(camera, channel, pitch_um):
+        return
+    if min(shape_px) < LEAST_MOSAIC_PX:
+        raise ImageError("raw picture", "size", f"{shape_px} px",
+                         f"expected at least {LEAST_MOSAIC_PX} rows and columns to demosaic them")
+    _quad_bayer_shift(camera, channel)
 
 
 def developed(raw: RawImage) -> np.ndarray:
@@ -96,12 +114,17 @@ def developed_in(raw: RawImage, shape_px: tuple[int, int], pitch_um: float) -> n
     -------
     float32 array (row, column, 3)
     """
-    period = 1 if raw.channel is None else max(filter_cell(raw).shape)
-    if period > 1 and pitch_um >= 2 * period * raw.camera.pitch_um:
+    if raw.channel is not None and _is_coarse(raw.camera, raw.channel, pitch_um):
         return _rec709(_channel_means(raw, shape_px, pitch_um), raw.camera)
     picture = developed(raw)
     own_um = raw.camera.pitch_um * raw.numbers.shape[-2] / len(picture)  # developing may add pixels together
     return _resampled(np.moveaxis(picture, -1, 0), own_um, shape_px, pitch_um)
+
+
+def _is_coarse(camera, channel, pitch_um):
+    """Whether pixels of this pitch contain several cells of a camera's filter array."""
+    period = max(filter_cell(camera, channel).shape)
+    return period > 1 and pitch_um >= 2 * period * camera.pitch_um
 
 
 def _channel_means(raw, shape_px, pitch_um):
@@ -192,15 +215,20 @@ def _extended(size):
 
 def _demosaicable(raw):
     """The picture, if LibRaw demosaics its filter array; of a Quad Bayer pattern, the sums of 2 x 2 pixels."""
-    camera = raw.camera
-    cell = np.array(list(camera.channels))[filter_cell(raw)]
+    shift = _quad_bayer_shift(raw.camera, raw.channel)
+    return _binned(raw, *(n % 2 for n in shift)) if shift else raw
+
+
+def _quad_bayer_shift(camera, channel):
+    """Rows and columns by which a camera's filter array is a shifted Quad Bayer pattern; None for Bayer and X-Trans."""
+    cell = np.array(list(camera.channels))[filter_cell(camera, channel)]
     if _shift(cell, BAYER) or _shift(cell, XTRANS):
-        return raw
+        return None
     shift = _shift(cell, QUAD_BAYER)
     if not shift:
         raise CameraError(f"camera {camera.name}", "filters", "/".join(camera.filters),
                         "expected a Bayer, Quad Bayer or X-Trans pattern of R, G and B to develop its pictures")
-    return _binned(raw, *(n % 2 for n in shift))
+    return shift
 
 
 def _shift(cell, pattern):

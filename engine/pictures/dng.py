@@ -149,6 +149,12 @@ def plane_order(camera: Camera) -> list[int]:
     return sorted(range(len(channels)), key=lambda index: FILTER_CODES.index(channels[index]))
 
 
+def check_channels(camera: Camera) -> None:
+    """Raise a CameraError unless a file can state a camera's channels and their colours."""
+    if plane_order(camera):
+        camera_colour(camera)
+
+
 def dng_samples(raw: RawImage) -> np.ndarray:
     """The samples of a raw picture's file: uint16 array (row, column), or (row, column, plane) without filters."""
     if raw.channel is not None:
@@ -194,16 +200,16 @@ def _colour(camera, order):
 
 
 def _mosaic(raw, order):
-    cell, letters = filter_cell(raw), filter_channels(raw.camera)
+    cell, letters = filter_cell(raw.camera, raw.channel), filter_channels(raw.camera)
     codes = np.array([FILTER_CODES.find(letter) for letter in raw.camera.channels])
     return {"CFARepeatPatternDim": cell.shape, "CFAPattern": codes[cell].astype(np.uint8).tobytes(),
             "CFAPlaneColor": bytes(FILTER_CODES.index(letters[index]) for index in order), "CFALayout": RECTANGULAR,
             "BlackLevelRepeatDim": (1, 1)}  # the default, which RawTherapee 5.9 needs here, and misreads in planes
 
 
-def filter_cell(raw: RawImage) -> np.ndarray:
+def filter_cell(camera: Camera, channel: np.ndarray) -> np.ndarray:
     """The smallest cell that repeats over a mosaic from its first pixel: indices of the camera's channels."""
-    cell = np.asarray(raw.channel)[:len(raw.camera.filters), :len(raw.camera.filters[0])]
+    cell = channel[:len(camera.filters), :len(camera.filters[0])]
     for axis, size in enumerate(cell.shape):
         period = next(n for n in range(1, size + 1)
                       if size % n == 0 and np.array_equal(cell, np.roll(cell, n, axis)))

@@ -188,3 +188,5 @@ def _check_efficiency(camera, refuse):
     if not np.all((efficiency >= 0) & (efficiency <= 1)):
         refuse("quantum_efficiency", "expected 0 to 1", float(efficiency.flat[np.argmax(~((efficiency >= 0) &
                                                                                         (efficiency <= 1)))]))
+    for letter in (letter for letter, row in zip(camera.channels, efficiency, strict=True) if not row.any()):
+        refuse("quantum_efficiency", "expected more than 0 at some wavelength", f"0 in all of {letter}")

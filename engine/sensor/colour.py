@@ -59,7 +59,7 @@ def camera_colour(camera: Camera, illuminant: str = ILLUMINANT) -> CameraColour:
     Raises
     ------
     CameraError
-        The camera has fewer than three channels.
+        The camera has fewer than three channels, or one without response to visible light.
     """
     channels = filter_channels(camera)
     if len(channels) < 3:
@@ -68,6 +68,9 @@ def camera_colour(camera: Camera, illuminant: str = ILLUMINANT) -> CameraColour:
     reflectances = np.stack([load_spectrum(name).at(nm) for name in library_names("reflectance")])
     curves = np.hstack([colour_matching(nm), _response(camera, nm).T])
     white, samples = light @ curves, (reflectances * light) @ curves
+    for letter in (letter for letter, electrons in zip(channels, white[3:], strict=True) if not electrons > 0):
+        raise CameraError(f"camera {camera.name}", "quantum_efficiency", f"0 for visible light in {letter}",
+                          "expected a response in all channels to reproduce colours")
     xyz, balanced = np.split(samples / white, [3], axis=1)
     weights = xyz[:, 1:2]**LIGHTNESS_POWER
     # rows that sum to 1 preserve white: one coefficient follows from the others

@@ -56,6 +56,8 @@ def missing_response(camera: Camera, wavelengths_nm: np.ndarray) -> np.ndarray:
     nm = camera.wavelengths_nm
     fine_nm = _fine(nm[0], nm[-1], nm, wavelengths_nm)
     within_nm = fine_nm[(fine_nm >= np.min(wavelengths_nm)) & (fine_nm <= np.max(wavelengths_nm))]
+    if not within_nm.size:
+        return np.ones(len(camera.channels))
     within, complete = (_electrons_per_joule(camera, each) @ trapezoid_weights(each) for each in (within_nm, fine_nm))
     return 1 - within / complete
 

@@ -17,6 +17,8 @@ from ..runtime.threads import in_bands
 from .camera import Camera
 from .collecting import BAND_PIXELS, check_memory, collected_e
 
+MOST = 1e20  # of seconds and of ISO: their squares, and electrons in single precision, are finite
+
 
 @dataclass(frozen=True)
 class Exposure:
@@ -48,8 +50,9 @@ class Exposure:
 
     def __post_init__(self) -> None:
         for name in ("shutter_s", "iso"):
-            if not 0 < getattr(self, name) < np.inf:
-                raise InputError("exposure", name, getattr(self, name), "expected a positive number")
+            if not 1 / MOST <= getattr(self, name) <= MOST:
+                raise InputError("exposure", name, getattr(self, name),
+                                 f"expected a positive number, from {1 / MOST:g} to {MOST:g}")
         for name in ("seed", "frame", "serial"):
             if not isinstance(getattr(self, name), int) or not 0 <= getattr(self, name) < 2**63:
                 raise InputError("exposure", name, getattr(self, name), "expected a whole number from 0")
@@ -85,10 +88,10 @@ class RawImage:
 
     @property
     def highest_dn(self) -> int:
-        """Digital number at which the converter or a pixel's full well ends."""
+        """Digital number at which the converter or a pixel's full well ends; above the black level at any gain."""
         camera = self.camera
         full_dn = camera.black_dn + camera.gain_at(self.exposure.iso) * camera.saturation_e
-        return min(camera.white_dn, int(full_dn))
+        return min(camera.white_dn, max(int(full_dn), int(camera.black_dn) + 1))
 
     @property
     def dark_dn(self) -> float:

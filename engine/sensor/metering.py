@@ -22,8 +22,9 @@ def metered(irradiance: SpectralImage, camera: Camera, iso: float | None = None,
             **others: Any) -> Exposure:
     """The exposure that the camera's meter chooses: the shutter, or the ISO if only the shutter is given.
 
-    The mean of the frame, with pixels counted as saturated at most, becomes `METERED` of saturation. Bright lamps
-    therefore do not darken the picture. The meter has the spectral sensitivity of the camera's most sensitive channel.
+    The mean of the frame's pixels with light, counted as saturated at most, becomes `METERED` of saturation. Bright
+    lamps therefore do not darken the picture, and black around a render region or an image circle does not brighten it.
+    The meter has the spectral sensitivity of the camera's most sensitive channel.
 
     Parameters
     ----------
@@ -59,8 +60,8 @@ def exposure_factor(irradiance: SpectralImage, camera: Camera, exposure: Exposur
     sensitivity = response(camera, irradiance.wavelengths_nm)
     of_meter = sensitivity[np.argmax(sensitivity.sum(axis=1))].astype(np.float32)
     light_e = exposure.shutter_s * np.tensordot(of_meter, _sampled(irradiance.frame().cube), 1).ravel()
-    relative = light_e.astype(np.float64) / full_scale_e(camera, exposure.iso)
-    if not np.any(relative > 0):
+    relative = light_e[light_e > 0].astype(np.float64) / full_scale_e(camera, exposure.iso)
+    if not relative.size:
         return 1.0
     low, high = 1 / LARGEST_CHANGE, LARGEST_CHANGE
     for _ in range(HALVINGS):

@@ -91,6 +91,17 @@ def test_bad_requests_are_refused_before_any_work(scene, arguments, words, tmp_p
     assert not list(tmp_path.glob("a.*"))
 
 
+@pytest.mark.parametrize("change, words", [
+    ({"filters": ("RR", "GB")}, "camera own: filters is RR/GB: expected a Bayer, Quad Bayer or X-Trans pattern"),
+    ({"filters": ("RG",)}, "camera own: channels is RG: expected at least three"),
+    ({"pitch_um": 200.0}, "raw picture: size is (4, 5) px: expected at least 12 rows and columns")])
+def test_pictures_that_cannot_be_developed_are_refused_before_any_file(scene, change, words, tmp_path, capsys):
+    (tmp_path / "own.toml").write_text(camera_text(replace(load_camera("nikon-d700"), name="own", **change)))
+    assert run("develop", scene, "--camera", tmp_path / "own.toml", "-o", tmp_path / "a.dng", "-o",
+               tmp_path / "a.png") == 1
+    assert words in capsys.readouterr().err and not list(tmp_path.glob("a.*"))
+
+
 def test_a_raw_file_names_the_lens_of_the_picture_and_no_other(scene, tmp_path, capsys):
     lens = load_lens("edmund-54852", quality="preview")
     image = replace(read_exr(scene), lens_name=lens.name, f_number_effective=lens.f_number_effective)

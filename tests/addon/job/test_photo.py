@@ -9,7 +9,7 @@ import rawpy
 from PIL import Image
 
 from lensfield import addon
-from lensfield.engine import CameraError, load_camera
+from lensfield.engine import CameraError, InputError, load_camera
 from lensfield.engine.pictures.spectral_exr import read_exr, read_parts
 from lensfield.engine.sensor.camera_file import camera_text
 from small_scenes import material, wall
@@ -94,6 +94,16 @@ def test_a_changed_exposure_or_camera_renders_a_frame_again(squares, tmp_path):
     assert missing(camera=own, iso=800.0, dng=True) == [1]
     own.write_text(camera_text(replace(COARSE, dark_noise_e=9.0)), encoding="utf-8")
     assert missing(camera=own, iso=400.0, dng=True) == [1]
+
+
+@pytest.mark.parametrize("given, words", [
+    ({"camera": replace(COARSE, filters=("RR", "GB"))}, "filters is RR/GB"), ({"iso": -5.0}, "iso is -5.0"),
+    ({"camera": replace(COARSE, filters=("RG",)), "dng": True, "develop": False}, "channels is RG"),
+    ({"camera": replace(COARSE, shape_px=(4, 6), pitch_um=6000.0)}, "size is .3, 6. px")])
+def test_a_picture_that_cannot_be_taken_is_refused_before_the_render(squares, given, words, tmp_path):
+    with pytest.raises(InputError, match=words):
+        rendered(squares, tmp_path, **{"camera": COARSE} | given)
+    assert not list(tmp_path.iterdir())
 
 
 def test_an_unknown_camera_is_refused_before_the_render(squares, tmp_path):

@@ -53,3 +53,12 @@ def test_the_wavelengths_of_a_channel_are_those_of_its_electrons():
 def test_a_camera_with_fewer_than_three_channels_has_no_colours():
     with pytest.raises(CameraError, match="channels is G: expected at least three"):
         camera_colour(replace(load_camera("sony-a7-iv"), filters=("G",)))
+
+
+def test_a_camera_with_an_infrared_channel_has_no_colours():
+    camera = load_camera("sony-a7-iv")
+    nm, rows = np.append(camera.wavelengths_nm, [850, 900, 950]), np.pad(camera.quantum_efficiency, ((0, 1), (0, 3)))
+    rows[3, -2] = 0.3
+    with pytest.raises(CameraError, match="is 0 for visible light in I: expected a response"):
+        camera_colour(replace(camera, filters=("RG", "IB"), channels="RGBI", wavelengths_nm=nm,
+                              quantum_efficiency=rows))

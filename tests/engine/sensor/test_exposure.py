@@ -48,6 +48,8 @@ def test_broad_light_is_integrated_between_coarse_wavelengths():
         np.testing.assert_allclose(response(CAMERA, np.array(nm, float)).sum(axis=1), exact, rtol=1e-5)
     missing = [1 - electrons_per_s(each, 510, 640) / complete for each, complete in zip(EFFICIENCY, exact, strict=True)]
     np.testing.assert_allclose(missing_response(CAMERA, [510, 640]), missing, rtol=1e-5)
+    for beyond_nm in ([300.0, 320.0], [900.0]):
+        assert missing_response(CAMERA, beyond_nm).tolist() == [1, 1, 1]
 
 
 @pytest.mark.parametrize("filters, corner", [
@@ -186,11 +188,18 @@ def test_a_picture_larger_than_the_sensor_is_cut_and_a_coarser_one_resampled():
     assert expose(flat(0.02, (900, 900)), CAMERA, Exposure(0.01, 100.0)).numbers.shape == CAMERA.shape_px
 
 
+def test_a_full_well_below_one_digital_number_is_still_above_black():
+    raw = expose(flat(0.02), replace(CAMERA, black_dn=0.0, gain_dn_per_e=1e-6),
+                 Exposure(0.01, 100.0, noise=False))
+    assert raw.highest_dn == 1 and raw.dark_dn < 1e-6 and raw.saturated == 0 and not raw.numbers.any()
+
+
 @pytest.mark.parametrize("change, message", [
     ({"pitch_um": 0.0}, "pitch_um is 0.0: expected a positive number"), ({"prnu": -0.1}, "prnu is -0.1: expected 0"),
     ({"bits": 17}, "bits is 17: expected 1 to 16"), ({"filters": ("RX",)}, "filters is X: expected only R, G, B"),
     ({"filters": ("RG", "G")}, "filters is .*same length"),
     ({"quantum_efficiency": EFFICIENCY * 2}, "is 1.2: expected 0 to 1"),
+    ({"quantum_efficiency": EFFICIENCY * [[0], [1], [1]]}, "is 0 in all of R: expected more than 0"),
     ({"quantum_efficiency": EFFICIENCY[:2]}, "4 numbers for each of 3"), ({"gain_dn_per_e": "1"}, "expected a number"),
     ({"crosstalk": 1.5}, "is 1.5: expected at most 1"), ({"pixel_aperture": 0.0}, "expected a positive number"),
     ({"black_dn": 5000.0}, "black_dn is 5000.0: expected less than 4095"), ({"shape_px": (0, 4)}, "shape_px is")])
@@ -202,6 +211,8 @@ def test_bad_cameras_are_refused(change, message):
 def test_bad_exposures_are_refused():
     with pytest.raises(InputError, match="exposure: shutter_s is 0: expected a positive number"):
         Exposure(0, 100.0)
+    with pytest.raises(InputError, match=r"exposure: iso is 1e\+300: expected a positive number, from 1e-20 to 1e\+20"):
+        Exposure(1.0, 1e300)
     with pytest.raises(InputError, match="seed is -1: expected a whole number"):
         Exposure(1.0, 100.0, seed=-1)
     with pytest.raises(ImageError, match="quantity is radiance: expected irradiance"):

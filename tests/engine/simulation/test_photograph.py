@@ -48,6 +48,14 @@ def test_lamps_do_not_darken_the_metered_picture():
     assert lamp > 0.9 * plain
 
 
+@pytest.mark.parametrize("value", [0.0, np.nan, -1.0, -np.inf])
+def test_black_and_damaged_pixels_leave_the_exposure_alone(value):
+    """A render region, a transparent film and a small image circle are black around the picture."""
+    cropped = daylight(20.0)
+    cropped.cube[:, 9:], cropped.cube[:, :, 60:] = value, value
+    assert photograph(cropped, CAMERA, noise=False).exposure == photograph(daylight(20.0), CAMERA, noise=False).exposure
+
+
 def test_a_black_picture_has_an_exposure():
     assert photograph(daylight(0.0), CAMERA).exposure == Exposure(1 / 60, 200.0)
 
