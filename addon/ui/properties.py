@@ -262,7 +262,10 @@ class LensfieldSettings(bpy.types.PropertyGroup):
         return self.lens_file if self.lens == FROM_FILE else self.lens
 
     def camera_name_or_path(self):
-        """The name or path for `load_camera`, "" for none; raises an InputError for no file or an untrusted one."""
+        """The name or path for `load_camera`, "" for none; raises an InputError for no file, an untrusted one, or a
+        camera that Lensfield no longer has."""
+        if not self.camera:  # the number in the .blend is none of the items'
+            raise InputError("scene settings", "camera", "unknown", "choose one that this version of Lensfield has")
         if self.camera != FROM_FILE:
             return "" if self.camera == NO_CAMERA else self.camera
         if not self.camera_file:

@@ -1,5 +1,6 @@
 """The second main function: sensor irradiance becomes a raw picture of a camera."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
@@ -16,6 +17,7 @@ from .report_parts import Part, Parts
 
 MISSING_LIMIT = 0.01  # of a channel's response
 DARKEST = 0.01  # share of the pixels
+COMPLETE = 0.98  # of the lens image: sizes of sensors are rounded
 BLOCK_PX = 12  # a multiple of the sides of usual filter arrays
 
 
@@ -39,6 +41,8 @@ class CameraFacts(Part):
         As in `darkest_snr`.
     resampled : float or None
         As in `RawImage`.
+    covered : float
+        Share of the lens image that the sensor covers.
     missing : tuple of (str, float)
         Share of each channel's response beyond the wavelengths of the light.
     """
@@ -53,6 +57,7 @@ class CameraFacts(Part):
     saturated: float
     darkest_snr: float
     resampled: float | None
+    covered: float
     missing: tuple[tuple[str, float], ...]
 
     def remarks(self, parts: Parts) -> Iterator[str]:
@@ -65,6 +70,8 @@ class CameraFacts(Part):
         if self.resampled:
             yield (f"pixels of the lens image are {self.resampled:.3g} times as large as the camera's: resampled to "
                    "{1} x {0} px".format(*self.raw_px))
+        if self.covered < COMPLETE:
+            yield f"the camera's sensor covers {self.covered:.0%} of the lens image: the picture lacks the rest"
         if line := missing_text(self.missing):
             yield line
 
@@ -110,7 +117,7 @@ def photograph(irradiance: SpectralImage, camera: Camera, iso: float | None = No
         report.add(CameraFacts(
             camera.name, camera.title, exposure.shutter_s, exposure.iso, iso is None or shutter_s is None,
             irradiance.arbitrary, raw.numbers.shape[-2:], raw.saturated, darkest_snr(raw), raw.resampled,
-            missing_channels(camera, irradiance.wavelengths_nm)))
+            covered_share(irradiance, camera), missing_channels(camera, irradiance.wavelengths_nm)))
     return raw
 
 
@@ -118,6 +125,12 @@ def held(camera: Camera, frame_px: tuple[int, int]) -> Camera:
     """The camera as it is held for a picture of these rows and columns."""
     rows, columns = camera.shape_px
     return camera.turned if (rows - columns) * (frame_px[0] - frame_px[1]) < 0 else camera
+
+
+def covered_share(irradiance: SpectralImage, camera: Camera) -> float:
+    """Share of the lens image's area that the sensor covers."""
+    return math.prod(min(1.0, n * camera.pitch_um / (picture * irradiance.pitch_um))
+                     for n, picture in zip(camera.shape_px, irradiance.frame_px, strict=True))
 
 
 def darkest_snr(raw: RawImage) -> float:

@@ -43,6 +43,14 @@ def test_all_bodies_are_offered():
     assert {name for name, *_ in camera_items(None, None)} == {"NONE", *bundled_cameras(), "FILE"}
 
 
+@pytest.mark.one_blender
+def test_a_camera_that_no_longer_exists_is_reported(scene):
+    scene.lensfield["camera"] = 987654  # of none of the cameras, as in a .blend of another version
+    with pytest.raises(InputError, match="camera is unknown: choose one that this version of Lensfield has"):
+        scene.lensfield.to_request()
+    assert "choose one that" in " ".join(drawn(scene).labels)
+
+
 def test_the_users_own_file_is_read_if_it_is_trusted(scene, tmp_path):
     path = tmp_path / "own.toml"
     path.write_text(camera_text(load_camera("nikon-d700")), encoding="utf-8")

@@ -102,6 +102,15 @@ def test_another_pitch_and_missing_wavelengths_are_reported():
     assert missing_text(missing_channels(CAMERA, NM)) == ""
 
 
+@pytest.mark.parametrize("shape_px, covered", [((60, 120), 1.0), ((80, 100), 0.75), ((120, 240), 0.25)])
+def test_a_sensor_smaller_than_the_lens_image_is_reported(shape_px, covered):
+    report = Report()
+    photograph(daylight(100.0, shape_px), replace(CAMERA, shape_px=(60, 120)), report=report)
+    assert report.parts.of(CameraFacts).covered == pytest.approx(covered)
+    words = f"the camera's sensor covers {covered:.0%} of the lens image: the picture lacks the rest"
+    assert (words in report.remarks()) == (covered < 1)
+
+
 @pytest.mark.parametrize("shutter_s, text", [(1 / 60, "1/60 s"), (1 / 8000, "1/8000 s"), (0.5, "0.5 s"), (30, "30 s")])
 def test_shutters_read_as_on_cameras(shutter_s, text):
     assert shutter_text(shutter_s) == text
