@@ -45,13 +45,14 @@ def write_pictures(captured, irradiance, after, exposure, lens, options, iris, r
         Names the files.
     """
     frame, nm = irradiance.grid, reference_nm(lens)
+    after = captured.cut_picture(after)  # a camera's has noise everywhere
     alpha = np.ones(frame.shape_px) if captured.alpha is None else alpha_through_lens(
         captured, lens, options, iris)
     write_rgb_exr(after, result.lens_image, captured.cut(alpha))
     write_plane_exr(nearest_samples(captured.depth_m, lens, captured.radiance.grid, nm), result.depth)
     _write_lens_planes(lens, frame, result)
     before = pinhole_view(np.moveaxis(to_rec709(captured.radiance), -1, 0), lens, captured.radiance.grid)
-    write_png(np.moveaxis(captured.cut(before), 0, -1), result.before, auto_exposure(to_rec709(irradiance)))
+    write_png(captured.cut_picture(np.moveaxis(before, 0, -1)), result.before, auto_exposure(to_rec709(irradiance)))
     write_png(after, result.after, exposure)
 
 
@@ -64,7 +65,7 @@ def write_film_pictures(film, irradiance, picture, exposure, lens, result):
     irradiance, picture, exposure, lens, result
         As in `write_pictures`.
     """
-    frame = irradiance.grid
+    frame, picture = irradiance.grid, film.cut_picture(picture)
     alpha = np.ones(frame.shape_px) if film.alpha is None else alpha_on_film(film.alpha, irradiance, lens)
     write_rgb_exr(picture, result.lens_image, film.cut(alpha))
     write_plane_exr(film.depth_m, result.depth)

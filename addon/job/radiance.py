@@ -109,6 +109,10 @@ class Captured:
         (top, left), (rows, columns) = self.radiance.overscan_px, self.radiance.frame_px
         return planes * (self.region[top:top + rows, left:left + columns] == 1)
 
+    def cut_picture(self, picture):
+        """A picture (row, column, 3) of the frame, black outside the render region."""
+        return np.moveaxis(self.cut(np.moveaxis(picture, -1, 0)), 0, -1)
+
 
 def room_for_capture(scene, job, grid, plan, slabs=()):
     """The memory that a capture needs in addition to the scene: a pass, control variates, and all light so far.

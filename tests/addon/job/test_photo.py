@@ -12,7 +12,7 @@ from lensfield import addon
 from lensfield.engine import CameraError, InputError, load_camera
 from lensfield.engine.pictures.spectral_exr import read_exr, read_parts
 from lensfield.engine.sensor.camera_file import camera_text
-from small_scenes import material, wall
+from small_scenes import material, set_region, wall
 
 pytestmark = pytest.mark.one_blender
 WAVELENGTHS_NM = tuple(range(400, 701, 25))
@@ -63,6 +63,14 @@ def test_a_camera_takes_a_picture_on_its_own_sensor(squares, tmp_path):
     assert photo.before.read_bytes() == plain.before.read_bytes()
     assert not plain.raw.exists() and "raw" not in plain.report.files
     assert any("coarse" in line or "Nikon" in line for line in photo.messages)
+
+
+def test_a_render_region_is_metered_and_developed_alone(squares, tmp_path):
+    """The dim wall fills the left half: it is as bright as ISO 2721 has it, and there is no noise outside it."""
+    set_region(squares, 0, 0.5, 0, 1)
+    picture = shown(rendered(squares, tmp_path, camera=COARSE))
+    assert picture[8:32, 4:32].mean() == pytest.approx(10 / 78, rel=0.15)
+    assert not picture[:, 36:].any()
 
 
 def test_the_light_itself_is_shown_if_it_is_not_developed(squares, tmp_path):
