@@ -4,7 +4,7 @@ from pathlib import Path
 
 from ..engine import ImageError, InputError, Report, load_camera, photograph
 from ..engine.sensor.exposure import covered_px
-from ..engine.simulation.photograph import held, missing_channels, missing_text
+from ..engine.simulation.photograph import CameraFacts, held, missing_channels, missing_text
 from ..engine.simulation.raw_file import check_lens, write_raw_file
 from ..engine.simulation.report import together
 from ..request import RenderRequest
@@ -58,7 +58,8 @@ def _develop(options):
     for shots in zip(*by_output, strict=True):
         reports[shots[0].frame] = report = Report()
         raw = _take(shots[0], options, camera, given, report)
-        given = {"iso": raw.exposure.iso, "shutter_s": raw.exposure.shutter_s}  # of the first frame, for all
+        given = {"iso": raw.exposure.iso, "shutter_s": raw.exposure.shutter_s,  # of the first frame, for all
+                 "factor": report.parts.of(CameraFacts).factor}
         for shot in shots:
             with report.stage(f"write {shot.output.suffix}"):
                 _write(raw, shot, options, lens)

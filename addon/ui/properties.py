@@ -264,7 +264,7 @@ class LensfieldSettings(bpy.types.PropertyGroup):
     def camera_name_or_path(self):
         """The name or path for `load_camera`, "" for none; raises an InputError for no file, an untrusted one, or a
         camera that Lensfield no longer has."""
-        if not self.camera:  # the number in the .blend is none of the items'
+        if not self.camera:  # the .blend has another version's number
             raise InputError("scene settings", "camera", "unknown", "choose one that this version of Lensfield has")
         if self.camera != FROM_FILE:
             return "" if self.camera == NO_CAMERA else self.camera

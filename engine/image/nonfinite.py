@@ -33,6 +33,11 @@ def _all_finite(plane):
         return np.isfinite(plane.sum(dtype=np.float64))
 
 
+def count_nonfinite(plane: np.ndarray) -> int:
+    """The number of NaN and infinite pixels of a plane."""
+    return 0 if _all_finite(plane) else int((~np.isfinite(plane)).sum())
+
+
 def clamp_layers(layered: LayeredRadiance) -> tuple[LayeredRadiance, int]:
     """Layers with non-finite pixels replaced as by `clamp_fireflies`, and the number of these pixels."""
     number, cubes = 0, []

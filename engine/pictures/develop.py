@@ -220,7 +220,7 @@ def _demosaicable(raw):
 
 
 def _quad_bayer_shift(camera, channel):
-    """Rows and columns by which a camera's filter array is a shifted Quad Bayer pattern; None for Bayer and X-Trans."""
+    """The shift of a camera's Quad Bayer pattern, in rows and columns; None for Bayer and X-Trans."""
     cell = np.array(list(camera.channels))[filter_cell(camera, channel)]
     if _shift(cell, BAYER) or _shift(cell, XTRANS):
         return None

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ..image.nonfinite import count_nonfinite
 from ..image.spectral_image import SpectralImage
 from ..sensor.camera import Camera
 from ..sensor.electrons import missing_response
@@ -31,8 +32,8 @@ class CameraFacts(Part):
     shutter_s, iso : float
     metered : bool
         Whether the exposure is the camera's meter's.
-    arbitrary : bool
-        Whether the light was in arbitrary units, and was scaled to suit the exposure.
+    factor : float or None
+        Scale of light in arbitrary units, which suits the exposure; None for light in W m^-2 nm^-1.
     raw_px : (int, int)
         Rows and columns.
     saturated : float
@@ -43,6 +44,8 @@ class CameraFacts(Part):
         As in `RawImage`.
     covered : float
         Share of the lens image that the sensor covers.
+    nonfinite : int
+        NaN and infinite values of the lens image.
     missing : tuple of (str, float)
         Share of each channel's response beyond the wavelengths of the light.
     """
@@ -52,12 +55,13 @@ class CameraFacts(Part):
     shutter_s: float
     iso: float
     metered: bool
-    arbitrary: bool
+    factor: float | None
     raw_px: tuple[int, int]
     saturated: float
     darkest_snr: float
     resampled: float | None
     covered: float
+    nonfinite: int
     missing: tuple[tuple[str, float], ...]
 
     def remarks(self, parts: Parts) -> Iterator[str]:
@@ -65,13 +69,15 @@ class CameraFacts(Part):
         yield (f"{self.title or self.camera}: {shutter_text(self.shutter_s)} at ISO {self.iso:.0f}{chosen}; "
                f"{self.saturated:.2%} of the pixels saturated, signal-to-noise ratio of the darkest "
                f"{DARKEST:.0%}: {self.darkest_snr:.2g}")
-        if self.arbitrary:
+        if self.factor is not None:
             yield "the light is in arbitrary units: it was scaled so that this exposure is the metered one"
         if self.resampled:
             yield (f"pixels of the lens image are {self.resampled:.3g} times as large as the camera's: resampled to "
                    "{1} x {0} px".format(*self.raw_px))
         if self.covered < COMPLETE:
             yield f"the camera's sensor covers {self.covered:.0%} of the lens image: the picture lacks the rest"
+        if self.nonfinite:
+            yield f"{self.nonfinite} values of the lens image are not finite: NaN counts as black"
         if line := missing_text(self.missing):
             yield line
 
@@ -80,7 +86,7 @@ class CameraFacts(Part):
 
 
 def photograph(irradiance: SpectralImage, camera: Camera, iso: float | None = None, shutter_s: float | None = None, *,
-               report: Report | None = None, **others: Any) -> RawImage:
+               factor: float | None = None, report: Report | None = None, **others: Any) -> RawImage:
     """Take a picture with a camera whose sensor is where the lens image is.
 
     For a picture that is higher than wide, the camera is turned.
@@ -93,6 +99,9 @@ def photograph(irradiance: SpectralImage, camera: Camera, iso: float | None = No
     iso, shutter_s : float, optional
         A missing shutter is metered, at the camera's base ISO if the ISO is missing, too; so is an ISO that alone is
         missing.
+    factor : float, optional
+        For light in arbitrary units, instead of the one that suits the exposure: `CameraFacts.factor` of a sequence's
+        first frame.
     report : Report, optional
         Gets CameraFacts.
     others : by name
@@ -108,16 +117,17 @@ def photograph(irradiance: SpectralImage, camera: Camera, iso: float | None = No
     camera = held(camera, irradiance.frame_px)
     if irradiance.arbitrary:
         exposure = usual_exposure(camera, iso, shutter_s, **others)
-        factor = np.float32(exposure_factor(irradiance, camera, exposure))
-        light = replace(irradiance, cube=irradiance.cube * factor, arbitrary=False)
+        factor = exposure_factor(irradiance, camera, exposure) if factor is None else factor
+        light = replace(irradiance, cube=irradiance.cube * np.float32(factor), arbitrary=False)
     else:
         exposure, light = metered(irradiance, camera, iso, shutter_s, **others), irradiance
     raw = expose(light, camera, exposure)
     if report:
         report.add(CameraFacts(
             camera.name, camera.title, exposure.shutter_s, exposure.iso, iso is None or shutter_s is None,
-            irradiance.arbitrary, raw.numbers.shape[-2:], raw.saturated, darkest_snr(raw), raw.resampled,
-            covered_share(irradiance, camera), missing_channels(camera, irradiance.wavelengths_nm)))
+            factor if irradiance.arbitrary else None, raw.numbers.shape[-2:], raw.saturated, darkest_snr(raw),
+            raw.resampled, covered_share(irradiance, camera), sum(map(count_nonfinite, irradiance.cube)),
+            missing_channels(camera, irradiance.wavelengths_nm)))
     return raw
 
 

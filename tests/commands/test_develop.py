@@ -75,6 +75,16 @@ def test_frames_share_the_exposure_of_the_first_but_not_its_noise(scene, tmp_pat
     assert np.abs(read_parts(again)[0][1]["Y"][:60] - mosaics[0][:60]).mean() < 0.05
 
 
+def test_a_fade_in_arbitrary_units_stays_a_fade(scene, tmp_path):
+    for frame, share in ((1, 1.0), (2, 0.25)):
+        picture = replace(read_exr(scene), arbitrary=True)
+        write_exr(replace(picture, cube=share * picture.cube), tmp_path / f"fade_{frame}.exr")
+    assert run("develop", tmp_path / "fade_#.exr", "--camera", "nikon-d700", "-o", tmp_path / "m_#.exr", "--mosaic",
+               "--no-noise") == 0
+    first, second = (read_parts(tmp_path / f"m_{frame}.exr")[0][1]["Y"].mean() for frame in (1, 2))
+    assert second / first == pytest.approx(0.25, rel=0.02)
+
+
 @pytest.mark.parametrize("arguments, words", [
     (["--camera", "leica-m3", "-o", "a.dng"], "leica-m3: camera is unknown"),
     (["--camera", "nikon-d700", "-o", "a.jpg"], "suffix is .jpg: expected .dng, .png, .exr"),

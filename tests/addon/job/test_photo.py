@@ -66,7 +66,7 @@ def test_a_camera_takes_a_picture_on_its_own_sensor(squares, tmp_path):
 
 
 def test_a_render_region_is_metered_and_developed_alone(squares, tmp_path):
-    """The dim wall fills the left half: it is as bright as ISO 2721 has it, and there is no noise outside it."""
+    """The dim wall fills the left half: its brightness is ISO 2721's, and the rest stays black."""
     set_region(squares, 0, 0.5, 0, 1)
     picture = shown(rendered(squares, tmp_path, camera=COARSE))
     assert picture[8:32, 4:32].mean() == pytest.approx(10 / 78, rel=0.15)

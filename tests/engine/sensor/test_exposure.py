@@ -188,7 +188,7 @@ def test_a_picture_larger_than_the_sensor_is_cut_and_a_coarser_one_resampled():
     assert expose(flat(0.02, (900, 900)), CAMERA, Exposure(0.01, 100.0)).numbers.shape == CAMERA.shape_px
 
 
-def test_a_full_well_below_one_digital_number_is_still_above_black():
+def test_saturation_stays_above_black_at_any_gain():
     raw = expose(flat(0.02), replace(CAMERA, black_dn=0.0, gain_dn_per_e=1e-6),
                  Exposure(0.01, 100.0, noise=False))
     assert raw.highest_dn == 1 and raw.dark_dn < 1e-6 and raw.saturated == 0 and not raw.numbers.any()

@@ -56,6 +56,15 @@ def test_black_and_damaged_pixels_leave_the_exposure_alone(value):
     assert photograph(cropped, CAMERA, noise=False).exposure == photograph(daylight(20.0), CAMERA, noise=False).exposure
 
 
+def test_damaged_pixels_are_black_and_reported():
+    light, report = daylight(20.0), Report()
+    light.cube[:, 3, 4] = np.nan
+    raw = photograph(light, CAMERA, report=report, noise=False)
+    assert raw.numbers[3, 4] == CAMERA.black_dn < raw.numbers[3, 6]
+    assert "21 values of the lens image are not finite: NaN counts as black" in report.remarks()
+    assert photograph(light, CAMERA).numbers[3, 4] < CAMERA.black_dn + 7, "5 sigma of its dark noise"
+
+
 def test_a_black_picture_has_an_exposure():
     assert photograph(daylight(0.0), CAMERA).exposure == Exposure(1 / 60, 200.0)
 
