@@ -1,5 +1,7 @@
 """The camera of a job: its raw picture of the lens image, and the developed one."""
 
+from dataclasses import replace
+
 from ...engine import load_camera, photograph
 from ...engine.pictures.develop import check_demosaicable, developed_in
 from ...engine.pictures.dng import check_channels
@@ -7,7 +9,7 @@ from ...engine.pictures.preview import auto_exposure, to_rec709
 from ...engine.runtime.files import discard
 from ...engine.sensor.exposure import covered_px
 from ...engine.sensor.metering import usual_exposure
-from ...engine.simulation.photograph import held, missing_channels, missing_text
+from ...engine.simulation.photograph import CameraFacts, held, missing_channels, missing_text
 from ...engine.simulation.raw_file import write_raw_file
 
 FRAMES = 2**32  # different noise in each; Blender has negative frames
@@ -63,13 +65,14 @@ def take_photo(request, irradiance, lens, result):
     camera = chosen_camera(request)
     if not camera or not request.dng:  # an earlier render may have left one
         discard(result.raw)
-        result.report.files.pop("raw", None)
     if not camera:
         return None
     raw = photograph(irradiance, camera, request.iso or None, request.shutter_s or None,
                      report=result.report, noise=request.noise, frame=result.frame % FRAMES)
     if request.dng:
-        write_raw_file(raw, irradiance, result.raw, lens)
+        uncorrected = write_raw_file(raw, irradiance, result.raw, lens)
+        result.report.files["raw"] = str(result.raw)
+        result.report.add(replace(result.report.parts.of(CameraFacts), uncorrected=tuple(uncorrected)))
     return raw
 
 

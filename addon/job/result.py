@@ -10,8 +10,8 @@ from ...engine import Report
 from ...engine.runtime.errors import InputError
 
 FRAME_FILES = {"radiance": "radiance.exr", "irradiance": "irradiance.exr", "lens_image": "lens_image.exr",
-               "depth": "depth.exr", "before": "before.png", "after": "after.png", "raw": "raw.dng",
-               "record": "report.json"}
+               "depth": "depth.exr", "before": "before.png", "after": "after.png", "record": "report.json"}
+RAW_END = "raw.dng"  # of a file that only frames with a camera have, if the user wants it
 PINHOLE_FILES = "radiance", "before"
 """The FRAME_FILES that a traced lens does not write: they show the view of a pinhole."""
 LENS_FILES = {name: f"{name}.exr" for name in ("relative_illumination", "stmap_distort", "stmap_undistort")}
@@ -65,7 +65,8 @@ class Result:
         """The Result of a frame whose file names start with `stem`."""
         files = {name: folder / f"{stem}_{frame:04d}_{end}" for name, end in FRAME_FILES.items()} | {
             name: folder / f"{stem}_{end}" for name, end in LENS_FILES.items()}
-        return cls(**files, frame=frame, report=Report(files={name: str(path) for name, path in files.items()}))
+        return cls(**files, raw=folder / f"{stem}_{frame:04d}_{RAW_END}", frame=frame,
+                   report=Report(files={name: str(path) for name, path in files.items()}))
 
     @classmethod
     def from_file(cls, path, name, folder=None):
@@ -86,12 +87,17 @@ class Result:
 
     @property
     def pictures(self):
-        """The files of the frame, except its record."""
-        return tuple(getattr(self, name) for name in FRAME_FILES if name != "record")
+        """The files of the frame, except its record; a raw file if there is one."""
+        return *(getattr(self, name) for name in FRAME_FILES if name != "record"), *self._raw_if_any
+
+    @property
+    def _raw_if_any(self):
+        return [self.raw] if self.raw.exists() else []
 
     @property
     def files(self):
-        return tuple(getattr(self, name) for name in (*FRAME_FILES, *LENS_FILES))
+        """All files; a raw file if there is one, which a job writes again or removes."""
+        return *(getattr(self, name) for name in (*FRAME_FILES, *LENS_FILES)), *self._raw_if_any
 
     @property
     def messages(self):
@@ -110,7 +116,7 @@ def check_next_to_frames(folder, *paths):
     folder : Path
     paths : Path or None
     """
-    of_frame = re.compile(rf".+_-?\d+_({'|'.join(map(re.escape, FRAME_FILES.values()))})", re.IGNORECASE)
+    of_frame = re.compile(rf".+_-?\d+_({'|'.join(map(re.escape, [*FRAME_FILES.values(), RAW_END]))})", re.IGNORECASE)
     for path in filter(None, paths):
         if path.resolve().parent == folder.resolve() and of_frame.fullmatch(path.name):
             raise InputError(path, "file", "named like a rendered frame", "choose another name or folder")

@@ -48,6 +48,8 @@ class CameraFacts(Part):
         NaN and infinite values of the lens image.
     missing : tuple of (str, float)
         Share of each channel's response beyond the wavelengths of the light.
+    uncorrected : tuple of str
+        What the raw file does not correct of the lens, a line for each.
     """
 
     camera: str
@@ -63,6 +65,7 @@ class CameraFacts(Part):
     covered: float
     nonfinite: int
     missing: tuple[tuple[str, float], ...]
+    uncorrected: tuple[str, ...] = ()
 
     def remarks(self, parts: Parts) -> Iterator[str]:
         chosen = " (metered)" if self.metered else ""
@@ -80,6 +83,7 @@ class CameraFacts(Part):
             yield f"{self.nonfinite} values of the lens image are not finite: NaN counts as black"
         if line := missing_text(self.missing):
             yield line
+        yield from self.uncorrected
 
     def as_dict(self) -> dict[str, Any]:
         return {"camera": super().as_dict() | {"missing": dict(self.missing)}}

@@ -62,6 +62,6 @@ def test_a_record_contains_the_fields_on_which_a_frame_depends(scene):
     job = job_of(scene, lens="edmund-54852", wavelengths_nm=[450, 550], view="camera", room=0.25, source="digest")
     record = recorded_fields(job)
     marked = {name for name, each in settings_of(RenderRequest).items() if each.recorded}
-    assert record.keys() == marked | {"lens", "lens_digest", "clamp", "settings"}
+    assert record.keys() == marked | {"lens", "lens_digest", "camera_digest", "clamp", "settings"}
     assert (record["room"], record["wavelengths_nm"], record["denoise"]) == (0.25, [450.0, 550.0], "off")
     assert record["lens_digest"] == job.lens.digest.hex() and record["options"]["accuracy"] == 0.01
