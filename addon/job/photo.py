@@ -6,7 +6,6 @@ from ...engine import load_camera, photograph
 from ...engine.pictures.develop import check_demosaicable, developed_in
 from ...engine.pictures.dng import check_channels
 from ...engine.pictures.preview import auto_exposure, to_rec709
-from ...engine.runtime.files import discard
 from ...engine.sensor.exposure import covered_px
 from ...engine.sensor.metering import usual_exposure
 from ...engine.simulation.photograph import CameraFacts, held, missing_channels, missing_text
@@ -48,7 +47,7 @@ def camera_words(request):
 
 
 def take_photo(request, irradiance, lens, result):
-    """Take a picture of the lens image with a request's camera, and write its raw file if it is wanted.
+    """Take a picture of the lens image with a request's camera, and write its raw file if it is requested.
 
     Parameters
     ----------
@@ -59,15 +58,9 @@ def take_photo(request, irradiance, lens, result):
 
     Returns
     -------
-    RawImage or None
-        None without a camera.
+    RawImage
     """
-    camera = chosen_camera(request)
-    if not camera or not request.dng:  # an earlier render may have left one
-        discard(result.raw)
-    if not camera:
-        return None
-    raw = photograph(irradiance, camera, request.iso or None, request.shutter_s or None,
+    raw = photograph(irradiance, chosen_camera(request), request.iso or None, request.shutter_s or None,
                      report=result.report, noise=request.noise, frame=result.frame % FRAMES)
     if request.dng:
         uncorrected = write_raw_file(raw, irradiance, result.raw, lens)

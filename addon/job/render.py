@@ -27,6 +27,7 @@ from .scene_plan import check_job
 from .steps import RenderPass, Work
 
 RENDER_SHARE = 0.85  # of the progress bar; the rest is the engine's and the files'
+WRITING = 0.96  # of the progress bar, when the files are about to be written
 
 
 @cache
@@ -148,7 +149,7 @@ def lens_steps(captured, lens, request, iris, result, fraction):
     irradiance = yield Work(lambda on_progress: simulate(captured.layers or captured.radiance, lens, request.options,
                                                          iris=iris, progress=on_progress, report=report,
                                                          cache=shared_cache()),
-                            f"Through {lens.name}", fraction, 0.98 - fraction)
+                            f"Through {lens.name}", fraction, WRITING - fraction)
     irradiance = replace(irradiance, cube=captured.cut(irradiance.cube))
     yield from _file_steps(irradiance, lens, request, result,
                            lambda *shown: write_pictures(captured, irradiance, *shown, lens, request.options, iris,
@@ -171,11 +172,15 @@ def _file_steps(irradiance, lens, request, result, write_its_pictures):
     """Steps that write an irradiance, take a picture with the request's camera, and write what pictures show."""
     report = result.report
     yield Work(_timed(report, "write irradiance", lambda _: write_exr(irradiance, result.irradiance)),
-               "Writing irradiance", 0.97)
-    raw = yield Work(_timed(report, "camera", lambda _: take_photo(request, irradiance, lens, result)),
-                     "Taking the picture", 0.98)
-    shown = yield Work(_timed(report, "camera", lambda _: shown_picture(request, irradiance, raw)), "Developing", 0.98)
-    yield Work(_timed(report, "write pictures", lambda _: write_its_pictures(*shown)), "Writing pictures", 0.99)
+               "Writing irradiance", WRITING)
+    raw = None
+    if request.camera:
+        raw = yield Work(_timed(report, "camera", lambda _: take_photo(request, irradiance, lens, result)),
+                         "Taking the picture", 0.97)
+    if raw is None or not request.dng:
+        discard(result.raw)  # an earlier render may have left one
+    yield Work(_timed(report, "write pictures", lambda _: write_its_pictures(*shown_picture(request, irradiance, raw))),
+               "Writing pictures", 0.98)
 
 
 def _timed(report, stage, call):
