@@ -63,5 +63,5 @@ def _apply(options):
         with progress(options, write) as on_progress:
             result = addon.apply_lens(options.radiance, progress=on_progress, **given)
         print(f"plan: {result.report.lens_image.plan.text}")
-        finish(options, result.report, result.report.files.values())
+        finish(options, result.report, result.files)
         write(lens_image=str(result.lens_image), messages=result.messages)
