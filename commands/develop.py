@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from ..engine import ImageError, InputError, Report, load_camera, photograph
-from ..engine.sensor.exposure import covered_px
+from ..engine.sensor.exposure import FRAMES, covered_px
 from ..engine.simulation.photograph import CameraFacts, held, missing_channels, missing_text
 from ..engine.simulation.raw_file import check_lens, write_raw_file
 from ..engine.simulation.report import together
@@ -15,7 +15,6 @@ from .sequence import find_shots
 from .terminal import quiet
 
 OUTPUTS = ".dng", ".png", ".exr"
-FRAMES = 2**32  # different noise in each; frames may be negative
 
 
 def add_options(develop):
@@ -37,7 +36,7 @@ def add_options(develop):
     develop.add_argument("--report", type=Path, metavar="FILE.json",
                          help="write a report: the exposure, saturated pixels, signal-to-noise ratio")
     lens = develop.add_argument_group("lens", "that made the picture, for converters to straighten it")
-    lens.add_argument("--lens", metavar="NAME|FILE", help="the lens (default: the raw file has no correction)")
+    lens.add_argument("--lens", metavar="NAME|FILE", help="the lens (default: no correction in the raw file)")
     add_lens_settings(develop)
     add_untrusted(develop)
     develop.set_defaults(run=_develop, confines=lambda options: (options.irradiance, options.outputs[0].parent))

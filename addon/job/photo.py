@@ -6,12 +6,11 @@ from ...engine import load_camera, photograph
 from ...engine.pictures.develop import check_demosaicable, developed_in
 from ...engine.pictures.dng import check_channels
 from ...engine.pictures.preview import auto_exposure, to_rec709
-from ...engine.sensor.exposure import covered_px
+from ...engine.sensor.exposure import FRAMES, covered_px
 from ...engine.sensor.metering import usual_exposure
 from ...engine.simulation.photograph import CameraFacts, held, missing_channels, missing_text
 from ...engine.simulation.raw_file import write_raw_file
 
-FRAMES = 2**32  # different noise in each; Blender has negative frames
 DEVELOPED_EXPOSURE = 1.0  # of a developed picture: white is where the camera saturates
 
 
@@ -43,7 +42,8 @@ def check_photo(request, grid):
 def camera_words(request):
     """What users should know about a request's camera before the render: list of lines."""
     camera = chosen_camera(request)
-    return [line for line in [camera and missing_text(missing_channels(camera, request.wavelengths_nm))] if line]
+    line = missing_text(missing_channels(camera, request.wavelengths_nm)) if camera else ""
+    return [line] if line else []
 
 
 def take_photo(request, irradiance, lens, result):
@@ -70,7 +70,7 @@ def take_photo(request, irradiance, lens, result):
 
 
 def shown_picture(request, irradiance, raw):
-    """The lens image as pictures show it: linear Rec. 709 (row, column, 3), and its exposure in PNGs.
+    """The lens image as pictures show it: linear Rec. 709 (row, column, 3), its exposure in PNGs, and the light's.
 
     Parameters
     ----------
@@ -78,7 +78,8 @@ def shown_picture(request, irradiance, raw):
     irradiance : SpectralImage
     raw : RawImage or None
     """
+    light = to_rec709(irradiance)
+    exposure = auto_exposure(light)
     if raw is None or not request.develop:
-        picture = to_rec709(irradiance)
-        return picture, auto_exposure(picture)
-    return developed_in(raw, irradiance.frame_px, irradiance.pitch_um), DEVELOPED_EXPOSURE
+        return light, exposure, exposure
+    return developed_in(raw, irradiance.frame_px, irradiance.pitch_um), DEVELOPED_EXPOSURE, exposure

@@ -9,7 +9,7 @@ from ...engine.field.frame_planes import nearest_samples, pinhole_view, relative
 from ...engine.field.stmap import distort_map, undistort_map
 from ...engine.image.irradiance import irradiance_per_radiance
 from ...engine.inspection.curves import reference_nm
-from ...engine.pictures.preview import auto_exposure, to_rec709, write_png
+from ...engine.pictures.preview import to_rec709, write_png
 from ...engine.pictures.spectral_exr import write_exr, write_plane_exr, write_rgb_exr
 from ...engine.runtime.files import stamp_of
 from ...engine.spectral.colour import REC709_LUMINANCE, rec709_weights
@@ -26,7 +26,7 @@ def write_radiance(captured, path):
               captured.layers)
 
 
-def write_pictures(captured, irradiance, after, exposure, lens, options, iris, result):
+def write_pictures(captured, irradiance, after, exposure, light_exposure, lens, options, iris, result):
     """Write the lens image and its planes; and PNGs of the frame through a perfect pinhole and through the lens, which
     have the same exposure unless the latter is a camera's.
 
@@ -36,8 +36,8 @@ def write_pictures(captured, irradiance, after, exposure, lens, options, iris, r
     irradiance : SpectralImage
     after : array (row, column, 3)
         The lens image, or its developed picture, in linear Rec. 709.
-    exposure : float
-        Of the lens image's PNG.
+    exposure, light_exposure : float
+        Of the lens image's PNG, and of the pinhole's.
     lens : Lens
     options : Options
     iris : Iris or None
@@ -52,11 +52,11 @@ def write_pictures(captured, irradiance, after, exposure, lens, options, iris, r
     write_plane_exr(nearest_samples(captured.depth_m, lens, captured.radiance.grid, nm), result.depth)
     _write_lens_planes(lens, frame, result)
     before = pinhole_view(np.moveaxis(to_rec709(captured.radiance), -1, 0), lens, captured.radiance.grid)
-    write_png(captured.cut_picture(np.moveaxis(before, 0, -1)), result.before, auto_exposure(to_rec709(irradiance)))
+    write_png(captured.cut_picture(np.moveaxis(before, 0, -1)), result.before, light_exposure)
     write_png(after, result.after, exposure)
 
 
-def write_film_pictures(film, irradiance, picture, exposure, lens, result):
+def write_film_pictures(film, irradiance, picture, exposure, _, lens, result):
     """Write the lens image and its planes, for a film that was rendered through the lens itself.
 
     Parameters

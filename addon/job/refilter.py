@@ -56,7 +56,7 @@ def apply_lens(radiance, *, progress=None, **given):
     progress : callable (fraction, label), optional
     given : by name
         Fields of a `RenderRequest`: `lens`, and optionally `output_folder` (by default the radiance's), `options`,
-        `view`, `focus`, `f_number`, `focused_wide_open`, `iris`, `lens_quality` and `depth`, and those of a camera.
+        `view`, `focus`, `f_number`, `focused_wide_open`, `iris`, `lens_quality`, `depth`, and a camera's.
 
     Returns
     -------

@@ -142,7 +142,7 @@ def render_steps(scene, job, one=None):
 def lens_steps(captured, lens, request, iris, result, fraction):
     """Steps that put a Captured through a lens and write the resulting files; `fraction` is that of the job so far.
 
-    Options and camera are those of a RenderRequest.
+    The RenderRequest gives the options and the camera.
     """
     report = result.report
     discard(result.record)  # the files that it describes are about to change

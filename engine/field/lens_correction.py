@@ -51,7 +51,7 @@ class LensCorrection(Value):
 
     @property
     def remarks(self) -> list[str]:
-        """What is not corrected, and why: a line for each."""
+        """A line, with the reason, for each uncorrected aberration."""
         lines = []
         if self.warp is None:
             strong = abs(self.distortion) > STRONGEST_DISTORTION

@@ -17,6 +17,7 @@ from ..runtime.threads import in_bands
 from .camera import Camera
 from .collecting import BAND_PIXELS, check_memory, collected_e
 
+FRAMES = 2**32  # with different noise; of programs that have negative frames, too, take the remainder
 MOST = 1e20  # of seconds and of ISO: their squares, and electrons in single precision, are finite
 
 
