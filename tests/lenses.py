@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from lensfield.engine import Lens, Options, SpectralImage, simulate
+from lensfield.engine import Options, SpectralImage, simulate
 from lensfield.engine.field.radial.distortion import FieldGeometry
 from lensfield.engine.field.radial.psf_bank import PsfBank
 from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.lens import RadialLens
 
 PIXEL_BY_PIXEL = Options(method="paper", section_size=1)
 SENSOR_POINT, POINT_UM = ((1.0,),), 1e-6  # a PSF of one sample that is much smaller than a pixel: no blur
@@ -31,7 +32,7 @@ def make_lens(psf=SENSOR_POINT, real_height_mm=None, relative_illumination=None,
         relative_illumination=relative_illumination(nm, height) if relative_illumination else np.ones_like(height),
         psf=np.broadcast_to(psf, nm.shape + psf.shape[-2:]), psf_pitch_um=psf_pitch_um,
         enclosed_energy=np.ones_like(height), transmittance=np.broadcast_to(transmittance, nm.shape[:1]))
-    return Lens(**facts | changes)
+    return RadialLens(**facts | changes)
 
 
 def tinted(lens):

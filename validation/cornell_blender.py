@@ -7,7 +7,7 @@ from scipy.integrate import trapezoid
 import cornell_box as box
 from lensfield import addon
 from lensfield.commands.terminal import quiet
-from lensfield.engine import Lens
+from lensfield.engine.lens import RadialLens
 from lensfield.engine.pictures.spectral_exr import read_exr
 from lensfield.engine.spectral.spectra import BAND_NM
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
@@ -51,11 +51,11 @@ def pinhole():
     """A lens with the view of the box's camera, without blur and distortion."""
     wavelengths_nm, heights_mm = BAND_NM, (0.0, box.SENSOR_MM / 2, box.SENSOR_MM)
     table = np.ones((len(wavelengths_nm), len(heights_mm)))
-    return Lens(name="Cornell box camera", efl_mm=box.FOCAL_LENGTH_MM, magnification=0, f_number_effective=8,
-                object_distance_mm=np.inf, entrance_pupil_mm=0, sensor_mm=(box.SENSOR_MM, box.SENSOR_MM),
-                reference_wavelength_nm=550, wavelengths_nm=wavelengths_nm, heights_mm=heights_mm,
-                real_height_mm=table * heights_mm, relative_illumination=table, psf=table[..., None, None],
-                psf_pitch_um=1, enclosed_energy=table, transmittance=table[:, 0])
+    return RadialLens(name="Cornell box camera", efl_mm=box.FOCAL_LENGTH_MM, magnification=0, f_number_effective=8,
+                      object_distance_mm=np.inf, entrance_pupil_mm=0, sensor_mm=(box.SENSOR_MM, box.SENSOR_MM),
+                      reference_wavelength_nm=550, wavelengths_nm=wavelengths_nm, heights_mm=heights_mm,
+                      real_height_mm=table * heights_mm, relative_illumination=table, psf=table[..., None, None],
+                      psf_pitch_um=1, enclosed_energy=table, transmittance=table[:, 0])
 
 
 def _add_camera(scene):

@@ -7,7 +7,7 @@ from threading import Event
 import numpy as np
 
 from ..lens.conventions import WAVELENGTHS_NM, four_by_three
-from ..lens.lens import Lens
+from ..lens.radial_lens import RadialLens
 from ..prescription.prescription import Prescription
 from ..prescription.system import System
 from ..rays.field_heights import image_radius_mm
@@ -31,7 +31,7 @@ SURVEY_SHARE = 0.2  # approximate share of the bake's time, for the progress bar
 def bake(prescription: Prescription, *, quality: str | Quality = "standard", heights: int | None = None,
          wavelengths_nm: Sequence[float] | np.ndarray = WAVELENGTHS_NM, pitch_um: float | None = None,
          samples: int | None = None, workers: int | None = None,
-         progress: Callable[[float, str], object] = lambda fraction, label: None) -> Lens:
+         progress: Callable[[float, str], object] = lambda fraction, label: None) -> RadialLens:
     """Compute the lens data of a prescription.
 
     Parameters
@@ -54,7 +54,7 @@ def bake(prescription: Prescription, *, quality: str | Quality = "standard", hei
 
     Returns
     -------
-    Lens
+    RadialLens
 
     Raises
     ------
@@ -203,12 +203,12 @@ def _psfs(traced, wavefronts, pitch_um, samples, quality: Quality, workers, prog
 
 
 def _lens(system: System, heights_mm, wavefronts, area, reference_area, flux, pitch_um, psf, notes):
-    """The `Lens` with the baked tables."""
+    """The `RadialLens` with the baked tables."""
     prescription, wavelengths_nm = system.prescription, wavefronts.wavelengths_nm
     real_mm = wavefronts.chief_height_mm.copy()
     real_mm[:, 0] = 0.0  # instead of rounding errors of 1e-15
     energy = psf.sum(axis=(2, 3))
-    return Lens(
+    return RadialLens(
         name=prescription.name, maker=prescription.maker, story=prescription.story, source=prescription.source,
         notes=notes, efl_mm=system.efl_mm, magnification=system.magnification,
         f_number_effective=0.5 / np.sqrt(reference_area / np.pi),

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..lens.lens import Lens
+from ..lens.radial_lens import RadialLens
 from ..rays.aiming import broyden_steps
 from ..rays.ray_table import RayTable
 from ..rays.rings import in_metres
@@ -100,14 +100,14 @@ def landings_mm(rays: RayTable, wavelength_nm: float, height_mm: float, depth_mm
     return landed_mm - [[0.0], [height_mm]], passing & ~lost
 
 
-def lens_at_depth(lens: Lens, rays: RayTable, depth_mm: float) -> Lens:
+def lens_at_depth(lens: RadialLens, rays: RayTable, depth_mm: float) -> RadialLens:
     """A lens with the PSFs of points at a depth, in a window that contains their light, for plots and curves.
 
     The result has only some of the lens's heights and wavelengths. Its other data are those of the plane in focus.
 
     Parameters
     ----------
-    lens : Lens
+    lens : RadialLens
     rays : RayTable
         `lens_rays(lens)`.
     depth_mm : float

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..image.pixel_grid import PixelGrid
 from ..image.sampling import Sampling
-from ..lens.lens import Lens
+from ..lens import Lens, RadialLens
 from ..rays.ray_table import RayTable
 from ..runtime.memory import MemoryBudget
 from .mirror_symmetry import Planes
@@ -326,7 +326,9 @@ class FieldMap(Protocol):
 
 def field_map(lens: Lens) -> FieldMap:
     """The field map of a lens."""
-    return RadialFieldMap(lens)
+    if isinstance(lens, RadialLens):
+        return RadialFieldMap(lens)
+    raise NotImplementedError
 
 
 def packed_ray_values(count: int, wavelengths: int) -> int:

@@ -1,6 +1,6 @@
 """Checks of lens data from any source, for valid but suspicious values.
 
-`Lens` itself refuses invalid values. Each check here is a small generator of findings. The bounds are set so that
+`RadialLens` itself refuses invalid values. Each check here is a small generator of findings. The bounds are set so that
 accurate tables of real lenses, from a 6 mm video lens to a fisheye of 70 degrees, pass without false findings.
 """
 
@@ -15,7 +15,7 @@ from ..field.radial.distortion import (
     FieldGeometry,
     fit_polynomial,
 )
-from ..lens.lens import Lens
+from ..lens.radial_lens import RadialLens
 from ..runtime.errors import LensError
 from .finding import SEVERITIES, LensFinding, graded, greatest, place
 from .psf_checks import LEAST_NM, PSF_CHECKS
@@ -32,12 +32,12 @@ UNIT_FACTOR = 5  # below the smallest mistake in units, a factor of 10
 FEWEST_HEIGHTS = ORDERS[0] + 2  # with fewer, the engine's polynomials interpolate every height without smoothing
 
 
-def check_lens(lens: Lens) -> list[LensFinding]:
+def check_lens(lens: RadialLens) -> list[LensFinding]:
     """Find suspicious or harmful values in valid lens data.
 
     Parameters
     ----------
-    lens : Lens
+    lens : RadialLens
 
     Returns
     -------

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from ..field.radial.distortion import FieldGeometry
 from ..field.radial.uniform_light import picture_illumination
-from ..lens.lens import Lens, MonochromaticLens
+from ..lens.radial_lens import MonochromaticLens, RadialLens
 from ..runtime.errors import LensError
 from ..spectral.spectra import BAND_NM, colour_matching, linear_weights
 
@@ -41,7 +41,7 @@ class Field:
     reaches_corner: bool
 
 
-def field_of(lens: Lens) -> Field:
+def field_of(lens: RadialLens) -> Field:
     """The Field of a lens; raise a LensError if its distortion folds the picture."""
     optics = lens.at_wavelength(reference_nm(lens))
     geometry = FieldGeometry(optics, lens.name)
@@ -51,17 +51,17 @@ def field_of(lens: Lens) -> Field:
     return Field(optics, geometry, float(edge_mm), reaches_corner)
 
 
-def reference_nm(lens: Lens) -> float:
+def reference_nm(lens: RadialLens) -> float:
     """The reference wavelength, or the nearest within the lens data."""
     return float(lens.nearest_nm(lens.reference_wavelength_nm))
 
 
-def field_angle_rad(lens: Lens, paraxial_height_mm: ArrayLike) -> np.ndarray:
+def field_angle_rad(lens: RadialLens, paraxial_height_mm: ArrayLike) -> np.ndarray:
     """Object-side angle between the axis and the chief ray for a paraxial image height."""
     return np.arctan(np.asarray(paraxial_height_mm) / lens.capture_focal_length_mm)
 
 
-def cosine_fourth(lens: Lens, paraxial_height_mm: ArrayLike) -> np.ndarray:
+def cosine_fourth(lens: RadialLens, paraxial_height_mm: ArrayLike) -> np.ndarray:
     """Relative illumination of a lens without distortion, vignetting or pupil aberration."""
     return np.cos(field_angle_rad(lens, paraxial_height_mm)) ** 4
 
@@ -71,7 +71,7 @@ def distortion_percent(field: Field, paraxial_height_mm: float) -> float:
     return float(100 * (field.geometry.distortion(paraxial_height_mm) / paraxial_height_mm - 1))
 
 
-def distortion_grid(lens: Lens, field: Field) -> tuple[np.ndarray, np.ndarray]:
+def distortion_grid(lens: RadialLens, field: Field) -> tuple[np.ndarray, np.ndarray]:
     """Lines of a square grid in the ideal picture, and their images by the lens at the reference wavelength.
 
     The ideal grid has GRID_CELLS cells along the sensor's short side, and extends beyond the sensor to include all
@@ -98,7 +98,7 @@ def distortion_grid(lens: Lens, field: Field) -> tuple[np.ndarray, np.ndarray]:
     return ideal_mm, ideal_mm / field.geometry.paraxial_per_real(field.geometry.distortion(known), known)[..., None]
 
 
-def relative_illumination(lens: Lens, wavelengths_nm: ArrayLike) -> np.ndarray:
+def relative_illumination(lens: RadialLens, wavelengths_nm: ArrayLike) -> np.ndarray:
     """The relative illumination of pictures at the field heights, by `picture_illumination`.
 
     Returns
@@ -110,7 +110,7 @@ def relative_illumination(lens: Lens, wavelengths_nm: ArrayLike) -> np.ndarray:
                      for each in optics])
 
 
-def lateral_colour_um(lens: Lens, wavelengths_nm: ArrayLike) -> np.ndarray:
+def lateral_colour_um(lens: RadialLens, wavelengths_nm: ArrayLike) -> np.ndarray:
     """Distance of chief rays beyond the chief ray at the reference wavelength.
 
     Wavelengths beyond the lens data are clipped to its first or last.
@@ -144,7 +144,7 @@ def transfer(psf: np.ndarray, pitch_um: float,
     return psf.sum(axis=-1, dtype=np.float64) @ waves, psf.sum(axis=-2, dtype=np.float64) @ waves
 
 
-def white_mtf(lens: Lens, frequencies_per_mm: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+def white_mtf(lens: RadialLens, frequencies_per_mm: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
     """MTF over the field in equal-energy white light, weighted by CIE 1931 Y, including lateral colour.
 
     PSFs are interpolated between the wavelengths of the lens data as in `Lens.at_wavelength`, and constant beyond them.
@@ -173,22 +173,22 @@ def white_mtf(lens: Lens, frequencies_per_mm: Sequence[float]) -> tuple[np.ndarr
             np.abs(np.einsum("nl,lhf->hf", by_wavelength, sagittal)))
 
 
-def diffraction_cutoff_per_mm(lens: Lens) -> float:
+def diffraction_cutoff_per_mm(lens: RadialLens) -> float:
     """Frequency from which the transfer of any lens with this aperture is 0, at the reference wavelength."""
     return 1e6 / (lens.reference_wavelength_nm * lens.f_number_effective)
 
 
-def airy_radius_um(lens: Lens, wavelength_nm: float) -> float:
+def airy_radius_um(lens: RadialLens, wavelength_nm: float) -> float:
     """Radius of the first dark ring of the diffraction pattern: 1.22 times wavelength and f-number."""
     return 1.22e-3 * wavelength_nm * lens.f_number_effective
 
 
-def finest_frequency_per_mm(lens: Lens) -> float:
+def finest_frequency_per_mm(lens: RadialLens) -> float:
     """The finest grating that the PSF samples resolve: half their number per mm."""
     return 500 / lens.psf_pitch_um
 
 
-def preferred_frequencies_per_mm(lens: Lens) -> list[float]:
+def preferred_frequencies_per_mm(lens: RadialLens) -> list[float]:
     """Three frequencies of the series 1, 2, 5 for this lens, ascending to about a tenth of the diffraction cutoff."""
     finest = min(FINEST_FREQUENCY * diffraction_cutoff_per_mm(lens), finest_frequency_per_mm(lens) / 2)
     last = int(np.argmin(np.abs(np.log(FREQUENCY_SERIES / finest))))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..lens.lens import Lens
+from ..lens.radial_lens import RadialLens
 
 SEVERITIES = ("error", "warning", "note")
 
@@ -19,7 +19,7 @@ class LensFinding:
     severity : str
         error: pictures are wrong or impossible; warning: they may be, check the data; note: a limit of the data.
     field : str
-        The field of `Lens` at fault.
+        The field of `RadialLens` at fault.
     value : str
         The value, with its wavelength and paraxial height.
     remedy : str
@@ -42,7 +42,7 @@ def graded(measure: float, note_above: float, warning_above: float, field: str, 
         yield LensFinding("warning" if measure > warning_above else "note", field, value, remedy)
 
 
-def place(lens: Lens, wave: int, height: int) -> str:
+def place(lens: RadialLens, wave: int, height: int) -> str:
     """Wavelength and paraxial height at these indices, as text."""
     return f"at {lens.wavelengths_nm[wave]:g} nm and a height of {lens.heights_mm[height]:g} mm"
 

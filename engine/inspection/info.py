@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from ..lens.lens import Lens
+from ..lens.radial_lens import RadialLens
 from ..runtime.values import json_value
 from .curves import lateral_colour_um, reference_nm, relative_illumination
 
 FRAUNHOFER_F_NM, FRAUNHOFER_C_NM = 486.1, 656.3
 
 
-def lens_info(lens: Lens) -> dict:
+def lens_info(lens: RadialLens) -> dict:
     """First-order data, and distortion, relative illumination and lateral colour over the field.
 
     Returns
@@ -71,7 +71,7 @@ def lens_text(info: dict) -> str:
     return "\n".join(lines)
 
 
-def table_summary(lens: Lens) -> str:
+def table_summary(lens: RadialLens) -> str:
     """The size of a lens's tables, and the least light that a PSF of them holds, in one line."""
     wavelength, height = divmod(int(lens.enclosed_energy.argmin()), lens.heights_mm.size)
     return (f"f = {lens.efl_mm:.5g} mm, f/{lens.f_number_effective:.3g}, {lens.heights_mm.size} heights to "

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..lens.lens import Lens
+from ..lens.radial_lens import RadialLens
 from .curves import (
     Field,
     airy_radius_um,
@@ -31,7 +31,7 @@ MOST_TICKS, MOST_ILLUMINATIONS = 6, 3
 LABEL_SPACING, HEADROOM = 0.09, 1.03  # in heights of a panel
 
 
-def draw_distortion(panel: "Axes", lens: Lens, field: Field) -> None:
+def draw_distortion(panel: "Axes", lens: RadialLens, field: Field) -> None:
     """Draw the ideal grid in grey, and in colour its image by the chief rays."""
     from matplotlib.collections import LineCollection
     from matplotlib.patches import Circle, Rectangle
@@ -60,7 +60,7 @@ def _distortion_title(lens, field):
     return f"Distortion {percent} {place}, ±{np.degrees(field_angle_rad(lens, field.edge_mm)):.3g}°"
 
 
-def draw_mtf(panel: "Axes", lens: Lens, field: Field, frequencies_per_mm: Sequence[float]) -> None:
+def draw_mtf(panel: "Axes", lens: RadialLens, field: Field, frequencies_per_mm: Sequence[float]) -> None:
     """Draw the sagittal and tangential MTF in white light over image height."""
     tangential, sagittal = white_mtf(lens, frequencies_per_mm)
     for colour, along, across in zip(FREQUENCY_COLOURS, tangential.T, sagittal.T, strict=False):  # of five
@@ -72,7 +72,7 @@ def draw_mtf(panel: "Axes", lens: Lens, field: Field, frequencies_per_mm: Sequen
     _label_ends(panel, sagittal[-1], [f"{frequency:g}/mm" for frequency in frequencies_per_mm], FREQUENCY_COLOURS)
 
 
-def draw_illumination(panel: "Axes", lens: Lens, field: Field) -> None:
+def draw_illumination(panel: "Axes", lens: RadialLens, field: Field) -> None:
     """Draw the relative illumination at a few wavelengths over image height, and the cosine fourth law."""
     chosen = even_indices(lens.wavelengths_nm.size, MOST_ILLUMINATIONS)
     nm = lens.wavelengths_nm[chosen]
@@ -89,7 +89,7 @@ def draw_illumination(panel: "Axes", lens: Lens, field: Field) -> None:
                    ha="right", va="top", rotation=90, transform=panel.get_xaxis_transform())
 
 
-def draw_lateral_colour(panel: "Axes", lens: Lens, field: Field) -> None:
+def draw_lateral_colour(panel: "Axes", lens: RadialLens, field: Field) -> None:
     """Draw the lateral colour of each wavelength relative to the reference, and the size of the Airy disk."""
     nm = lens.wavelengths_nm[shown_wavelengths(lens)]
     curves, colours = lateral_colour_um(lens, nm), wavelength_colours(nm)

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..lens.lens import Lens
+from ..lens.radial_lens import RadialLens
 from ..spectral.colour import encode_srgb
 from .curves import Field, field_angle_rad
 from .style import INK, SMALL, degree_labels
@@ -25,7 +25,7 @@ COLOUR_MAP, COLOUR_STEPS = "inferno", 24
 SCALE_BAR_SHARE = 0.5  # of a tile, at most
 
 
-def draw_psf_map(figure: "Figure", corner: tuple[float, float], largest: tuple[float, float], lens: Lens,
+def draw_psf_map(figure: "Figure", corner: tuple[float, float], largest: tuple[float, float], lens: RadialLens,
                  field: Field) -> "tuple[AxesImage, float, float, float]":
     """Draw the map into a figure.
 
@@ -34,7 +34,7 @@ def draw_psf_map(figure: "Figure", corner: tuple[float, float], largest: tuple[f
     figure : matplotlib Figure
     corner, largest : (float, float)
         The upper left corner, from the figure's lower left one, and the largest width and height, in inches.
-    lens : Lens
+    lens : RadialLens
     field : Field
 
     Returns
@@ -62,13 +62,13 @@ def draw_psf_map(figure: "Figure", corner: tuple[float, float], largest: tuple[f
             hidden_share(psfs, lens.psf_pitch_um))
 
 
-def shown_heights(lens: Lens, field: Field) -> np.ndarray:
+def shown_heights(lens: RadialLens, field: Field) -> np.ndarray:
     """Indices of up to MOST_HEIGHTS field heights, evenly spaced in the picture from the axis to the field's edge."""
     places_mm = np.linspace(0, field.geometry.distortion(field.edge_mm), MOST_HEIGHTS)
     return np.unique(np.abs(field.optics.real_height_mm[:, None] - places_mm).argmin(axis=0))
 
 
-def shown_wavelengths(lens: Lens) -> np.ndarray:
+def shown_wavelengths(lens: RadialLens) -> np.ndarray:
     """Indices of up to MOST_WAVELENGTHS wavelengths, evenly spaced from the first to the last."""
     return even_indices(lens.wavelengths_nm.size, MOST_WAVELENGTHS)
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..lens.lens import Lens
+from ..lens.radial_lens import RadialLens
 from ..runtime.build_identity import software
 from ..runtime.errors import InputError
 from ..runtime.files import atomic_path
@@ -27,14 +27,15 @@ HINTING = 0.97  # each letter of a smaller font may be up to a pixel wider
 WORTH_REPORTING = 0.005  # of the light
 
 
-def write_lens_plot(lens: Lens, path: str | os.PathLike, frequencies_per_mm: Sequence[float] | None = None) -> None:
+def write_lens_plot(lens: RadialLens, path: str | os.PathLike,
+                    frequencies_per_mm: Sequence[float] | None = None) -> None:
     """Draw the sheet of a lens as a PNG: PSFs, distortion, MTF, relative illumination, lateral colour.
 
     The file appears complete or not at all.
 
     Parameters
     ----------
-    lens : Lens
+    lens : RadialLens
     path : path
     frequencies_per_mm : sequence of one to five floats, optional
         Frequencies of the MTF in cycles per mm; by default `preferred_frequencies_per_mm`.

@@ -6,7 +6,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from ..lens.lens import Lens
+from ..lens.radial_lens import RadialLens
 from ..spectral.colour import REC709_LUMINANCE, XYZ_TO_REC709, encode_srgb
 from ..spectral.spectra import colour_matching, linear_weights
 from .curves import WHITE_NM, lateral_colour_um
@@ -29,12 +29,12 @@ def wavelength_colours(wavelengths_nm: ArrayLike) -> np.ndarray:
     return np.where(brightest > 0, encode_srgb(full * ink), INVISIBLE)
 
 
-def white_psfs(lens: Lens, heights: Sequence[int] | np.ndarray) -> np.ndarray:
+def white_psfs(lens: RadialLens, heights: Sequence[int] | np.ndarray) -> np.ndarray:
     """PSFs in equal-energy white light, with lateral colour: each wavelength is at its chief ray.
 
     Parameters
     ----------
-    lens : Lens
+    lens : RadialLens
     heights : sequence of int
         Indices of field heights.
 

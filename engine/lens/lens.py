@@ -3,7 +3,7 @@
 import sys
 from collections.abc import Iterable
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,11 +11,8 @@ from numpy.typing import ArrayLike
 from ..prescription.prescription import Prescription
 from ..runtime.errors import LensError, printable
 from ..runtime.values import Value
-from .spline import Spline
-from .symmetry import is_mirror_symmetric
 
 UNIT_SUM_TOLERANCE = 1e-3
-AXIS_SLACK = 0.05  # of the last height: accepted distance of the axial image from the axis; `check_lens` is stricter
 LARGEST = 1e15  # limit for every figure except an infinite distance: larger figures overflow in later steps
 TEXTS = ("name", "maker", "story", "source", "notes")
 FIRST_ORDER = ("efl_mm", "magnification", "f_number_effective", "object_distance_mm", "entrance_pupil_mm",
@@ -23,11 +20,12 @@ FIRST_ORDER = ("efl_mm", "magnification", "f_number_effective", "object_distance
 NUMBERS = (*FIRST_ORDER, "psf_pitch_um")
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Lens(Value):
-    """Lens-design data of a rotationally symmetric lens, for one object distance (section 2.2.1 of the paper).
+    """Lens-design data for one object distance (section 2.2.1 of the paper).
 
-    Its arrays are read-only copies.
+    Its subclasses add the tables over the field: `RadialLens` over heights, for rotationally symmetric lenses, and
+    `GridLens` over x and y, for all others. Arrays are read-only copies.
 
     Attributes
     ----------
@@ -49,22 +47,18 @@ class Lens(Value):
         Width and height of the sensor that the lens is designed for.
     reference_wavelength_nm : float
     wavelengths_nm : array (wavelength,), ascending
-    heights_mm : array (height,), ascending from 0
-        Field heights, as *paraxial* image heights.
-    real_height_mm : array (wavelength, height)
-        Actual height at which the chief ray meets the image plane.
-    relative_illumination : array (wavelength, height)
-        Irradiance relative to the axis, from a uniform Lambertian object plane.
-    psf : float32 array (wavelength, height, v, u)
-        Point spread functions of unit sum. The chief ray is at `[n // 2, n // 2]`; +v points radially away from the
-        axis, u along the tangent.
+    relative_illumination : array (wavelength, *place)
+        Irradiance relative to the axis, from a uniform Lambertian object plane, at the places in the field of the
+        subclass.
+    psf : float32 array (wavelength, *place, v, u)
+        Point spread functions of unit sum. The chief ray is at `[n // 2, n // 2]`.
     psf_pitch_um : float
         Distance between PSF samples, the same along v and u.
-    enclosed_energy : array (wavelength, height)
+    enclosed_energy : array (wavelength, *place)
         Fraction of the light within the PSF window; NaN if unknown.
     transmittance : array (wavelength,)
         T(wavelength) of Eq. 2.
-    point_flux : array (wavelength, height)
+    point_flux : array (wavelength, *place)
         All light that the lens collects from a point of that plane, divided by the light that follows from the f-number
         and the relative illumination at its chief ray. It differs from 1 by a few hundredths at wide apertures, where
         coma moves that much light, and for colours with another f-number. 1 by default, if unknown.
@@ -82,8 +76,6 @@ class Lens(Value):
     sensor_mm: tuple[float, float]
     reference_wavelength_nm: float
     wavelengths_nm: np.ndarray
-    heights_mm: np.ndarray
-    real_height_mm: np.ndarray
     relative_illumination: np.ndarray
     psf: np.ndarray
     psf_pitch_um: float
@@ -96,6 +88,13 @@ class Lens(Value):
     notes: str = field(default="", repr=False)
     prescription: Prescription | None = field(default=None, repr=False)
 
+    AXES: ClassVar[tuple[str, ...]] = ()
+    """The coordinates of places in the field: a field for each axis of the tables."""
+    PLACE: ClassVar[str] = "place"
+    """What a place in the field is called in messages."""
+    LENGTHS: ClassVar[tuple[str, ...]] = ("efl_mm", "object_distance_mm", "entrance_pupil_mm", "psf_pitch_um")
+    """Fields that are as many times larger for a larger lens."""
+
     def __post_init__(self) -> None:
         _check_kinds(self)
         for text in TEXTS:
@@ -107,26 +106,52 @@ class Lens(Value):
                 table = _protected(getattr(self, one.name), np.float32 if one.name == "psf" else np.float64)
                 object.__setattr__(self, one.name, table)
         object.__setattr__(self, "sensor_mm", tuple(float(side) for side in self.sensor_mm))
-        object.__setattr__(self, "psf", _normalised(self.psf, _checked_sums(self)))
+        _check_numbers(self)
+        self._check_axes()
+        _check_shapes(self)
+        self._check_landing()
+        _check_tables(self)
+        object.__setattr__(self, "psf", _normalised(self.psf, _checked_psf_sums(self)))
         super().__post_init__()
+
+    @property
+    def shapes(self) -> dict[str, tuple[int, ...]]:
+        """The shapes of tables that are not axes or PSFs, by name."""
+        waves, places = self.wavelengths_nm.shape, tuple(getattr(self, axis).size for axis in self.AXES)
+        return {name: waves + places for name in ("relative_illumination", "enclosed_energy", "point_flux")} | {
+            "transmittance": waves}
+
+    @property
+    def middle(self) -> tuple[int, ...]:
+        """Indices of the place on the axis, or next to it."""
+        raise NotImplementedError
+
+    def _check_axes(self) -> None:
+        """Raise a LensError for the first invalid coordinate."""
+        raise NotImplementedError
+
+    def _check_landing(self) -> None:
+        """Raise a LensError if chief rays land where those of no lens do."""
+        raise NotImplementedError
+
+    @property
+    def squeeze(self) -> float:
+        """Focal length across over focal length along the picture's width: 1 without anamorphic elements."""
+        return 1.0
 
     @property
     def capture_focal_length_mm(self) -> float:
         """Image height over tangent of the object-side chief-ray angle: the pinhole camera with this lens's view.
 
         From the entrance pupil, an object of height y appears at the angle atan(y / (object distance + entrance
-        pupil)), and its ideal image is |m| y high. At infinity this is the focal length.
+        pupil)), and its ideal image is |m| y high. At infinity this is the focal length. It is the one of the picture's
+        height; along its width, a squeezed picture has this focal length over `squeeze`.
         """
         if np.isinf(self.object_distance_mm):
             return self.efl_mm
         return abs(self.magnification) * (self.object_distance_mm + self.entrance_pupil_mm)
 
-    @cached_property
-    def mirror_symmetric(self) -> bool:
-        """Whether the PSFs are symmetric about the meridional plane except for noise, as a centred lens's are."""
-        return all(map(is_mirror_symmetric, self.psf))
-
-    def scaled(self, factor: float) -> "Lens":
+    def scaled(self, factor: float) -> Self:
         """A lens `factor` times as large, in focus at `factor` times the distance.
 
         Angles, f-number and magnification stay the same, and so do relative illumination and transmittance. Distortion
@@ -142,53 +167,16 @@ class Lens(Value):
         if not 0 < factor < np.inf:
             raise LensError(self.name, "scale", factor, "expected a positive number")
         width_mm, height_mm = self.sensor_mm
-        lengths = ("efl_mm", "object_distance_mm", "entrance_pupil_mm", "heights_mm", "real_height_mm", "psf_pitch_um")
         return replace(self, name=f"{self.name}, scaled by {factor:.4g}",
                        sensor_mm=(factor * width_mm, factor * height_mm),
                        prescription=self.prescription and replace(
                            self.prescription.scaled(factor),
                            object_distance_mm=factor * self.prescription.object_distance_mm),
-                       **{length: factor * getattr(self, length) for length in lengths})
-
-    def at_wavelength(self, wavelength_nm: float) -> "MonochromaticLens":
-        """Lens data for one wavelength.
-
-        Heights and relative illumination, which are smooth in wavelength, follow a spline of up to third degree. PSFs
-        and transmittance are interpolated linearly, to stay within their bounds.
-
-        Raises
-        ------
-        LensError
-            The wavelength is outside the range of the lens data.
-        """
-        below, weight = self.wavelength_position(wavelength_nm)
-        psf = self.psf[below]
-        if weight:
-            psf = (1 - weight) * psf + weight * self.psf[below + 1]
-        nm = float(self.nearest_nm(wavelength_nm))
-        return MonochromaticLens(nm, self.heights_mm, self.real_height_at(nm),
-                                 self._illumination_spline(nm), self._flux_spline(nm), psf, self.psf_pitch_um,
-                                 float(np.interp(nm, self.wavelengths_nm, self.transmittance)))
+                       **{length: factor * getattr(self, length) for length in self.LENGTHS})
 
     def nearest_nm(self, wavelengths_nm: ArrayLike) -> np.ndarray:
         """The wavelengths clipped to the range of the lens data."""
         return np.clip(wavelengths_nm, self.wavelengths_nm[0], self.wavelengths_nm[-1])
-
-    def real_height_at(self, wavelengths_nm: ArrayLike) -> np.ndarray:
-        """Real heights at wavelengths within the lens data: array (..., height)."""
-        return self._height_spline(wavelengths_nm)
-
-    @cached_property
-    def _height_spline(self):
-        return Spline.through(self.wavelengths_nm, self.real_height_mm)
-
-    @cached_property
-    def _illumination_spline(self):
-        return Spline.through(self.wavelengths_nm, self.relative_illumination)
-
-    @cached_property
-    def _flux_spline(self):
-        return Spline.through(self.wavelengths_nm, self.point_flux)
 
     def wavelength_position(self, wavelength_nm: float) -> tuple[int, float]:
         """Position of a wavelength among the lens data's: the index of the one below it, and the weight of the next.
@@ -212,32 +200,10 @@ class Lens(Value):
         return self.wavelengths_nm[sorted(around)]
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class MonochromaticLens(Value):
-    """Lens data at one wavelength: the tables of `Lens` without their wavelength axis."""
-
-    wavelength_nm: float
-    heights_mm: np.ndarray
-    real_height_mm: np.ndarray
-    relative_illumination: np.ndarray
-    point_flux: np.ndarray
-    psf: np.ndarray
-    psf_pitch_um: float
-    transmittance: float
-
-
 def _protected(table, dtype):
     """The table as an array that nothing else can change: a copy, unless it is another lens's."""
     of_lens = type(table) is np.ndarray and table.dtype == dtype and not table.flags.writeable
     return table if of_lens and table.flags.c_contiguous else np.array(table, dtype)
-
-
-def _checked_sums(lens):
-    """The sums of the PSFs, array (wavelength, height); or a LensError that names the first invalid field."""
-    _check_numbers(lens)
-    _check_shapes(lens)
-    _check_tables(lens)
-    return _checked_psf_sums(lens)
 
 
 def _check_kinds(lens):
@@ -273,42 +239,43 @@ def _check_numbers(lens):
 
 
 def _check_shapes(lens):
-    waves, heights = lens.wavelengths_nm.shape, lens.heights_mm.shape
+    waves = lens.wavelengths_nm.shape
     if len(waves) != 1 or waves[0] < 1:
         raise LensError(lens.name, "wavelengths_nm", f"of shape {waves}", "expected at least one wavelength")
-    if len(heights) != 1 or heights[0] < 2:
-        raise LensError(lens.name, "heights_mm", f"of shape {heights}", "expected at least two field heights")
-    shapes = {"real_height_mm": waves + heights, "relative_illumination": waves + heights,
-              "enclosed_energy": waves + heights,
-              "point_flux": waves + heights, "transmittance": waves}
-    for name, shape in shapes.items():
+    for name, shape in lens.shapes.items():
         if getattr(lens, name).shape != shape:
             raise LensError(lens.name, name, f"of shape {getattr(lens, name).shape}", f"expected {shape}")
-    if lens.psf.ndim != 4 or lens.psf.shape[:2] != waves + heights or lens.psf.shape[2] != lens.psf.shape[3]:
-        raise LensError(lens.name, "psf", f"of shape {lens.psf.shape}", f"expected {waves + heights} + (v, u), square")
+    places = lens.shapes["relative_illumination"]
+    if lens.psf.ndim != len(places) + 2 or lens.psf.shape[:-2] != places or lens.psf.shape[-2] != lens.psf.shape[-1]:
+        raise LensError(lens.name, "psf", f"of shape {lens.psf.shape}", f"expected {places} + (v, u), square")
 
 
-def _check_tables(lens):
-    for name in ("wavelengths_nm", "heights_mm", "real_height_mm", "relative_illumination", "transmittance",
-                 "point_flux", "psf"):
+def check_finite(lens: Lens, names: Iterable[str]) -> None:
+    """Raise a LensError for the first table with numbers that are not finite, or too large."""
+    for name in names:
         least, most = (float(end(getattr(lens, name), initial=0)) for end in (np.min, np.max))
         if not np.isfinite([least, most]).all():  # a NaN propagates to both
             raise LensError(lens.name, name, "not finite", "expected only finite numbers")
         if max(-least, most) > LARGEST:
             raise LensError(lens.name, name, f"up to {max(-least, most):g}", f"expected at most {LARGEST:g}")
-    for name in ("wavelengths_nm", "heights_mm"):
-        if np.any(np.diff(getattr(lens, name)) <= 0):
-            raise LensError(lens.name, name, getattr(lens, name).tolist(), "expected ascending values")
+
+
+def check_ascending(lens: Lens, name: str) -> None:
+    """Raise a LensError unless a table's values ascend."""
+    if np.any(np.diff(getattr(lens, name)) <= 0):
+        raise LensError(lens.name, name, getattr(lens, name).tolist(), "expected ascending values")
+
+
+def _check_tables(lens):
+    check_finite(lens, ("wavelengths_nm", "relative_illumination", "transmittance", "point_flux", "psf"))
+    check_ascending(lens, "wavelengths_nm")
     if lens.wavelengths_nm[0] <= 0:
         raise LensError(lens.name, "wavelengths_nm", lens.wavelengths_nm.tolist(), "expected positive nanometres")
-    if lens.heights_mm[0] != 0:
-        raise LensError(lens.name, "heights_mm", f"{lens.heights_mm[0]} first", "expected 0, the axis, first")
-    _check_real_heights(lens)
     for name in ("relative_illumination", "point_flux"):
         table = getattr(lens, name)
         if np.any(table < 0):
             raise LensError(lens.name, name, f"{table.min():g} at its minimum", "expected 0 or more")
-        if np.any(table[:, 0] == 0):
+        if np.any(table[:, *lens.middle] == 0):
             raise LensError(lens.name, name, "0 on the axis", "expected light on the axis")
     if np.any(lens.transmittance < 0) or np.any(lens.transmittance > 1):
         raise LensError(lens.name, "transmittance", lens.transmittance.tolist(), "expected 0 to 1")
@@ -316,27 +283,16 @@ def _check_tables(lens):
         raise LensError(lens.name, "transmittance", "0 at all wavelengths", "expected light at one wavelength or more")
 
 
-def _check_real_heights(lens):
-    """Raise a LensError unless chief rays land on the same side of the axis as their paraxial images."""
-    real_mm = lens.real_height_mm
-    near_axis_mm = AXIS_SLACK * lens.heights_mm[-1]
-    wrong = np.argwhere(np.where(lens.heights_mm > 0, real_mm <= 0, np.abs(real_mm) > near_axis_mm))
-    if wrong.size:
-        wavelength, height = wrong[0]
-        raise LensError(lens.name, "real_height_mm",
-                        f"{real_mm[wavelength, height]:g} at {lens.wavelengths_nm[wavelength]:g} nm and the paraxial "
-                        f"height of {lens.heights_mm[height]:g} mm",
-                        "expected 0 on the axis, and positive heights off it")
-
-
 def _checked_psf_sums(lens):
+    """The sums of the PSFs, array (wavelength, *place)."""
     if lens.psf.min() < 0:
         raise LensError(lens.name, "psf", f"{lens.psf.min():g} at its minimum", "expected 0 or more")
-    sums = lens.psf.sum(axis=(2, 3), dtype=np.float64)
+    sums = lens.psf.sum(axis=(-2, -1), dtype=np.float64)
     worst = np.unravel_index(np.argmax(np.abs(sums - 1)), sums.shape)
     if abs(sums[worst] - 1) > UNIT_SUM_TOLERANCE:
-        raise LensError(lens.name, "psf", f"{sums[worst]:g} in total at wavelength {worst[0]}, height {worst[1]}",
-                        "expected PSFs that sum to 1")
+        wavelength, *place = worst
+        raise LensError(lens.name, "psf", f"{sums[worst]:g} in total at wavelength {wavelength}, "
+                        f"{lens.PLACE} {', '.join(map(str, place))}", "expected PSFs that sum to 1")
     return sums
 
 
@@ -344,4 +300,4 @@ def _normalised(psf, sums):
     """PSFs of unit sum (Eq. 9). An array already normalised to rounding is returned as is, so saving preserves it."""
     if np.abs(sums - 1).max() < 1e-6:
         return psf
-    return (psf / sums[:, :, None, None]).astype(np.float32)
+    return (psf / sums[..., None, None]).astype(np.float32)

@@ -1,4 +1,4 @@
-"""The last step of all readers of lens data: check that the files are consistent, and build the Lens."""
+"""The last step of all readers of lens data: check that the files are consistent, and build the lens."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..lens.lens import Lens
+from ..lens.radial_lens import RadialLens
 from ..runtime.errors import LensError
 from .psf_grid import PsfGrid, psf_table
 
@@ -48,8 +48,8 @@ def entrance_pupil(half_field_deg: float, height_mm: float, magnification: float
     return float(pupil_mm), "Entrance pupil from the field angle of the last height."
 
 
-def build_lens(path: str | Path, read_psf: Callable[[int, int], PsfGrid], image_side: str, **facts: Any) -> Lens:
-    """Build a Lens from tables and PSFs.
+def build_lens(path: str | Path, read_psf: Callable[[int, int], PsfGrid], image_side: str, **facts: Any) -> RadialLens:
+    """Build a lens from tables and PSFs.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def build_lens(path: str | Path, read_psf: Callable[[int, int], PsfGrid], image_
     read_psf : function of (height number, wavelength number), from 1
     image_side : "+y" or "-y"
         The side of the axis with the image points, unless a PSF states it.
-    facts : the other fields of Lens
+    facts : the other fields of RadialLens
         Except enclosed energy, which exports do not contain. Transmittance is optional and 1 by default.
 
     Raises
@@ -72,7 +72,7 @@ def build_lens(path: str | Path, read_psf: Callable[[int, int], PsfGrid], image_
     psf, pitch_um = psf_table(grids, image_side)
     facts.setdefault("transmittance", np.ones(wavelengths.size))
     try:
-        return Lens(psf=psf, psf_pitch_um=pitch_um, enclosed_energy=np.full(real.shape, np.nan), **facts)
+        return RadialLens(psf=psf, psf_pitch_um=pitch_um, enclosed_energy=np.full(real.shape, np.nan), **facts)
     except LensError as error:
         raise error.at(path) from None
 

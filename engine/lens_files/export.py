@@ -28,7 +28,8 @@ from typing import Any
 import numpy as np
 
 from ..lens.conventions import four_by_three
-from ..lens.lens import FIRST_ORDER, TEXTS, Lens
+from ..lens.lens import FIRST_ORDER, TEXTS
+from ..lens.radial_lens import RadialLens
 from ..lens.spline import Spline
 from ..runtime.errors import LensError
 from ..runtime.text import number_table, read_text
@@ -48,7 +49,7 @@ LONGEST_NAME = 255  # characters, the limit of most file systems
 REACHED = 1e-3  # of the last height: by how much a listing may fall short at either end
 
 
-def read_export(path: str | Path) -> Lens:
+def read_export(path: str | Path) -> RadialLens:
     """Read the lens in an export folder, from its description.
 
     Raises

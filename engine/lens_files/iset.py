@@ -13,7 +13,7 @@ from pathlib import Path, PureWindowsPath
 import numpy as np
 
 from ..lens.conventions import four_by_three
-from ..lens.lens import Lens
+from ..lens.radial_lens import RadialLens
 from ..runtime.errors import LensError, shown
 from ..runtime.inputs import is_below
 from ..runtime.text import number_table, object_distance, read_text
@@ -50,7 +50,7 @@ def find_parameter_file(folder: str | Path) -> Path | None:
     return candidates[0] if candidates else None
 
 
-def read_iset(path: str | Path) -> Lens:
+def read_iset(path: str | Path) -> RadialLens:
     """Read the lens in an ISET bundle, from its parameter file.
 
     Raises

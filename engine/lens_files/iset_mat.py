@@ -15,7 +15,7 @@ from pathlib import Path, PureWindowsPath
 import numpy as np
 
 from ..lens.conventions import four_by_three
-from ..lens.lens import Lens
+from ..lens.radial_lens import RadialLens
 from ..runtime.errors import LensError
 from ..runtime.files import temporary_folder
 from ..runtime.inputs import check_input, open_input
@@ -33,7 +33,7 @@ NUMBERS = {"efl_mm": "effectiveFocalLength", "magnification": "mag", "f_number_e
 HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
-def read_iset_mat(path: str | Path) -> Lens:
+def read_iset_mat(path: str | Path) -> RadialLens:
     """Read the lens in an ISETCam .mat, in a separate process.
 
     Raises
@@ -59,7 +59,7 @@ def read_iset_mat(path: str | Path) -> Lens:
 
 
 def _first_order(parts, last_height_mm, path):
-    """First-order fields of Lens, and a note on assumptions."""
+    """First-order fields of `Lens`, and a note on assumptions."""
     facts = {field: _number(parts, name, path) for field, name in NUMBERS.items()}
     facts["object_distance_mm"] = object_distance(facts["object_distance_mm"])
     half_field_deg = _number(parts, "maxfov", path) if "maxfov" in parts else 0.0

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..lens.lens import Lens
+from ..lens.radial_lens import RadialLens
 from ..runtime.build_identity import software
 from ..runtime.errors import LensError, shown
 from ..runtime.files import atomic_path
@@ -23,18 +23,19 @@ FORMAT = "lensfield-lens"
 VERSION = 2
 ARRAYS = ("wavelengths_nm", "heights_mm", "real_height_mm", "relative_illumination", "enclosed_energy", "transmittance")
 ADDED = ("point_flux",)  # absent from older packages
-SCALARS = tuple(field.name for field in fields(Lens) if field.name not in (*ARRAYS, *ADDED, "psf", "prescription"))
+SCALARS = tuple(field.name for field in fields(RadialLens)
+                if field.name not in (*ARRAYS, *ADDED, "psf", "prescription"))
 MEMBERS = ("header", *ARRAYS, *ADDED, "psf_amplitude")
 AMPLITUDE_STEPS = np.iinfo(np.uint16).max
 
 
-def write_package(lens: Lens, path: str | Path) -> None:
+def write_package(lens: RadialLens, path: str | Path) -> None:
     """Write `lens` to `path`. The file appears complete or not at all."""
     with atomic_path(path) as temporary:
         temporary.write_bytes(package_bytes(lens))
 
 
-def package_bytes(lens: Lens) -> bytes:
+def package_bytes(lens: RadialLens) -> bytes:
     """The contents of the file that `write_package` writes."""
     stream = BytesIO()
     header = {"format": FORMAT, "version": VERSION, "software": software()}
@@ -44,7 +45,7 @@ def package_bytes(lens: Lens) -> bytes:
     return stream.getvalue()
 
 
-def read_package(path: str | Path | BytesIO) -> Lens:
+def read_package(path: str | Path | BytesIO) -> RadialLens:
     """Read a lens package: a file, or its contents.
 
     Raises
@@ -63,7 +64,7 @@ def _lens_of(path, contents):
     if missing:
         raise LensError(path, missing[0], "missing", f"required in a lens package of version {VERSION}")
     try:
-        return Lens(**{name: header[name] for name in SCALARS}, **{name: contents[name] for name in ARRAYS},
+        return RadialLens(**{name: header[name] for name in SCALARS}, **{name: contents[name] for name in ARRAYS},
                     **{name: contents[name] for name in ADDED if name in contents},
                     psf=_psfs(contents["psf_amplitude"]))
     except LensError as error:

@@ -2,7 +2,7 @@
 
 import hashlib
 from dataclasses import dataclass, fields, is_dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from numbers import Real
 from typing import Any
 
@@ -45,7 +45,7 @@ class Value:
 
     def __reduce__(self) -> tuple:
         # Recreated from its fields: unpickled arrays would be writable, and cached properties need not be stored.
-        return type(self), tuple(getattr(self, field.name) for field in fields(self))
+        return partial(type(self), **{field.name: getattr(self, field.name) for field in fields(self)}), ()
 
 
 def digest_of(value: Any) -> bytes:

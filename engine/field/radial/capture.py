@@ -5,11 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...image.pixel_grid import PixelGrid
-from ...lens import Lens
+from ...lens import RadialLens
 from .distortion import CaptureRadius, FieldGeometry
 
 
-def capture_radius(capture: PixelGrid, lens: Lens) -> CaptureRadius | None:
+def capture_radius(capture: PixelGrid, lens: RadialLens) -> CaptureRadius | None:
     """The radius of paraxial heights in a capture, as a function; None for a plane with the sensor's scale.
 
     A capture shows a ray by its angle from the axis at the entrance pupil, in focal lengths of its pinhole.
@@ -28,7 +28,8 @@ def capture_radius(capture: PixelGrid, lens: Lens) -> CaptureRadius | None:
     return None if capture.projection.is_plane and focal_mm == lens_focal_mm else radius
 
 
-def reach_px(lens: Lens, capture: PixelGrid, wavelengths_nm: Sequence[float] | np.ndarray, psf_radius_px: int) -> int:
+def reach_px(lens: RadialLens, capture: PixelGrid, wavelengths_nm: Sequence[float] | np.ndarray,
+             psf_radius_px: int) -> int:
     """See `overscan.reach_px`."""
     radius = capture_radius(capture, lens)
     real_mm = np.linspace(0, np.hypot(*capture.frame_px) / 2 * capture.pitch_um * 1e-3, 257)
@@ -41,7 +42,7 @@ def reach_px(lens: Lens, capture: PixelGrid, wavelengths_nm: Sequence[float] | n
     return int(np.ceil(moved_mm / (capture.pitch_um * 1e-3))) + psf_radius_px + 1
 
 
-def overscan_px(lens: Lens, capture: PixelGrid, wavelengths_nm: Sequence[float] | np.ndarray,
+def overscan_px(lens: RadialLens, capture: PixelGrid, wavelengths_nm: Sequence[float] | np.ndarray,
                 psf_radius_px: int) -> tuple[int, int]:
     """See `overscan.overscan_px`."""
     radius = capture_radius(capture, lens)

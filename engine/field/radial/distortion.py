@@ -8,7 +8,7 @@ import numpy as np
 from numpy.polynomial.polynomial import polyder, polyval
 
 from ...image.pixel_grid import PixelGrid
-from ...lens.lens import MonochromaticLens
+from ...lens.radial_lens import MonochromaticLens
 from ...runtime.errors import LensError
 
 ORDERS = range(4, 9)

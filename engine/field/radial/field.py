@@ -7,7 +7,7 @@ import numpy as np
 
 from ...image.pixel_grid import PixelGrid
 from ...image.sampling import Sampling
-from ...lens.lens import Lens
+from ...lens.radial_lens import RadialLens
 from ...rays.ray_table import RayTable
 from ...runtime.memory import MemoryBudget
 from ..mirror_symmetry import Planes
@@ -31,7 +31,7 @@ class RadialField:
 
     Parameters
     ----------
-    lens : Lens
+    lens : RadialLens
     wavelength_nm : float
 
     Raises
@@ -40,7 +40,7 @@ class RadialField:
         If the wavelength is outside the lens data, or the distortion folds the field.
     """
 
-    def __init__(self, lens: Lens, wavelength_nm: float) -> None:
+    def __init__(self, lens: RadialLens, wavelength_nm: float) -> None:
         self._lens, self._optics = lens, lens.at_wavelength(wavelength_nm)
         self._geometry = FieldGeometry(self._optics, lens.name)
         self.transmittance = self._optics.transmittance
@@ -96,7 +96,7 @@ class RadialField:
 class RadialFieldMap:
     """A rotationally symmetric lens."""
 
-    lens: Lens
+    lens: RadialLens
 
     @property
     def mirror_symmetric(self) -> bool:

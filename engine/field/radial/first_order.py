@@ -8,17 +8,17 @@ without vignetting and without longitudinal chromatic aberration.
 import numpy as np
 
 from ...lens.entrance_pupil import entrance_pupil_diameter_mm, focus_nearness
-from ...lens.lens import Lens
+from ...lens.radial_lens import RadialLens
 from ...rays.ray_table import HEIGHTS, PUPIL, WAVELENGTHS_NM, RayTable, spline_coefficients
 from .distortion import FieldGeometry
 
 
-def first_order_rays(lens: Lens, reach: float = 1.0) -> RayTable:
+def first_order_rays(lens: RadialLens, reach: float = 1.0) -> RayTable:
     """The table of rays of a lens with this lens's first-order data and distortion, and no other aberrations.
 
     Parameters
     ----------
-    lens : Lens
+    lens : RadialLens
     reach : float
         `RayTable.reach`.
     """

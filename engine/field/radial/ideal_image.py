@@ -8,7 +8,7 @@ from ...image.pixel_grid import PixelGrid
 from ...kernels.footprints import RadialGeometry
 from ...kernels.footprints import footprints as compiled_footprints
 from ...kernels.library import NUMPY, running
-from ...lens.lens import Lens
+from ...lens.radial_lens import RadialLens
 from ...runtime.memory import MemoryBudget
 from ...runtime.threads import in_bands
 from ..mirror_symmetry import Planes
@@ -25,7 +25,7 @@ class IdealImage:
 
     Parameters
     ----------
-    lens : Lens
+    lens : RadialLens
     field : FieldGeometry
     transmittance : float
         Field and transmittance are those at this wavelength.
@@ -40,8 +40,8 @@ class IdealImage:
         For footprints and curves that the next picture reuses.
     """
 
-    def __init__(self, lens: Lens, field: FieldGeometry, transmittance: float, capture: PixelGrid, planes: Planes, *,
-                 vignette: bool, precision: str, memory: MemoryBudget) -> None:
+    def __init__(self, lens: RadialLens, field: FieldGeometry, transmittance: float, capture: PixelGrid,
+                 planes: Planes, *, vignette: bool, precision: str, memory: MemoryBudget) -> None:
         self._field = field
         self._per_radiance = irradiance_per_radiance(transmittance, lens.f_number_effective)
         self._capture_radius = capture_radius(capture, lens)

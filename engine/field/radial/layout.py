@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...lens.lens import Lens
+from ...lens.radial_lens import RadialLens
 from ..mirror_symmetry import Planes
 from .psf_bank import refinement
 
@@ -34,7 +34,7 @@ class RadialLayout:
     mirror_symmetric: bool
 
     @classmethod
-    def of(cls, lens: Lens, pitch_um: float) -> "RadialLayout":
+    def of(cls, lens: RadialLens, pitch_um: float) -> "RadialLayout":
         """The layout of a lens's tables."""
         heights, height_um = lens.heights_mm.size, 1e3 * lens.heights_mm[-1] / lens.heights_mm.size
         return cls(heights, height_um / pitch_um, lens.psf.shape[-1] * lens.psf_pitch_um,

@@ -6,7 +6,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from ...image.sampling import Sampling
-from ...lens.lens import Lens
+from ...lens.radial_lens import RadialLens
 from ...runtime.errors import ImageError
 from ...runtime.threads import thread_pool
 from ..mirror_symmetry import Planes
@@ -26,7 +26,7 @@ class PicturePsfs:
 
     Parameters
     ----------
-    lens : Lens
+    lens : RadialLens
     sampling : Sampling
     most_energy : float
         The largest fraction of a PSF that will be used.
@@ -39,7 +39,7 @@ class PicturePsfs:
         If a wavelength is outside the lens data, or the distortion folds the field.
     """
 
-    def __init__(self, lens: Lens, sampling: Sampling, most_energy: float) -> None:
+    def __init__(self, lens: RadialLens, sampling: Sampling, most_energy: float) -> None:
         self.full_radius_px = psf_radius_px(lens, sampling.grid.pitch_um)
         if self.full_radius_px > LARGEST_PSF_RADIUS_PX:
             raise ImageError("image", "pitch_um", sampling.grid.pitch_um, f"a point spread function would reach "
@@ -114,7 +114,7 @@ class PicturePsfs:
         return np.bincount(interval.ravel(), minlength=heights_mm.size - 1) / interval.size
 
 
-def telling_wavelengths(lens: Lens, sampling: Sampling) -> Sequence[float] | np.ndarray:
+def telling_wavelengths(lens: RadialLens, sampling: Sampling) -> Sequence[float] | np.ndarray:
     """The wavelengths that determine the largest error: the picture's, or adjacent ones of the lens data if fewer.
 
     Between wavelengths of the lens data, PSFs are mixtures, and so are their errors.

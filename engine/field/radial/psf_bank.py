@@ -9,7 +9,7 @@ import scipy
 
 from ...kernels.library import NUMPY, running
 from ...kernels.turning import TurnableSamples, turn
-from ...lens.lens import Lens, MonochromaticLens
+from ...lens.radial_lens import MonochromaticLens, RadialLens
 from ...lens.symmetry import is_rotation_symmetric, mirror_symmetric
 from ...runtime.memory import check_room
 from ..mirror_symmetry import Planes
@@ -315,7 +315,7 @@ class PlacedPsfs:
         return float(self.place(*np.meshgrid((0, rows - 1), (0, columns - 1)))[0].max())
 
 
-def psf_radius_px(lens: Lens | MonochromaticLens, pixel_pitch_um: float) -> int:
+def psf_radius_px(lens: RadialLens | MonochromaticLens, pixel_pitch_um: float) -> int:
     """Largest reach in pixels of the complete PSFs of a lens, at any azimuth, from the pixel of the chief ray."""
     sample_px = lens.psf_pitch_um / refinement(lens, pixel_pitch_um) / pixel_pitch_um
     return _reach_px(np.hypot(1, 1) * (lens.psf.shape[-1] // 2) * lens.psf_pitch_um / pixel_pitch_um, sample_px)
@@ -326,7 +326,7 @@ def _reach_px(distance_px, sample_size_px):
     return int(np.ceil(distance_px + sample_size_px / 2 + SLACK_PX))
 
 
-def refinement(optics: Lens | MonochromaticLens, pixel_pitch_um: float) -> int:
+def refinement(optics: RadialLens | MonochromaticLens, pixel_pitch_um: float) -> int:
     """Samples per sample of the table, in each direction: at most sqrt(0.5) px wide.
 
     Turned squares overlap and leave gaps; with wider ones, uniform light would have ripples of more than 1 %.

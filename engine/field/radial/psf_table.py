@@ -13,7 +13,7 @@ import numpy as np
 
 from ...kernels.library import NUMPY, running
 from ...kernels.spreading import PackedTable, TablePlaces, spread
-from ...lens.lens import Lens
+from ...lens.radial_lens import RadialLens
 from ...runtime.threads import thread_pool
 from ..mirror_symmetry import Planes
 from .psf_bank import PlacedPsfs, PsfBank
@@ -263,7 +263,7 @@ class PsfTables:
 
     Parameters
     ----------
-    lens : Lens
+    lens : RadialLens
     wavelengths_nm : array
         All wavelengths that will be used.
     planes : Planes
@@ -275,7 +275,7 @@ class PsfTables:
     precision : dtype
     """
 
-    def __init__(self, lens: Lens, wavelengths_nm: Sequence[float] | np.ndarray, planes: Planes,
+    def __init__(self, lens: RadialLens, wavelengths_nm: Sequence[float] | np.ndarray, planes: Planes,
                  part: Callable[[PsfBank], PsfBank], azimuths: int, precision: str) -> None:
         self._lens, self._pitch_um, self._part = lens, planes.picture.pitch_um, part
         self._azimuths, self._quarter_turns, self._precision = azimuths, planes.quarter_turns, precision

@@ -7,7 +7,7 @@ Here it is computed for single pixels, without a picture.
 import numpy as np
 
 from ...image.pixel_grid import PixelGrid
-from ...lens.lens import MonochromaticLens
+from ...lens.radial_lens import MonochromaticLens
 from .distortion import FieldGeometry
 from .psf_bank import PsfBank
 

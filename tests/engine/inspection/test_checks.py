@@ -9,9 +9,10 @@ import pytest
 
 from lenses import gaussian_psf, make_lens
 from lensfield import cli
-from lensfield.engine import Lens, load_lens
+from lensfield.engine import load_lens
 from lensfield.engine.inspection import checks
 from lensfield.engine.inspection.finding import SEVERITIES
+from lensfield.engine.lens import RadialLens
 from lensfield.engine.lens_files.package import write_package
 from places import SHARED_DATA
 
@@ -331,9 +332,13 @@ def test_a_traced_fisheye_has_no_errors():
         pytest.skip("no shared data at hand")
     with np.load(path) as data:
         psf = np.maximum(data["psf"], 0).swapaxes(0, 1)
-        lens = Lens("Muller fisheye", 25.25, 0.0, 3.947, np.inf, 20.0, (36.0, 24.0), 550.0, 1e3 * data["wl_um"],
-                    data["hpar_mm"], data["hreal_mm"].T, data["ri"].T, psf / psf.sum(axis=(2, 3), keepdims=True),
-                    float(data["pitch_um"]), np.full(psf.shape[:2], np.nan), np.ones(7))
+        lens = RadialLens(name="Muller fisheye", efl_mm=25.25, magnification=0.0, f_number_effective=3.947,
+                          object_distance_mm=np.inf, entrance_pupil_mm=20.0, sensor_mm=(36.0, 24.0),
+                          reference_wavelength_nm=550.0, wavelengths_nm=1e3 * data["wl_um"],
+                          heights_mm=data["hpar_mm"], real_height_mm=data["hreal_mm"].T,
+                          relative_illumination=data["ri"].T, psf=psf / psf.sum(axis=(2, 3), keepdims=True),
+                          psf_pitch_um=float(data["pitch_um"]), enclosed_energy=np.full(psf.shape[:2], np.nan),
+                          transmittance=np.ones(7))
     severe = [finding for finding in check_lens(lens) if finding.severity != "note"]
     assert {(finding.severity, finding.field) for finding in severe} == {("warning", "psf")}
     assert any("outermost samples at 400 nm and a height of 0 mm" in finding.value for finding in severe)

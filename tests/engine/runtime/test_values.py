@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from lenses import comatic_lens, make_lens
-from lensfield.engine import Lens, load_lens
+from lensfield.engine import load_lens
 from lensfield.engine.depth.depth_range import check_depth
 from lensfield.engine.inspection.finding import LensFinding
+from lensfield.engine.lens import RadialLens
 from lensfield.engine.pictures.rgb_picture import RgbPicture
 from lensfield.engine.runtime import values
 from lensfield.engine.spectral.refraction import Formula, Refraction, Table
@@ -103,7 +104,7 @@ def test_any_change_gives_a_different_value(kind):
         assert replace(other, **{field.name: getattr(value, field.name)}) == value
 
 
-@pytest.mark.parametrize("field", [field.name for field in fields(Lens)])
+@pytest.mark.parametrize("field", [field.name for field in fields(RadialLens)])
 def test_any_change_gives_a_different_lens(field):
     before = lens()
     hash(before)

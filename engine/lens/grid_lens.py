@@ -1,0 +1,143 @@
+"""The data of a lens without rotational symmetry: tables over x and y."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+
+from ..runtime.errors import LensError
+from ..runtime.values import Value
+from .lens import Lens, check_ascending, check_finite
+from .spline import Spline
+
+LEAST_STEP = 1e-6  # of source_mm between adjacent nodes, relative to their distance: less is a folded picture
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class GridLens(Lens):
+    """Lens-design data of a lens without rotational symmetry, for one plane of focus.
+
+    The nodes of its tables are places on the sensor, where chief rays meet it, at every wavelength: the PSF of a pixel
+    is a mixture of those of the four nodes around it. Between nodes, `source_mm` and the relative illumination follow
+    splines.
+
+    Attributes
+    ----------
+    y_mm, x_mm : arrays (row,) and (column,), ascending
+        Places of the nodes, from the axis: x to the right and y upwards in the upright picture.
+    mirrored : (bool, bool)
+        Whether the upper and lower halves of the field, and the right and left ones, are mirror images; y_mm, or x_mm,
+        then begins with 0.
+    source_mm : array (wavelength, row, column, 2)
+        x and y of the light that lands at a node, in an ideal image that fits on the sensor: `capture_focal_length_mm`
+        times the tangent of its angle from the camera's axis along y, and this focal length over `squeeze` along x.
+    within : array (row, column)
+        Distance from the middle of the field relative to its end, at the reference wavelength; the lens data do not
+        cover places with more than 1, and tables continue there.
+    squeeze : float
+        Focal length of the picture's height over the one of its width.
+    focus_slope : (float, float)
+        Rise of the inverse depth in focus, in 1/mm, with x and y of the ideal image, in mm: other than 0 if the plane
+        of focus leans. Depth is along the camera's axis, from the entrance pupil.
+    psf : float32 array (wavelength, row, column, v, u)
+        +v points upwards, +u to the right.
+    """
+
+    y_mm: np.ndarray
+    x_mm: np.ndarray
+    mirrored: tuple[bool, bool]
+    source_mm: np.ndarray
+    within: np.ndarray
+    squeeze: float = 1.0
+    focus_slope: tuple[float, float] = field(default=(0.0, 0.0))
+
+    AXES: ClassVar = ("y_mm", "x_mm")
+    PLACE: ClassVar = "node"
+    LENGTHS: ClassVar = (*Lens.LENGTHS, "y_mm", "x_mm", "source_mm")
+
+    @property
+    def shapes(self) -> dict[str, tuple[int, ...]]:
+        """See `Lens`."""
+        shapes = super().shapes
+        places = shapes["relative_illumination"]
+        return shapes | {"source_mm": (*places, 2), "within": places[1:]}
+
+    @property
+    def middle(self) -> tuple[int, int]:
+        """See `Lens`."""
+        return int(np.argmin(np.abs(self.y_mm))), int(np.argmin(np.abs(self.x_mm)))
+
+    def at_wavelength(self, wavelength_nm: float) -> "MonochromaticGrid":
+        """Lens data for one wavelength, interpolated as by `RadialLens.at_wavelength`.
+
+        Raises
+        ------
+        LensError
+            The wavelength is outside the range of the lens data.
+        """
+        below, weight = self.wavelength_position(wavelength_nm)
+        psf = self.psf[below]
+        if weight:
+            psf = (1 - weight) * psf + weight * self.psf[below + 1]
+        nm = float(self.nearest_nm(wavelength_nm))
+        return MonochromaticGrid(nm, self.y_mm, self.x_mm, self.mirrored, self._source_spline(nm),
+                                 self._illumination_spline(nm), self._flux_spline(nm), self.within, psf,
+                                 self.psf_pitch_um, float(np.interp(nm, self.wavelengths_nm, self.transmittance)))
+
+    @cached_property
+    def _source_spline(self):
+        return Spline.through(self.wavelengths_nm, self.source_mm)
+
+    @cached_property
+    def _illumination_spline(self):
+        return Spline.through(self.wavelengths_nm, self.relative_illumination)
+
+    @cached_property
+    def _flux_spline(self):
+        return Spline.through(self.wavelengths_nm, self.point_flux)
+
+    def _check_axes(self):
+        object.__setattr__(self, "mirrored", tuple(map(bool, self.mirrored)))
+        object.__setattr__(self, "focus_slope", tuple(map(float, self.focus_slope)))
+        if len(self.mirrored) != 2:
+            raise LensError(self.name, "mirrored", self.mirrored, "expected whether the field is mirrored, in y and x")
+        if len(self.focus_slope) != 2 or not np.isfinite(self.focus_slope).all():
+            raise LensError(self.name, "focus_slope", self.focus_slope, "expected two finite numbers")
+        if not 0 < self.squeeze < np.inf:
+            raise LensError(self.name, "squeeze", self.squeeze, "expected a positive number")
+        for name, mirrored in zip(self.AXES, self.mirrored, strict=True):
+            places = getattr(self, name)
+            if places.ndim != 1 or places.size < 2:
+                raise LensError(self.name, name, f"of shape {places.shape}", "expected at least two places")
+            check_finite(self, (name,))
+            check_ascending(self, name)
+            if places[0] > 0 or places[-1] <= 0 or mirrored and places[0] != 0:
+                raise LensError(self.name, name, places.tolist(), "expected places from 0, the axis, outwards"
+                                if mirrored else "expected places on both sides of the axis")
+
+    def _check_landing(self):
+        check_finite(self, ("source_mm", "within"))
+        for number, (name, axis) in enumerate((("y_mm", 1), ("x_mm", 2))):
+            rise = np.diff(self.source_mm[..., 1 - number], axis=axis)
+            steps = np.diff(getattr(self, name)).reshape((-1, 1) if axis == 1 else (-1,))
+            if np.any(rise <= LEAST_STEP * steps):
+                raise LensError(self.name, "source_mm", f"not rising with {name}",
+                                "distortion must be monotonic over the field in use")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MonochromaticGrid(Value):
+    """Lens data at one wavelength: the tables of `GridLens` without their wavelength axis."""
+
+    wavelength_nm: float
+    y_mm: np.ndarray
+    x_mm: np.ndarray
+    mirrored: tuple[bool, bool]
+    source_mm: np.ndarray
+    relative_illumination: np.ndarray
+    point_flux: np.ndarray
+    within: np.ndarray
+    psf: np.ndarray
+    psf_pitch_um: float
+    transmittance: float

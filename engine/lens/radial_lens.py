@@ -1,0 +1,129 @@
+"""The data of a rotationally symmetric lens: tables over field heights."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..runtime.errors import LensError
+from ..runtime.values import Value
+from .lens import Lens, check_ascending, check_finite
+from .spline import Spline
+from .symmetry import is_mirror_symmetric
+
+AXIS_SLACK = 0.05  # of the last height: accepted distance of the axial image from the axis; `check_lens` is stricter
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class RadialLens(Lens):
+    """Lens-design data of a rotationally symmetric lens, for one object distance.
+
+    Attributes
+    ----------
+    heights_mm : array (height,), ascending from 0
+        Field heights, as *paraxial* image heights: the places of `Lens`'s tables.
+    real_height_mm : array (wavelength, height)
+        Actual height at which the chief ray meets the image plane.
+    psf : float32 array (wavelength, height, v, u)
+        +v points radially away from the axis, u along the tangent.
+    """
+
+    heights_mm: np.ndarray
+    real_height_mm: np.ndarray
+
+    AXES: ClassVar = ("heights_mm",)
+    PLACE: ClassVar = "height"
+    LENGTHS: ClassVar = (*Lens.LENGTHS, "heights_mm", "real_height_mm")
+
+    @property
+    def shapes(self) -> dict[str, tuple[int, ...]]:
+        """See `Lens`."""
+        shapes = super().shapes
+        return shapes | {"real_height_mm": shapes["relative_illumination"]}
+
+    @property
+    def middle(self) -> tuple[int]:
+        """See `Lens`."""
+        return (0,)
+
+    @cached_property
+    def mirror_symmetric(self) -> bool:
+        """Whether the PSFs are symmetric about the meridional plane except for noise, as a centred lens's are."""
+        return all(map(is_mirror_symmetric, self.psf))
+
+    def at_wavelength(self, wavelength_nm: float) -> "MonochromaticLens":
+        """Lens data for one wavelength.
+
+        Heights and relative illumination, which are smooth in wavelength, follow a spline of up to third degree. PSFs
+        and transmittance are interpolated linearly, to stay within their bounds.
+
+        Raises
+        ------
+        LensError
+            The wavelength is outside the range of the lens data.
+        """
+        below, weight = self.wavelength_position(wavelength_nm)
+        psf = self.psf[below]
+        if weight:
+            psf = (1 - weight) * psf + weight * self.psf[below + 1]
+        nm = float(self.nearest_nm(wavelength_nm))
+        return MonochromaticLens(nm, self.heights_mm, self.real_height_at(nm),
+                                 self._illumination_spline(nm), self._flux_spline(nm), psf, self.psf_pitch_um,
+                                 float(np.interp(nm, self.wavelengths_nm, self.transmittance)))
+
+    def real_height_at(self, wavelengths_nm: ArrayLike) -> np.ndarray:
+        """Real heights at wavelengths within the lens data: array (..., height)."""
+        return self._height_spline(wavelengths_nm)
+
+    @cached_property
+    def _height_spline(self):
+        return Spline.through(self.wavelengths_nm, self.real_height_mm)
+
+    @cached_property
+    def _illumination_spline(self):
+        return Spline.through(self.wavelengths_nm, self.relative_illumination)
+
+    @cached_property
+    def _flux_spline(self):
+        return Spline.through(self.wavelengths_nm, self.point_flux)
+
+    def _check_axes(self):
+        if self.heights_mm.ndim != 1 or self.heights_mm.size < 2:
+            raise LensError(self.name, "heights_mm", f"of shape {self.heights_mm.shape}",
+                            "expected at least two field heights")
+
+    def _check_landing(self):
+        check_finite(self, ("heights_mm", "real_height_mm"))
+        check_ascending(self, "heights_mm")
+        if self.heights_mm[0] != 0:
+            raise LensError(self.name, "heights_mm", f"{self.heights_mm[0]} first", "expected 0, the axis, first")
+        _check_real_heights(self)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MonochromaticLens(Value):
+    """Lens data at one wavelength: the tables of `RadialLens` without their wavelength axis."""
+
+    wavelength_nm: float
+    heights_mm: np.ndarray
+    real_height_mm: np.ndarray
+    relative_illumination: np.ndarray
+    point_flux: np.ndarray
+    psf: np.ndarray
+    psf_pitch_um: float
+    transmittance: float
+
+
+def _check_real_heights(lens):
+    """Raise a LensError unless chief rays land on the same side of the axis as their paraxial images."""
+    real_mm = lens.real_height_mm
+    near_axis_mm = AXIS_SLACK * lens.heights_mm[-1]
+    wrong = np.argwhere(np.where(lens.heights_mm > 0, real_mm <= 0, np.abs(real_mm) > near_axis_mm))
+    if wrong.size:
+        wavelength, height = wrong[0]
+        raise LensError(lens.name, "real_height_mm",
+                        f"{real_mm[wavelength, height]:g} at {lens.wavelengths_nm[wavelength]:g} nm and the paraxial "
+                        f"height of {lens.heights_mm[height]:g} mm",
+                        "expected 0 on the axis, and positive heights off it")
