@@ -23,8 +23,36 @@ MOST_SURFACES, MOST_TERMS = 300, 100  # several times any lens's: more is damage
 
 
 @dataclass(frozen=True)
+class Pose:
+    """Displacement of a surface, or of the image plane, from its place on the axis.
+
+    It is turned about its vertex, and then moved; the surfaces behind it stay in place.
+
+    Attributes
+    ----------
+    offset_mm : (float, float, float)
+        Along x, y and z.
+    tilt_deg : (float, float, float)
+        Turns about x, then y, then z, axes that stay fixed: right-handed, so that a positive turn about x moves +y
+        towards +z, along the light.
+    """
+
+    offset_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    tilt_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def scaled(self, factor: float) -> Self:
+        """The displacement in a lens `factor` times as large."""
+        x, y, z = self.offset_mm
+        return replace(self, offset_mm=(factor * x, factor * y, factor * z))
+
+
+@dataclass(frozen=True)
 class Surface:
-    """A surface of revolution, and the medium behind it.
+    """A surface, and the medium behind it: a surface of revolution, unless `radius_x_mm` is given.
+
+    With `radius_x_mm`, its sections along x and y differ. It is biconic, or with `profile` a toroid: the profile, along
+    x or y, has this section's radius, conic and aspheric terms, and is turned about an axis parallel to it, at the
+    distance of the other section's radius. A cylinder is a surface with one infinite radius.
 
     Attributes
     ----------
@@ -34,6 +62,16 @@ class Surface:
         Axial distance to the next surface, or to the image plane.
     gaps_mm : tuple of float
         Thickness at each of `Prescription.focused_at_mm` if it varies with focus, otherwise ().
+    radius_x_mm : float or None
+        Radius of curvature of the section along x, with `conic_x`; `radius_mm` and `conic` are then those along y.
+    conic_x : float
+    profile : str
+        "x" or "y" for a toroid with its profile along this axis, "" for a biconic surface.
+    skews : tuple of float
+        For each of `aspheric` of a biconic surface, the p of an anamorphic asphere: r^2 is replaced by
+        (1 - p) x^2 + (1 + p) y^2. () for zeros.
+    pose : Pose or None
+        Its displacement from the axis.
     glass : str
         Medium behind: "" for air, one of `Prescription.glasses`, a catalogue glass ("N-BK7", "SCHOTT N-BK7"), or
         "n/V", its index and Abbe number.
@@ -41,7 +79,7 @@ class Surface:
         Light farther from the axis is blocked; inf if unknown.
     conic : float
     aspheric : tuple of float
-        Coefficients of r^2, r^4, r^6 ... in mm.
+        Coefficients of r^2, r^4, r^6 ... in mm; of the coordinate along the profile, for a toroid.
     stop : bool
         Whether it is the aperture stop.
     odd_aspheric : tuple of float
@@ -60,19 +98,31 @@ class Surface:
     odd_aspheric: tuple[float, ...] = ()
     glass_figures: str = ""
     gaps_mm: tuple[float, ...] = ()
+    radius_x_mm: float | None = None
+    conic_x: float = 0.0
+    profile: str = ""
+    skews: tuple[float, ...] = ()
+    pose: Pose | None = None
+
+    @property
+    def of_revolution(self) -> bool:
+        """Whether it is rotationally symmetric about the axis of the lens."""
+        return self.radius_x_mm is None and self.pose is None
 
     def scaled(self, factor: float) -> Self:
         """The surface of a lens `factor` times as large."""
         return replace(self, radius_mm=self.radius_mm * factor, thickness_mm=self.thickness_mm * factor,
                        gaps_mm=tuple(gap * factor for gap in self.gaps_mm),
                        semi_aperture_mm=self.semi_aperture_mm * factor,
+                       radius_x_mm=self.radius_x_mm and self.radius_x_mm * factor,
+                       pose=self.pose and self.pose.scaled(factor),
                        aspheric=tuple(a * factor ** (1 - 2 * n) for n, a in enumerate(self.aspheric, 1)),
                        odd_aspheric=tuple(a * factor ** (-2 * n) for n, a in enumerate(self.odd_aspheric)))
 
 
 @dataclass(frozen=True)
 class Prescription:
-    """A rotationally symmetric lens of refracting surfaces.
+    """A lens of refracting surfaces.
 
     Attributes
     ----------
@@ -113,6 +163,8 @@ class Prescription:
         Position of the image plane: "as given" behind the last surface, at the "paraxial" focus, sharpest on the axis
         ("best": highest mean MTF there at 20 and 30 line pairs per mm on full frame, in eye-weighted white), or least
         mean square spot over the inner 70 % of the "field".
+    image_pose : Pose or None
+        Displacement of the image plane: a tilted sensor.
     provenance : tuple of (str, str)
         Parts of the design, of `PARTS`, and the origin of their figures, of `ORIGINS`: typed from a patent, published
         elsewhere (by the maker or in a book), estimated from other figures or drawings, or guessed. () if unknown.
@@ -140,10 +192,16 @@ class Prescription:
     highest_f_number: float = HIGHEST_F_NUMBER
     glasses: tuple[Glass, ...] = ()
     widest_stop_mm: float | None = None
+    image_pose: Pose | None = None
     provenance: tuple[tuple[str, str], ...] = dataclass_field(default=(), compare=False)
 
     def __post_init__(self):
         _check(self)
+
+    @property
+    def radial(self) -> bool:
+        """Whether the lens is rotationally symmetric."""
+        return self.image_pose is None and all(surface.of_revolution for surface in self.surfaces)
 
     @property
     def stop_index(self) -> int:
@@ -175,7 +233,8 @@ class Prescription:
                        focused_at_mm=tuple(distance * factor for distance in self.focused_at_mm),
                        closest_focus_mm=self.closest_focus_mm and self.closest_focus_mm * factor,
                        focal_length_mm=self.focal_length_mm and self.focal_length_mm * factor,
-                       widest_stop_mm=self.widest_stop_mm and self.widest_stop_mm * factor)
+                       widest_stop_mm=self.widest_stop_mm and self.widest_stop_mm * factor,
+                       image_pose=self.image_pose and self.image_pose.scaled(factor))
 
     def with_glasses(self, names: Mapping[str, str]) -> Self:
         """The same lens with renamed glasses: `names` maps old names to new ones."""
