@@ -199,8 +199,12 @@ int lf_waves(int variant, const lf_wavefront *w, const lf_picture *out, double *
 /* Whether all look-ups of surfaces are within bounds. */
 static int is_system(const lf_system *s)
 {
-    return within(s->surfaces, 1, 1 << 16) && within(s->stop, 0, s->surfaces - 1) && within(s->even_terms, 0, 1 << 10)
-           && within(s->odd_terms, 0, 1 << 10);
+    if (!within(s->surfaces, 1, 1 << 16) || !within(s->stop, 0, s->surfaces - 1) || !within(s->even_terms, 0, 1 << 10)
+        || !within(s->odd_terms, 0, 1 << 10) || !s->kinds != !s->sections)
+        return 0;
+    for (int64_t n = 0; s->kinds && n < s->surfaces; n++)
+        if (!within(s->kinds[n], LF_REVOLUTION, LF_TOROID_X)) return 0;
+    return 1;
 }
 
 int lf_trace(int variant, const lf_system *s, const double *rays, int64_t count, double *out)

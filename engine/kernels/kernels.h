@@ -135,11 +135,21 @@ typedef int lf_waves_loop(const lf_wavefront *, const lf_picture *out, double *l
 
 /* tracing */
 
-typedef struct { /* a lens at a wavelength: surfaces of revolution, in mm */
+#define LF_REVOLUTION 0 /* kinds of surfaces */
+#define LF_BICONIC 1
+#define LF_TOROID_Y 2   /* with its profile along y */
+#define LF_TOROID_X 3
+
+typedef struct { /* a lens at a wavelength, in mm */
     const double *shapes;  /* (surface, 3 + even_terms + odd_terms): curvature; conic constant; distance to the next
                               surface or the image plane; coefficients of r^2, r^4 ... and of r, r^3 ... */
     const double *indices; /* (surfaces + 1): refractive index in front of each surface and behind the last */
     int64_t surfaces, stop, even_terms, odd_terms;
+    const int64_t *kinds;   /* (surface); 0 if all are of revolution, and so is: */
+    const double *sections; /* (surface, 2 + even_terms): curvature and conic constant along x, with those in shapes along
+                               y; p of each term, with (1 - p) x^2 + (1 + p) y^2 for r^2 */
+    const double *poses;    /* (surface + 1, 12): offset, and the matrix of the tilt by rows, of the surfaces and of the
+                               image plane; 0 if all are on the axis */
 } lf_system;
 
 typedef int lf_trace_loop(const lf_system *, const double *rays, int64_t count, double *out);

@@ -1,4 +1,4 @@
-/* Tracing: rays through surfaces of revolution, from the stop to both sides, and the search for rays that come from an
+/* Tracing: rays through the surfaces of a lens, from the stop to both sides, and the search for rays that come from an
    object point or go to an image point. Lengths are in mm, from the vertex of a surface; see engine/rays/trace.py and
    engine/rays/aiming.py. Every variant processes eight rays at once. */
 #include "variant.h"
@@ -62,15 +62,18 @@ INLINE void stored(double *to, int64_t count, eight_doubles values)
 
 INLINE const double *shape_of(const lf_system *s, int64_t n) { return s->shapes + n * (3 + s->even_terms + s->odd_terms); }
 
+INLINE int64_t kind_of(const lf_system *s, int64_t n) { return s->kinds ? s->kinds[n] : LF_REVOLUTION; }
+
 INLINE int is_conic(const lf_system *s, int64_t n)
 {
+    if (kind_of(s, n) != LF_REVOLUTION) return 0;
     const double *terms = shape_of(s, n) + 3;
     for (int64_t k = 0; k < s->even_terms + s->odd_terms; k++)
         if (terms[k] != 0) return 0;
     return 1;
 }
 
-/* Sag, and its derivative with respect to the squared distance from the axis. */
+/* Sag of a surface of revolution, and its derivative with respect to the squared distance from the axis. */
 INLINE void sag_and_slope(const lf_system *s, int64_t n, eight_doubles square, eight_doubles *sag, eight_doubles *slope)
 {
     const double *shape = shape_of(s, n), *terms = shape + 3, *odd = terms + s->even_terms, curvature = shape[0];
@@ -91,15 +94,108 @@ INLINE void sag_and_slope(const lf_system *s, int64_t n, eight_doubles square, e
     }
 }
 
+typedef struct { eight_doubles sag, by_x, by_y; } relief; /* sag, and its derivatives */
+
+/* As _biconic and _toroid of engine/prescription/surfaces.py. */
+static relief biconic(const double *shape, const double *section, int64_t terms, eight_doubles x, eight_doubles y)
+{
+    const double bend_x = section[0], bend_y = shape[0];
+    const double end_x = (1 + section[1]) * (bend_x * bend_x), end_y = (1 + shape[1]) * (bend_y * bend_y);
+    const eight_doubles square_x = x * x, square_y = y * y;
+    const eight_doubles rest = root(at_least(1 - end_x * square_x - end_y * square_y, LEAST_ROOT * LEAST_ROOT));
+    eight_doubles sag = (bend_x * square_x + bend_y * square_y) / (1 + rest);
+    const eight_doubles steeper = chosen(rest > LEAST_ROOT, sag / (2 * rest * (1 + rest)), even(0));
+    eight_doubles slope_x = bend_x / (1 + rest) + steeper * end_x, slope_y = bend_y / (1 + rest) + steeper * end_y;
+    for (int64_t k = 0; k < terms; k++) {
+        const double skew = section[2 + k], power = (double)(k + 1);
+        const eight_doubles square = (1 - skew) * square_x + (1 + skew) * square_y;
+        eight_doubles raised = even(shape[3 + k]);
+        for (int64_t j = 0; j < k; j++) raised *= square;
+        sag += raised * square;
+        slope_x += power * (1 - skew) * raised, slope_y += power * (1 + skew) * raised;
+    }
+    return (relief){sag, 2 * slope_x * x, 2 * slope_y * y};
+}
+
+/* Of a profile, whose sag and slope are given, turned about an axis parallel to it; by_x is across the profile. */
+static relief toroid(double bend, eight_doubles profile, eight_doubles slope, eight_doubles across)
+{
+    const eight_doubles there = bend / (1 - bend * profile), share = there * across;
+    const eight_doubles rest = root(at_least(1 - share * share, LEAST_ROOT * LEAST_ROOT));
+    const eight_doubles steeper = chosen(rest > LEAST_ROOT, 1 / rest, 2 / (1 + rest));
+    return (relief){profile + share * across / (1 + rest), share * steeper, slope * steeper};
+}
+
+static APART relief of_two_sections(const lf_system *s, int64_t n, eight_doubles x, eight_doubles y)
+{
+    const double *shape = shape_of(s, n), *section = s->sections + n * (2 + s->even_terms);
+    const int64_t terms = s->even_terms;
+    if (kind_of(s, n) == LF_BICONIC) return biconic(shape, section, terms, x, y);
+    if (kind_of(s, n) == LF_TOROID_Y) {
+        const relief along_y = biconic(shape, section, terms, even(0), y);
+        return toroid(section[0], along_y.sag, along_y.by_y, x);
+    }
+    const relief along_x = biconic(shape, section, terms, x, even(0));
+    const relief turned = toroid(shape[0], along_x.sag, along_x.by_x, y);
+    return (relief){turned.sag, turned.by_y, turned.by_x};
+}
+
+INLINE relief relief_of(const lf_system *s, int64_t n, eight_doubles x, eight_doubles y)
+{
+    if (kind_of(s, n) != LF_REVOLUTION) return of_two_sections(s, n, x, y);
+    eight_doubles sag, slope;
+    sag_and_slope(s, n, x * x + y * y, &sag, &slope);
+    return (relief){sag, 2 * slope * x, 2 * slope * y};
+}
+
+/* Sag, and its derivative along a ray. */
+INLINE void sag_along(const lf_system *s, int64_t n, eight_doubles x, eight_doubles y, triple along, eight_doubles *sag,
+                      eight_doubles *rise)
+{
+    if (kind_of(s, n) == LF_REVOLUTION) {
+        eight_doubles slope;
+        sag_and_slope(s, n, x * x + y * y, sag, &slope);
+        *rise = 2 * slope * (x * along.x + y * along.y);
+        return;
+    }
+    const relief here = of_two_sections(s, n, x, y);
+    *sag = here.sag;
+    *rise = here.by_x * along.x + here.by_y * along.y;
+}
+
+/* A matrix, or its transpose, times a vector. */
+INLINE triple tilted(const double *m, int64_t row, int64_t column, triple a)
+{
+    return (triple){m[0] * a.x + m[column] * a.y + m[2 * column] * a.z,
+                    m[row] * a.x + m[row + column] * a.y + m[row + 2 * column] * a.z,
+                    m[2 * row] * a.x + m[2 * row + column] * a.y + m[2 * row + 2 * column] * a.z};
+}
+/* Into the frame of a surface, or of the image plane, from its place on the axis; and back. */
+static void enter(const lf_system *s, int64_t n, ray *r)
+{
+    if (!s->poses) return;
+    const double *offset = s->poses + 12 * n;
+    const triple from = {r->position.x - offset[0], r->position.y - offset[1], r->position.z - offset[2]};
+    r->position = tilted(offset + 3, 1, 3, from);
+    r->direction = tilted(offset + 3, 1, 3, r->direction);
+}
+static void leave(const lf_system *s, int64_t n, ray *r)
+{
+    if (!s->poses) return;
+    const double *offset = s->poses + 12 * n;
+    const triple from = tilted(offset + 3, 3, 1, r->position);
+    r->position = (triple){from.x + offset[0], from.y + offset[1], from.z + offset[2]};
+    r->direction = tilted(offset + 3, 3, 1, r->direction);
+}
+
 /* Distances from the vertex plane, by Newton's method; NaN without convergence. */
 static eight_doubles distance_to_asphere(const lf_system *s, int64_t n, eight_doubles x, eight_doubles y, triple along)
 {
-    eight_doubles distance = even(0), last = even(0), sag, slope;
+    eight_doubles distance = even(0), last = even(0), sag, rise;
     eight_longs active = distance == distance;
     for (int step = 0; step < NEWTON_STEPS && any(active); step++) {
-        const eight_doubles hit_x = x + distance * along.x, hit_y = y + distance * along.y;
-        sag_and_slope(s, n, hit_x * hit_x + hit_y * hit_y, &sag, &slope);
-        const eight_doubles change = (sag - distance * along.z) / (2 * slope * (hit_x * along.x + hit_y * along.y) - along.z);
+        sag_along(s, n, x + distance * along.x, y + distance * along.y, along, &sag, &rise);
+        const eight_doubles change = (sag - distance * along.z) / (rise - along.z);
         distance = chosen(active, distance - change, distance);
         last = chosen(active, size(change), last);
         active &= last > CONVERGED_MM;
@@ -115,9 +211,8 @@ static void refract(const lf_system *s, int64_t n, ray *r, double before, double
     if (is_conic(s, n)) {
         normal = (triple){-curvature * at.x, -curvature * at.y, 1 - curvature * (1 + shape[1]) * at.z};
     } else {
-        eight_doubles sag, slope;
-        sag_and_slope(s, n, at.x * at.x + at.y * at.y, &sag, &slope);
-        normal = (triple){-2 * slope * at.x, -2 * slope * at.y, even(1)};
+        const relief here = relief_of(s, n, at.x, at.y);
+        normal = (triple){-here.by_x, -here.by_y, even(1)};
     }
     const eight_doubles length = root(product(normal, normal));
     normal = (triple){normal.x / length, normal.y / length, normal.z / length};
@@ -126,7 +221,7 @@ static void refract(const lf_system *s, int64_t n, ray *r, double before, double
     r->direction = moved(times(even(ratio), r->direction), after - ratio * cosine, normal);
 }
 
-/* To a surface, whose vertex is the origin of the positions, and through it. */
+/* To a surface, in its own frame, and through it. */
 static void pass(const lf_system *s, int64_t n, ray *r, double before, double behind)
 {
     const double *shape = shape_of(s, n), curvature = shape[0];
@@ -148,10 +243,11 @@ static void pass(const lf_system *s, int64_t n, ray *r, double before, double be
 
 static ray started(const lf_system *s, eight_doubles x, eight_doubles y, eight_doubles slope_x, eight_doubles slope_y)
 {
-    eight_doubles sag, slope;
-    sag_and_slope(s, s->stop, x * x + y * y, &sag, &slope);
-    const eight_doubles length = root(1 + slope_x * slope_x + slope_y * slope_y);
-    return (ray){{x, y, sag}, {slope_x / length, slope_y / length, 1 / length}, even(0)};
+    const eight_doubles length = root(1 + slope_x * slope_x + slope_y * slope_y), zero = even(0);
+    ray r = {{x, y, relief_of(s, s->stop, x, y).sag}, {zero, zero, zero}, zero};
+    leave(s, s->stop, &r);
+    r.direction = (triple){slope_x / length, slope_y / length, 1 / length};
+    return r;
 }
 
 INLINE void note(double *squares, int64_t step, int64_t n, int64_t count, triple at)
@@ -169,8 +265,10 @@ static ray traced_back(const lf_system *s, const ray *from, double *squares, int
     r.direction = times(even(-1), r.direction);
     for (int64_t n = s->stop - 1; n >= 0; n--) {
         r.position.z += shape_of(s, n)[2];
+        enter(s, n, &r);
         pass(s, n, &r, s->indices[n + 1], s->indices[n]);
         note(squares, step, n, count, r.position);
+        leave(s, n, &r);
     }
     r.direction = times(even(-1), r.direction);
     return r;
@@ -180,14 +278,20 @@ static ray traced_back(const lf_system *s, const ray *from, double *squares, int
 static ray traced_on(const lf_system *s, const ray *from, double *squares, int64_t step, int64_t count)
 {
     ray r = copy_of(from);
+    enter(s, s->stop, &r);
     note(squares, step, s->stop, count, r.position);
     refract(s, s->stop, &r, s->indices[s->stop], s->indices[s->stop + 1]);
+    leave(s, s->stop, &r);
     for (int64_t n = s->stop + 1; n < s->surfaces; n++) {
         r.position.z -= shape_of(s, n - 1)[2];
+        enter(s, n, &r);
         pass(s, n, &r, s->indices[n], s->indices[n + 1]);
         note(squares, step, n, count, r.position);
+        leave(s, n, &r);
     }
-    const eight_doubles to_image = (shape_of(s, s->surfaces - 1)[2] - r.position.z) / r.direction.z;
+    r.position.z -= shape_of(s, s->surfaces - 1)[2];
+    enter(s, s->surfaces, &r);
+    const eight_doubles to_image = -r.position.z / r.direction.z;
     r.position = moved(r.position, to_image, r.direction);
     r.path += s->indices[s->surfaces] * to_image;
     return r;

@@ -1,4 +1,4 @@
-"""Rays through surfaces of revolution, and the search for rays from object points or to image points."""
+"""Rays through the surfaces of a lens, and the search for rays from object points or to image points."""
 
 from collections.abc import Sequence
 from ctypes import Structure, byref
@@ -12,12 +12,14 @@ from .library import check, chosen
 
 SYSTEM, TARGETS = STRUCTURES["system"], STRUCTURES["targets"]
 ANGLE, OBJECT_HEIGHT, IMAGE_HEIGHT = (NUMBERS[kind] for kind in ("ANGLE", "OBJECT_HEIGHT", "IMAGE_HEIGHT"))
+KINDS = {"": NUMBERS["BICONIC"], "y": NUMBERS["TOROID_Y"], "x": NUMBERS["TOROID_X"]}
+"""Kinds of surfaces with two sections, by `Surface.profile`; 0 is a surface of revolution."""
 QUANTITIES = 13
 
 
 @dataclass(frozen=True, eq=False)
 class TracedSurfaces:
-    """Surfaces of revolution, in mm.
+    """The surfaces of a lens, in mm.
 
     Attributes
     ----------
@@ -27,20 +29,37 @@ class TracedSurfaces:
     stop : int
         Index of the aperture stop.
     even_terms, odd_terms : int
+    kinds : int64 array (surface,) or None
+        0 or one of `KINDS`; None if all surfaces are of revolution, and so is
+    sections : array (surface, 2 + even_terms) or None
+        Curvature and conic constant along x, with those of `shapes` along y; and the p of each even term, for which r^2
+        is replaced by (1 - p) x^2 + (1 + p) y^2.
+    poses : array (surface + 1, 12) or None
+        Offset, and the matrix of the tilt by rows, of each surface and of the image plane; None if all are on the axis.
     """
 
     shapes: np.ndarray
     stop: int
     even_terms: int
     odd_terms: int
+    kinds: np.ndarray | None = None
+    sections: np.ndarray | None = None
+    poses: np.ndarray | None = None
 
     def system(self, indices: np.ndarray) -> tuple[Structure, tuple[np.ndarray, ...]]:
         """The structure for the loops, with refractive indices (surface + 1,), and its arrays, which it points to."""
         shapes, indices = (np.ascontiguousarray(each, dtype=np.float64) for each in (self.shapes, indices))
-        terms = self.even_terms, self.odd_terms
-        system = SYSTEM(address(shapes, np.float64, (len(shapes), 3 + sum(terms))),
-                        address(indices, np.float64, (len(shapes) + 1,)), len(shapes), self.stop, *terms)
+        surfaces, terms = len(shapes), (self.even_terms, self.odd_terms)
+        system = SYSTEM(address(shapes, np.float64, (surfaces, 3 + sum(terms))),
+                        address(indices, np.float64, (surfaces + 1,)), surfaces, self.stop, *terms,
+                        _address_or_none(self.kinds, np.int64, (surfaces,)),
+                        _address_or_none(self.sections, np.float64, (surfaces, 2 + self.even_terms)),
+                        _address_or_none(self.poses, np.float64, (surfaces + 1, 12)))
         return system, (shapes, indices)
+
+
+def _address_or_none(array, dtype, shape):
+    return None if array is None else address(array, dtype, shape)
 
 
 def trace(surfaces: TracedSurfaces, indices: np.ndarray, rays: Sequence[np.ndarray]

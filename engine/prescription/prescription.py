@@ -40,6 +40,18 @@ class Pose:
     offset_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     tilt_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
+    @property
+    def rotation(self) -> np.ndarray:
+        """Matrix (3, 3) of the tilt: from directions in the surface's own axes to those in the lens's."""
+        turns = []
+        for axis, angle in enumerate(np.radians(self.tilt_deg)):
+            (first, second), turn = [(1, 2), (2, 0), (0, 1)][axis], np.eye(3)
+            turn[[first, second], [first, second]] = np.cos(angle)
+            turn[second, first], turn[first, second] = np.sin(angle), -np.sin(angle)
+            turns.append(turn)
+        about_x, about_y, about_z = turns
+        return about_z @ about_y @ about_x
+
     def scaled(self, factor: float) -> Self:
         """The displacement in a lens `factor` times as large."""
         x, y, z = self.offset_mm
@@ -262,6 +274,7 @@ def _check(prescription):
     _check_rings(prescription, refuse)
     _check_image_space(prescription, f"surface {len(prescription.surfaces)}", refuse)
     _check_aperture_and_field(prescription, refuse)
+    _check_pose(prescription.image_pose, "image_pose", refuse)
     if not prescription.object_distance_mm > 0:
         refuse("object_distance_mm", prescription.object_distance_mm, "expected a positive number, or inf")
     if prescription.sensor_mm and not all(0 < side < np.inf for side in prescription.sensor_mm):
@@ -341,3 +354,39 @@ def _check_surface(surface, name, refuse):
     shape = (surface.conic, *surface.aspheric, *surface.odd_aspheric)
     if not np.all(np.isfinite(shape)):
         refuse(f"{name}, aspheric", shape, "expected numbers")
+    _check_sections(surface, name, refuse)
+    _check_pose(surface.pose, f"{name}, pose", refuse)
+
+
+def _check_sections(surface, name, refuse):
+    """Check the section along x, and what only surfaces with it have."""
+    if surface.radius_x_mm is None:
+        for field in ("conic_x", "profile", "skews"):
+            if getattr(surface, field):
+                refuse(f"{name}, {field}", getattr(surface, field), "expected radius_x_mm, too")
+        return
+    if not abs(surface.radius_x_mm) >= LEAST_MM:
+        refuse(f"{name}, radius_x_mm", surface.radius_x_mm, "expected a radius, or inf for a plane")
+    if not np.isfinite(surface.conic_x):
+        refuse(f"{name}, conic_x", surface.conic_x, "expected a number")
+    if surface.profile not in ("", "x", "y"):
+        refuse(f"{name}, profile", surface.profile, "expected x or y")
+    if surface.odd_aspheric:
+        refuse(f"{name}, odd_aspheric", surface.odd_aspheric, "expected even powers only, with radius_x_mm")
+    if len(surface.skews) > len(surface.aspheric) or not np.all(np.isfinite(surface.skews)):
+        refuse(f"{name}, skews", surface.skews, "expected a number for each of aspheric")
+    if surface.profile and any(surface.skews):
+        refuse(f"{name}, skews", surface.skews, "a toroid has none: expected no profile")
+    round_section = {"x": "conic", "y": "conic_x"}.get(surface.profile)
+    if round_section and getattr(surface, round_section):
+        refuse(f"{name}, {round_section}", getattr(surface, round_section),
+               f"a toroid's section across its profile is a circle: expected 0 with profile {surface.profile}")
+
+
+def _check_pose(pose, name, refuse):
+    if pose is None:
+        return
+    if len(pose.offset_mm) != 3 or not np.all(np.abs(pose.offset_mm) <= LARGEST_MM):
+        refuse(f"{name}, offset_mm", pose.offset_mm, f"expected three numbers of at most {LARGEST_MM:g}")
+    if len(pose.tilt_deg) != 3 or not np.all(np.abs(pose.tilt_deg) < (90, 90, 360)):
+        refuse(f"{name}, tilt_deg", pose.tilt_deg, "expected three angles: less than 90 about x and y, and 360 about z")

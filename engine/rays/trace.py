@@ -1,7 +1,9 @@
 """Sequential ray tracing from the stop: backwards to the object and forwards to the image plane.
 
 `indices` are arrays (surface + 1, ...) that broadcast against the rays. Squared heights are lists with an array per
-surface.
+surface. Points of the stop and of the image plane, heights, and directions at the image plane are in the frames of these
+surfaces, which their poses displace; all other positions and directions are in the frame of the lens, relative to a
+surface's place on the axis.
 """
 
 from typing import NamedTuple
@@ -9,18 +11,29 @@ from typing import NamedTuple
 import numpy as np
 
 from ..kernels.library import NUMPY, running
-from ..kernels.tracing import TracedSurfaces, trace
-from ..prescription.prescription import Prescription
-from ..prescription.surfaces import distance_to, refracted, sag_and_slope, unit_normal
+from ..kernels.tracing import KINDS, TracedSurfaces, trace
+from ..prescription.prescription import Pose, Prescription
+from ..prescription.surfaces import (
+    distance_to,
+    into_own_frame,
+    out_of_own_frame,
+    refracted,
+    sag_and_gradient,
+    unit_normal,
+)
 
 
 def start_on_stop(prescription: Prescription, x_mm: np.ndarray, y_mm: np.ndarray, slope_x: np.ndarray,
                   slope_y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Position and direction (3, ...) of rays at points of the stop, with slopes dx/dz and dy/dz in front of it."""
+    """Position and direction (3, ...) of rays at points of the stop, with slopes dx/dz and dy/dz in front of it.
+
+    Slopes, and the results, are in the frame of the lens.
+    """
     x_mm, y_mm, slope_x, slope_y = np.broadcast_arrays(x_mm, y_mm, slope_x, slope_y)
-    sag_mm, _ = sag_and_slope(prescription.surfaces[prescription.stop_index], x_mm**2 + y_mm**2)
-    direction = np.stack([slope_x, slope_y, np.ones_like(slope_x)])
-    return np.stack([x_mm, y_mm, sag_mm]), direction / np.sqrt(1 + slope_x**2 + slope_y**2)
+    stop = prescription.surfaces[prescription.stop_index]
+    position = np.stack([x_mm, y_mm, sag_and_gradient(stop, x_mm, y_mm)[0]])
+    direction = np.stack([slope_x, slope_y, np.ones_like(slope_x)]) / np.sqrt(1 + slope_x**2 + slope_y**2)
+    return out_of_own_frame(stop.pose, position, direction)[0], direction
 
 
 def trace_to_object(prescription: Prescription, indices: np.ndarray, position: np.ndarray, direction: np.ndarray
@@ -43,27 +56,29 @@ def trace_to_object(prescription: Prescription, indices: np.ndarray, position: n
 def trace_from_image(prescription: Prescription, indices: np.ndarray, position: np.ndarray, direction: np.ndarray
                      ) -> tuple[np.ndarray, np.ndarray, np.ndarray | float, list[np.ndarray]]:
     """Trace rays from the image plane back through all surfaces; returns as `trace_to_object`."""
-    return _back(prescription, indices, position, direction, len(prescription.surfaces))
+    on_axis = out_of_own_frame(prescription.image_pose, position, direction)
+    return _back(prescription, indices, *on_axis, len(prescription.surfaces))
 
 
 def _back(prescription, indices, position, direction, number):
     path_mm, square_mm2 = 0.0, []
     for step in _steps_back(prescription, indices, position, direction, number):
-        position, direction, section_mm = step
+        position, direction, section_mm, section_mm2 = step
         path_mm = path_mm + section_mm
-        square_mm2.insert(0, position[0]**2 + position[1]**2)
+        square_mm2.insert(0, section_mm2)
     return position, direction, path_mm, square_mm2
 
 
 def _steps_back(prescription, indices, position, direction, number):
     """Trace rays, given relative to the vertex of surface `number` or to the image plane, back through the surfaces
-    in front of it: yields the position on each, the direction in front of it, and the optical path behind it."""
+    in front of it: yields the position on each, the direction in front of it, the optical path behind it, and the squared
+    height."""
     for before in range(number - 1, -1, -1):
         surface = prescription.surfaces[before]
-        position, backwards, section_mm = _through(surface, _moved(position, surface.thickness_mm), -direction,
-                                            indices[before + 1], indices[before])
+        position, backwards, section_mm, section_mm2 = _through(
+            surface, _moved(position, surface.thickness_mm), -direction, indices[before + 1], indices[before])
         direction = -backwards
-        yield position, direction, section_mm
+        yield position, direction, section_mm, section_mm2
 
 
 def points_from_image(prescription: Prescription, indices: np.ndarray, position: np.ndarray, direction: np.ndarray
@@ -73,13 +88,14 @@ def points_from_image(prescription: Prescription, indices: np.ndarray, position:
     Returns
     -------
     points_mm : array (surface + 1, 3, ...)
-        On each surface, and on the image plane, relative to the first vertex.
+        On each surface, and on the image plane, in the frame of the lens relative to the first vertex.
     direction : array (3, ...)
         In front of the first surface, along the light.
     """
     vertices_mm = np.cumsum([0.0, *(surface.thickness_mm for surface in prescription.surfaces)])
-    steps = list(_steps_back(prescription, indices, position, direction, len(prescription.surfaces)))[::-1]
-    relative_mm = [*(step[0] for step in steps), position]
+    on_axis = out_of_own_frame(prescription.image_pose, position, direction)
+    steps = list(_steps_back(prescription, indices, *on_axis, len(prescription.surfaces)))[::-1]
+    relative_mm = [*(step[0] for step in steps), on_axis[0]]
     points_mm = np.stack([_moved(point, vertex) for point, vertex in zip(relative_mm, vertices_mm, strict=True)])
     return points_mm, steps[0][1]
 
@@ -88,19 +104,23 @@ def trace_to_image(prescription: Prescription, indices: np.ndarray, position: np
                    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[np.ndarray]]:
     """Trace rays from the stop, before refraction there, to the image plane.
 
-    Returns as `trace_to_object`, with squared heights at the stop and the surfaces behind it.
+    Returns as `trace_to_object`, with squared heights at the stop and the surfaces behind it. Position and direction
+    are in the frame of the image plane.
     """
     stop = prescription.stop_index
-    direction = refracted(direction, unit_normal(prescription.surfaces[stop], position),
-                          indices[stop] / indices[stop + 1])
-    path_mm, square_mm2 = 0.0, [position[0]**2 + position[1]**2]
+    position, direction, height_mm2 = _bent(
+        prescription.surfaces[stop], *into_own_frame(prescription.surfaces[stop].pose, position, direction),
+        indices[stop] / indices[stop + 1])
+    path_mm, square_mm2 = 0.0, [height_mm2]
     for number in range(stop + 1, len(prescription.surfaces)):
         gap_mm = prescription.surfaces[number - 1].thickness_mm
-        position, direction, section_mm = _through(prescription.surfaces[number], _moved(position, -gap_mm), direction,
-                                            indices[number], indices[number + 1])
+        position, direction, section_mm, height_mm2 = _through(
+            prescription.surfaces[number], _moved(position, -gap_mm), direction, indices[number], indices[number + 1])
         path_mm = path_mm + section_mm
-        square_mm2.append(position[0]**2 + position[1]**2)
-    to_image_mm = (prescription.surfaces[-1].thickness_mm - position[2]) / direction[2]
+        square_mm2.append(height_mm2)
+    position = _moved(position, -prescription.surfaces[-1].thickness_mm)
+    position, direction = into_own_frame(prescription.image_pose, position, direction)
+    to_image_mm = -position[2] / direction[2]
     return position + to_image_mm * direction, direction, path_mm + indices[-1] * to_image_mm, square_mm2
 
 
@@ -156,14 +176,42 @@ def traced_surfaces(prescription: Prescription) -> TracedSurfaces:
         shape[:3] = 1 / surface.radius_mm, surface.conic, surface.thickness_mm
         shape[3:3 + len(surface.aspheric)] = surface.aspheric
         shape[3 + even:3 + even + len(surface.odd_aspheric)] = surface.odd_aspheric
-    return TracedSurfaces(shapes, prescription.stop_index, even, odd)
+    return TracedSurfaces(shapes, prescription.stop_index, even, odd, *_sections(surfaces, even), _poses(prescription))
+
+
+def _sections(surfaces, even):
+    """`TracedSurfaces.kinds` and `sections`."""
+    if all(surface.radius_x_mm is None for surface in surfaces):
+        return None, None
+    kinds, sections = np.zeros(len(surfaces), np.int64), np.zeros((len(surfaces), 2 + even))
+    for number, surface in enumerate(surfaces):
+        if surface.radius_x_mm is not None:
+            kinds[number] = KINDS[surface.profile]
+            sections[number, :2] = 1 / surface.radius_x_mm, surface.conic_x
+            sections[number, 2:2 + len(surface.skews)] = surface.skews
+    return kinds, sections
+
+
+def _poses(prescription):
+    """`TracedSurfaces.poses`."""
+    poses = [*(surface.pose for surface in prescription.surfaces), prescription.image_pose]
+    if not any(poses):
+        return None
+    return np.stack([np.append(pose.offset_mm, pose.rotation) for pose in (each or Pose() for each in poses)])
 
 
 def _through(surface, position, direction, before, behind):
-    """Propagate rays to a surface and refract them there: position, direction, and optical path."""
+    """Propagate rays to a surface and refract them there: position, direction, optical path, and squared height."""
+    position, direction = into_own_frame(surface.pose, position, direction)
     distance_mm = distance_to(surface, position, direction)
-    position = position + distance_mm * direction
-    return position, refracted(direction, unit_normal(surface, position), before / behind), before * distance_mm
+    position, direction, height_mm2 = _bent(surface, position + distance_mm * direction, direction, before / behind)
+    return position, direction, before * distance_mm, height_mm2
+
+
+def _bent(surface, position, direction, ratio):
+    """Refract rays on a surface, given in its own frame: position and direction in the lens's, and squared height."""
+    refracted_rays = position, refracted(direction, unit_normal(surface, position), ratio)
+    return *out_of_own_frame(surface.pose, *refracted_rays), position[0]**2 + position[1]**2
 
 
 def _moved(position, along_mm):

@@ -574,68 +574,139 @@ static void try_spots(void)
 
 #define MOST_SURFACES 4
 
-static double sag_of(const lf_system *s, int64_t n, double square, double *slope)
+static double sag_of(const lf_system *s, int64_t n, double x, double y, double *by_x, double *by_y)
 {
-    const double *shape = s->shapes + n * (3 + s->even_terms + s->odd_terms), c = shape[0];
+    const double *shape = s->shapes + n * (3 + s->even_terms + s->odd_terms), c = shape[0], square = x * x + y * y;
     const double rest = sqrt(1 - (1 + shape[1]) * c * c * square), r = sqrt(square);
-    double sag = c * square / (1 + rest), power = 1;
-    *slope = c / (2 * rest);
+    double sag = c * square / (1 + rest), power = 1, slope = c / (2 * rest);
     for (int64_t k = 0; k < s->even_terms; k++, power *= square)
-        sag += shape[3 + k] * power * square, *slope += ((double)k + 1) * shape[3 + k] * power;
+        sag += shape[3 + k] * power * square, slope += ((double)k + 1) * shape[3 + k] * power;
     power = r;
     for (int64_t k = 0; k < s->odd_terms; k++, power *= square)
-        sag += shape[3 + s->even_terms + k] * power, *slope += ((double)k + 0.5) * shape[3 + s->even_terms + k] * power / square;
+        sag += shape[3 + s->even_terms + k] * power, slope += ((double)k + 0.5) * shape[3 + s->even_terms + k] * power / square;
+    *by_x = 2 * slope * x, *by_y = 2 * slope * y;
     return sag;
+}
+
+static double biconic_of(const lf_system *s, int64_t n, double x, double y, double *by_x, double *by_y)
+{
+    const double *shape = s->shapes + n * (3 + s->even_terms + s->odd_terms), *section = s->sections + n * (2 + s->even_terms);
+    const double bend = section[0] * x * x + shape[0] * y * y;
+    const double end_x = (1 + section[1]) * section[0] * section[0], end_y = (1 + shape[1]) * shape[0] * shape[0];
+    const double rest = sqrt(1 - end_x * x * x - end_y * y * y), both = (1 + rest) * (1 + rest);
+    double sag = bend / (1 + rest);
+    *by_x = 2 * section[0] * x / (1 + rest) + bend / both * end_x * x / rest;
+    *by_y = 2 * shape[0] * y / (1 + rest) + bend / both * end_y * y / rest;
+    for (int64_t k = 0; k < s->even_terms; k++) {
+        const double p = section[2 + k], square = (1 - p) * x * x + (1 + p) * y * y, power = (double)k + 1;
+        sag += shape[3 + k] * pow(square, power);
+        *by_x += shape[3 + k] * power * pow(square, power - 1) * 2 * (1 - p) * x;
+        *by_y += shape[3 + k] * power * pow(square, power - 1) * 2 * (1 + p) * y;
+    }
+    return sag;
+}
+
+/* With an axis at a radius from the vertex: (radius - sag)^2 + across^2 = (radius - profile)^2. */
+static double toroid_of(double radius, double profile, double slope, double across, double *by_across, double *by_along)
+{
+    const double left = copysign(sqrt((radius - profile) * (radius - profile) - across * across), radius);
+    *by_across = across / left, *by_along = (radius - profile) * slope / left;
+    return radius - left;
+}
+
+static double relief(const lf_system *s, int64_t n, double x, double y, double *by_x, double *by_y)
+{
+    const int64_t kind = s->kinds ? s->kinds[n] : LF_REVOLUTION;
+    double slope, none;
+    if (kind == LF_REVOLUTION) return sag_of(s, n, x, y, by_x, by_y);
+    if (kind == LF_BICONIC) return biconic_of(s, n, x, y, by_x, by_y);
+    if (kind == LF_TOROID_Y) {
+        const double profile = biconic_of(s, n, 0, y, &none, &slope);
+        return toroid_of(1 / s->sections[n * (2 + s->even_terms)], profile, slope, x, by_x, by_y);
+    }
+    const double profile = biconic_of(s, n, x, 0, &slope, &none);
+    return toroid_of(1 / s->shapes[n * (3 + s->even_terms + s->odd_terms)], profile, slope, y, by_y, by_x);
+}
+
+/* Into the frame of a surface, side 1, and back, side -1. */
+static void change_frame(const lf_system *s, int64_t n, int side, double *at, double *along)
+{
+    if (!s->poses) return;
+    const double *offset = s->poses + 12 * n, *matrix = offset + 3;
+    double place[3] = {0}, way[3] = {0};
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) {
+            const double m = side > 0 ? matrix[3 * j + i] : matrix[3 * i + j];
+            place[i] += m * (side > 0 ? at[j] - offset[j] : at[j]), way[i] += m * along[j];
+        }
+    for (int i = 0; i < 3; i++) at[i] = place[i] + (side > 0 ? 0 : offset[i]), along[i] = way[i];
 }
 
 static void bend(const lf_system *s, int64_t n, const double *at, double *along, double ratio)
 {
-    double slope, inwards = 0, square = 0;
-    sag_of(s, n, at[0] * at[0] + at[1] * at[1], &slope);
-    double normal[3] = {-2 * slope * at[0], -2 * slope * at[1], 1};
+    double by_x, by_y, inwards = 0, square = 0;
+    relief(s, n, at[0], at[1], &by_x, &by_y);
+    double normal[3] = {-by_x, -by_y, 1};
     const double length = sqrt(normal[0] * normal[0] + normal[1] * normal[1] + 1), side = along[2] < 0 ? -1 : 1;
     for (int k = 0; k < 3; k++) normal[k] *= side / length, inwards += normal[k] * along[k];
     for (int k = 0; k < 3; k++) along[k] = ratio * (along[k] - inwards * normal[k]), square += along[k] * along[k];
     for (int k = 0; k < 3; k++) along[k] += sqrt(1 - square) * normal[k];
 }
 
-/* To a surface and through it; the optical path. */
-static double passed(const lf_system *s, int64_t n, double *at, double *along, double before, double behind)
+/* To a surface and through it; the optical path, and the squared height. */
+static double passed(const lf_system *s, int64_t n, double *at, double *along, double before, double behind, double *square)
 {
-    double way = -at[2] / along[2], slope;
+    change_frame(s, n, 1, at, along);
+    double way = -at[2] / along[2], by_x, by_y;
     for (int step = 0; step < 60; step++) {
-        const double x = at[0] + way * along[0], y = at[1] + way * along[1], sag = sag_of(s, n, x * x + y * y, &slope);
-        way -= (at[2] + way * along[2] - sag) / (along[2] - 2 * slope * (x * along[0] + y * along[1]));
+        const double x = at[0] + way * along[0], y = at[1] + way * along[1], sag = relief(s, n, x, y, &by_x, &by_y);
+        way -= (at[2] + way * along[2] - sag) / (along[2] - by_x * along[0] - by_y * along[1]);
     }
     for (int k = 0; k < 3; k++) at[k] += way * along[k];
+    *square = at[0] * at[0] + at[1] * at[1];
     bend(s, n, at, along, before / behind);
+    change_frame(s, n, -1, at, along);
     return before * way;
 }
 
 static void traced_ray(const lf_system *s, const double *start, double *out)
 {
     const int64_t size = 3 + s->even_terms + s->odd_terms;
-    double slope, at[3] = {start[0], start[1], sag_of(s, s->stop, start[0] * start[0] + start[1] * start[1], &slope)};
+    double by_x, by_y, at[3] = {start[0], start[1], relief(s, s->stop, start[0], start[1], &by_x, &by_y)};
     const double length = sqrt(1 + start[2] * start[2] + start[3] * start[3]);
-    double along[3] = {start[2] / length, start[3] / length, 1 / length}, back[3], from[3], path = 0;
+    double along[3] = {0}, back[3], from[3], path = 0;
+    change_frame(s, s->stop, -1, at, along);
+    along[0] = start[2] / length, along[1] = start[3] / length, along[2] = 1 / length;
     for (int k = 0; k < 3; k++) from[k] = at[k], back[k] = -along[k];
     for (int64_t n = s->stop - 1; n >= 0; n--) {
         from[2] += s->shapes[n * size + 2];
-        path += passed(s, n, from, back, s->indices[n + 1], s->indices[n]);
-        out[13 + n] = from[0] * from[0] + from[1] * from[1];
+        path += passed(s, n, from, back, s->indices[n + 1], s->indices[n], out + 13 + n);
     }
-    out[13 + s->stop] = at[0] * at[0] + at[1] * at[1];
+    out[13 + s->stop] = start[0] * start[0] + start[1] * start[1];
+    change_frame(s, s->stop, 1, at, along);
     bend(s, s->stop, at, along, s->indices[s->stop] / s->indices[s->stop + 1]);
+    change_frame(s, s->stop, -1, at, along);
     for (int64_t n = s->stop + 1; n < s->surfaces; n++) {
         at[2] -= s->shapes[(n - 1) * size + 2];
-        path += passed(s, n, at, along, s->indices[n], s->indices[n + 1]);
-        out[13 + n] = at[0] * at[0] + at[1] * at[1];
+        path += passed(s, n, at, along, s->indices[n], s->indices[n + 1], out + 13 + n);
     }
-    const double way = (s->shapes[(s->surfaces - 1) * size + 2] - at[2]) / along[2];
+    at[2] -= s->shapes[(s->surfaces - 1) * size + 2];
+    change_frame(s, s->surfaces, 1, at, along);
+    const double way = -at[2] / along[2];
     for (int k = 0; k < 3; k++) {
         out[k] = from[k], out[3 + k] = -back[k], out[6 + k] = at[k] + way * along[k], out[9 + k] = along[k];
     }
     out[12] = path + s->indices[s->surfaces] * way;
+}
+
+/* A small displacement: an offset, and the matrix of turns about x and y. */
+static void displace(double *pose)
+{
+    const double about_x = 0.1 * (2 * unit() - 1), about_y = 0.1 * (2 * unit() - 1);
+    const double cx = cos(about_x), sx = sin(about_x), cy = cos(about_y), sy = sin(about_y);
+    const double matrix[9] = {cy, sy * sx, sy * cx, 0, cx, -sx, -sy, cy * sx, cy * cx};
+    for (int k = 0; k < 3; k++) pose[k] = 0.2 * (2 * unit() - 1);
+    for (int k = 0; k < 9; k++) pose[3 + k] = matrix[k];
 }
 
 static void try_tracing(void)
@@ -644,15 +715,27 @@ static void try_tracing(void)
     const int64_t quantities = 13 + surfaces;
     const int tame = below(4) > 0;
     double *shapes = ROOM(double, surfaces * size), *starts = ROOM(double, 4 * count), *truth = ROOM(double, quantities);
+    double *sections = ROOM(double, surfaces * (2 + even)), *poses = ROOM(double, 12 * (surfaces + 1));
+    int64_t kinds[MOST_SURFACES];
     double indices[MOST_SURFACES + 1], aims[4] = {1, 0.96, 0, 0.28}, guess[2] = {0, 0.2};
     for (int64_t n = 0; n < surfaces; n++) {
         shapes[n * size] = 0.02 * (2 * unit() - 1), shapes[n * size + 1] = 2 * unit() - 1.5, shapes[n * size + 2] = 2 + 3 * unit();
         for (int64_t k = 3; k < size; k++) shapes[n * size + k] = 1e-5 * (2 * unit() - 1) / (double)(1 << 5 * (k < 3 + even ? k - 3 : k - 3 - even));
         if (!tame && !below(3)) shapes[n * size + below(size)] = below(2) ? NAN : 1e300;
+        double *section = sections + n * (2 + even);
+        kinds[n] = below(LF_TOROID_X + 1), section[0] = 0.02 * (2 * unit() - 1), section[1] = 2 * unit() - 1.5;
+        for (int64_t k = 0; k < even; k++) section[2 + k] = kinds[n] == LF_BICONIC ? 2 * unit() - 1 : 0;
+        for (int k = 0; kinds[n] && k < 2; k++) { /* radii that the sum of squares resolves */
+            double *curvature = k ? section : shapes + n * size;
+            *curvature = copysign(0.004 + fabs(*curvature), *curvature);
+        }
     }
     for (int64_t n = 0; n <= surfaces; n++) indices[n] = n % 2 ? 1.5 + 0.3 * unit() : 1;
     for (int64_t n = 0; n < 4 * count; n++) starts[n] = (n < 2 * count ? 3 : 0.2) * (2 * unit() - 1) + (n < count ? 4 : 0);
-    const lf_system s = {shapes, indices, surfaces, below(surfaces), even, odd};
+    for (int64_t n = 0; n <= surfaces; n++) displace(poses + 12 * n);
+    lf_system s = {shapes, indices, surfaces, below(surfaces), even, odd, 0, 0, 0};
+    if (below(2)) s.kinds = kinds, s.sections = sections;
+    if (below(2)) s.poses = poses;
     lf_system bare = s;
     bare.stop = surfaces;
     const lf_targets t = {aims, guess, starts, starts + count, 2, count, LF_ANGLE, 1, 1e-3};
@@ -676,7 +759,7 @@ static void try_tracing(void)
         }
         free(out), free(found);
     }
-    free(shapes), free(starts), free(truth);
+    free(shapes), free(starts), free(truth), free(sections), free(poses);
 }
 
 /* Fitting, of polynomials, which are to be found again. */

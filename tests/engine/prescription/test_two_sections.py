@@ -1,0 +1,115 @@
+"""Biconic and toroidal surfaces, and displaced ones, by their implicit equations and by scipy's search for roots."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy
+
+from lensfield.engine import LensError
+from lensfield.engine.prescription.prescription import Pose, Prescription, Surface
+from lensfield.engine.prescription.surfaces import (
+    distance_to,
+    into_own_frame,
+    out_of_own_frame,
+    sag_and_gradient,
+    unit_normal,
+    vertex_curvature,
+)
+from implicit_surfaces import biconic, gradient, toroid
+
+
+SURFACES = {
+    "biconic": (biconic, Surface(9.0, radius_x_mm=-14.0, conic=-0.6, conic_x=1.5)),
+    "anamorphic asphere": (biconic, Surface(-11.0, radius_x_mm=30.0, conic_x=-2.0, aspheric=(0.0, 4e-4, -3e-6),
+                                            skews=(0.0, 0.6, -1.4))),
+    "terms without curvature": (biconic, Surface(radius_x_mm=np.inf, aspheric=(0.02, 1e-4), skews=(0.3,))),
+    "toroid": (toroid, Surface(12.0, radius_x_mm=7.0, profile="y", conic=-0.5, aspheric=(0.0, 2e-4, 1e-6))),
+    "toroid along x": (toroid, Surface(8.0, radius_x_mm=-10.0, profile="x", conic_x=0.4, aspheric=(1e-3, -2e-4))),
+    "saddle": (toroid, Surface(-15.0, radius_x_mm=9.0, profile="y", aspheric=(0.0, 1e-4))),
+    "cylinder": (toroid, Surface(10.0, radius_x_mm=np.inf, profile="y", conic=-1.3)),
+    "cylinder across its profile": (toroid, Surface(-8.0, radius_x_mm=np.inf, profile="x"))}
+surfaces = pytest.mark.parametrize("implicit, surface", [(of(surface), surface) for of, surface in SURFACES.values()],
+                                   ids=SURFACES)
+
+
+@surfaces
+def test_its_points_fulfil_the_equation(implicit, surface):
+    x, y = np.random.default_rng(1).uniform(-3, 3, (2, 50))
+    np.testing.assert_allclose(implicit(x, y, sag_and_gradient(surface, x, y)[0]), 0, atol=1e-14)
+
+
+@surfaces
+def test_its_normal_is_the_gradient_of_the_equation(implicit, surface):
+    x, y = np.random.default_rng(2).uniform(-3, 3, (2, 50))
+    place = np.stack([x, y, sag_and_gradient(surface, x, y)[0]])
+    np.testing.assert_allclose(unit_normal(surface, place), gradient(implicit, place), atol=2e-9)
+
+
+@surfaces
+@pytest.mark.parametrize("side", [1, -1])
+def test_rays_end_where_the_equation_has_its_root(implicit, surface, side):
+    rng = np.random.default_rng(3)
+    x, y, slope_x, slope_y = rng.uniform(-2.5, 2.5, (4, 30)) * np.array([[1], [1], [0.2], [0.2]])
+    direction = side * np.stack([slope_x, slope_y, np.ones(30)]) / np.sqrt(1 + slope_x**2 + slope_y**2)
+    start = np.stack([x, y, np.zeros(30)]) - 2 * direction
+    roots = [scipy.optimize.brentq(lambda way, ray=ray: implicit(*(start[:, ray] + way * direction[:, ray])), 0.5, 3.5,
+                                   xtol=1e-13) for ray in range(30)]
+    np.testing.assert_allclose(distance_to(surface, start, direction), roots, rtol=0, atol=1e-12)
+
+
+def test_a_search_from_beyond_the_end_comes_back():
+    """A slanting ray crosses the vertex plane where there is no surface."""
+    start, direction = np.array([[14.0], [1.0], [0.0]]), np.array([[-0.8], [0.0], [0.6]])
+    on_sphere = distance_to(Surface(10.0), start, direction)
+    assert np.isfinite(on_sphere)
+    for profile in ("", "x", "y"):
+        surface = Surface(10.0, radius_x_mm=10.0, profile=profile)
+        np.testing.assert_allclose(distance_to(surface, start, direction), on_sphere, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("profile", ["", "x", "y"])
+def test_equal_sections_are_a_sphere(profile):
+    x, y = np.random.default_rng(4).uniform(-4, 4, (2, 50))
+    place = np.stack([x, y, sag_and_gradient(Surface(-9.0), x, y)[0]])
+    surface = Surface(-9.0, radius_x_mm=-9.0, profile=profile)
+    np.testing.assert_allclose(sag_and_gradient(surface, x, y)[0], place[2], rtol=0, atol=1e-14)
+    np.testing.assert_allclose(unit_normal(surface, place), unit_normal(Surface(-9.0), place), rtol=0, atol=1e-14)
+
+
+@surfaces
+@pytest.mark.parametrize("section", ["x", "y"])
+def test_the_curvature_of_a_section_is_its_second_derivative(implicit, surface, section):
+    step = np.array([0.0, 1e-3])
+    sags = sag_and_gradient(surface, *((step, 0 * step) if section == "x" else (0 * step, step)))[0]
+    assert vertex_curvature(surface, section) == pytest.approx(2e6 * (sags[1] - sags[0]), abs=1e-8)
+
+
+def test_a_pose_turns_about_x_then_y_then_z_and_moves_afterwards():
+    pose = Pose((1.0, -2.0, 0.5), (20.0, -30.0, 40.0))
+    turned = scipy.spatial.transform.Rotation.from_euler("xyz", pose.tilt_deg, degrees=True)
+    np.testing.assert_allclose(pose.rotation, turned.as_matrix(), atol=1e-15)
+    np.testing.assert_allclose((Pose(tilt_deg=(10.0, 0.0, 0.0)).rotation @ (0.0, 1.0, 0.0))[2], np.sin(np.radians(10)))
+    ray = np.random.default_rng(5).normal(size=(2, 3, 4, 5))
+    position, direction = out_of_own_frame(pose, *ray)
+    np.testing.assert_allclose(position[:, 2, 3], turned.apply(ray[0][:, 2, 3]) + pose.offset_mm, atol=1e-14)
+    np.testing.assert_allclose(into_own_frame(pose, position, direction), ray, atol=1e-14)
+
+
+@pytest.mark.parametrize("surface, words", [
+    (Surface(conic_x=1.0), "conic_x is 1.0: expected radius_x_mm, too"),
+    (Surface(profile="y"), "profile is y: expected radius_x_mm, too"),
+    (Surface(radius_x_mm=0.0), "radius_x_mm is 0.0: expected a radius, or inf"),
+    (Surface(radius_x_mm=9.0, conic_x=np.nan), "conic_x is nan: expected a number"),
+    (Surface(radius_x_mm=9.0, profile="z"), "profile is z: expected x or y"),
+    (Surface(radius_x_mm=9.0, odd_aspheric=(1e-3,)), "odd_aspheric is .*: expected even powers only"),
+    (Surface(radius_x_mm=9.0, skews=(0.5,)), "skews is .*: expected a number for each of aspheric"),
+    (Surface(radius_x_mm=9.0, profile="x", aspheric=(1e-3,), skews=(0.5,)), "skews is .*: a toroid has none"),
+    (Surface(radius_x_mm=9.0, profile="x", conic=-1.0), "conic is -1.0: a toroid's section across its profile"),
+    (Surface(radius_x_mm=9.0, profile="y", conic_x=-1.0), "conic_x is -1.0: a toroid's section across its profile"),
+    (Surface(pose=Pose((0.0, np.nan, 0.0))), "pose, offset_mm is .*: expected three numbers"),
+    (Surface(pose=Pose(tilt_deg=(90.0, 0.0, 0.0))), "pose, tilt_deg is .*: expected three angles"),
+])
+def test_shapes_without_a_meaning_are_refused_in_a_line(surface, words):
+    with pytest.raises(LensError, match=f"odd: surface 1, {words}"):
+        Prescription("odd", (replace(surface, stop=True, thickness_mm=50.0),), ("stop", 1.0), ("angle_deg", 5.0))
