@@ -149,10 +149,10 @@ INLINE relief relief_of(const lf_system *s, int64_t n, eight_doubles x, eight_do
 }
 
 /* Sag, and its derivative along a ray. */
-INLINE void sag_along(const lf_system *s, int64_t n, eight_doubles x, eight_doubles y, triple along, eight_doubles *sag,
-                      eight_doubles *rise)
+INLINE void sag_along(const lf_system *s, int64_t n, int of_revolution, eight_doubles x, eight_doubles y, triple along,
+                      eight_doubles *sag, eight_doubles *rise)
 {
-    if (kind_of(s, n) == LF_REVOLUTION) {
+    if (of_revolution) {
         eight_doubles slope;
         sag_and_slope(s, n, x * x + y * y, sag, &slope);
         *rise = 2 * slope * (x * along.x + y * along.y);
@@ -189,18 +189,26 @@ static void leave(const lf_system *s, int64_t n, ray *r)
 }
 
 /* Distances from the vertex plane, by Newton's method; NaN without convergence. */
-static eight_doubles distance_to_asphere(const lf_system *s, int64_t n, eight_doubles x, eight_doubles y, triple along)
+INLINE eight_doubles newton(const lf_system *s, int64_t n, int of_revolution, eight_doubles x, eight_doubles y, triple along)
 {
     eight_doubles distance = even(0), last = even(0), sag, rise;
     eight_longs active = distance == distance;
     for (int step = 0; step < NEWTON_STEPS && any(active); step++) {
-        sag_along(s, n, x + distance * along.x, y + distance * along.y, along, &sag, &rise);
+        sag_along(s, n, of_revolution, x + distance * along.x, y + distance * along.y, along, &sag, &rise);
         const eight_doubles change = (sag - distance * along.z) / (rise - along.z);
         distance = chosen(active, distance - change, distance);
         last = chosen(active, size(change), last);
         active &= last > CONVERGED_MM;
     }
     return chosen(last < GOOD_MM, distance, even(__builtin_nan("")));
+}
+static eight_doubles distance_to_asphere(const lf_system *s, int64_t n, eight_doubles x, eight_doubles y, triple along)
+{
+    return newton(s, n, 1, x, y, along);
+}
+static APART eight_doubles distance_to_two_sections(const lf_system *s, int64_t n, eight_doubles x, eight_doubles y, triple along)
+{
+    return newton(s, n, 0, x, y, along);
 }
 
 static void refract(const lf_system *s, int64_t n, ray *r, double before, double behind)
@@ -233,8 +241,10 @@ static void pass(const lf_system *s, int64_t n, ray *r, double before, double be
         const eight_doubles b = along.z - curvature * (x * along.x + y * along.y), square = curvature * (x * x + y * y);
         const eight_doubles under = b * b - curvature * (1 + shape[1] * (along.z * along.z)) * square;
         distance = to_plane + square / (b + signed_as(root(under), along.z));
-    } else {
+    } else if (kind_of(s, n) == LF_REVOLUTION) {
         distance = to_plane + distance_to_asphere(s, n, x, y, along);
+    } else {
+        distance = to_plane + distance_to_two_sections(s, n, x, y, along);
     }
     r->position = moved(r->position, distance, along);
     r->path += before * distance;
