@@ -13,6 +13,7 @@ from ...runtime.unread import unread_names
 from ..glasses import best_name
 from ..prescription import Prescription, Surface
 from .field_and_aperture import field_end, in_mm, vignetting_note
+from .frames import START, check_return, posed
 from .lines import numbered
 from .reading import SEMI_DIAMETERS, Reading, ReadingOptions, with_stop
 
@@ -21,12 +22,13 @@ APERTURES = {("ENPD", 0): "entrance_pupil_diameter_mm", ("FNUM", 0): "f_number",
              ("OBNA", 0): "object_na"}
 FIELDS = {0: "angle_deg", 1: "object_height_mm", 2: "image_height_mm", 3: "image_height_mm"}
 REAL_IMAGE_HEIGHT = 3
-SHAPES = ("STANDARD", "EVENASPH", "ODDASPHE", "COORDBRK")
+SHAPES = ("STANDARD", "EVENASPH", "ODDASPHE", "TOROIDAL", "BICONICX", "COORDBRK")
 BREAK = "COORDBRK"
 OTHER_APERTURES = ("SQAP", "ELAP", "USAP", "OBSC", "SQOB", "ELOB", "SPID")
 SURFACE_OPERANDS = ("TYPE", "CURV", "CONI", "PARM", "DISZ", "GLAS", "STOP", "DIAM", "CLAP", "FLAP", "OBDC", "SCBD",
-                    *OTHER_APERTURES)
-COEFFICIENTS = 8
+                    "XDAT", *OTHER_APERTURES)
+LAST_PARAMETERS = {"EVENASPH": 8, "ODDASPHE": 8, "TOROIDAL": 8, "BICONICX": 2}
+ZERNIKE_TERMS = 13  # parameter of a toroid: their number; in older files the first of its extra data
 AUTOMATIC, FIXED, PICKED_UP = 0, 1, 2  # source of a semi-diameter: rays, the user, or another surface
 SYSTEM_OPERANDS = ("MODE", "UNIT", "GCAT", "NAME", "ENPD", "FNUM", "OBNA", "FLOA", "FTYP", "XFLD", "XFLN", "YFLD",
                    "YFLN", "WAVM", "WAVL", "WAVN", "PWAV", "VDXN", "VDYN", "VCXN", "VCYN", "VANN", "MNUM", "ENVD")
@@ -51,9 +53,13 @@ def read_zemax(path: Path, options: ReadingOptions) -> Reading:
     unit_mm = _unit_mm(system)
     makers = system["GCAT"][-1].words[1:] if "GCAT" in system else ()
     _check_ends(path, rows)
-    surfaces = []
+    surfaces: list[Surface] = []
     for number, row in enumerate(rows[1:-1], 1):
-        surfaces.append(_surface(path, number, row, makers, surfaces[-1].glass if surfaces else "").scaled(unit_mm))
+        surfaces.append(_surface(path, number, row, makers, surfaces[-1].glass if surfaces else ""))
+    surfaces, image_pose = posed(surfaces, list(_frames(rows[1:])))
+    surfaces = [surface.scaled(unit_mm) for surface in surfaces]
+    if _shape(rows[-2]) != BREAK:
+        check_return(path, image_pose)
     sizes = _semi_diameters(rows, surfaces, unit_mm)
     if (options.semi_diameters or SEMI_DIAMETERS[0]) == "aperture":
         surfaces = [replace(surface, semi_aperture_mm=sizes.get(number, surface.semi_aperture_mm))
@@ -65,6 +71,7 @@ def read_zemax(path: Path, options: ReadingOptions) -> Reading:
         field=field or _field(path, system, unit_mm),
         object_distance_mm=object_distance(rows[0]["DISZ"][-1].figure(1) * unit_mm),
         reference_wavelength_nm=_reference_nm(path, system), source=f"{path.name} (Zemax)",
+        image_pose=image_pose and image_pose.scaled(unit_mm),
         notes=_notes(system, surfaces, options, sizes)), unread=unread)
 
 
@@ -122,28 +129,60 @@ def _surface(path, number, row, makers, glass_before):
     shape = _shape(row)
     if shape not in SHAPES:
         raise LensError(path, f"surface {number}", shape, f"expected one of {', '.join(SHAPES)}")
-    _check_centred(path, number, row)
-    if shape == BREAK:  # without a tilt, a plane within the preceding medium
+    if any(value for line in row["SCBD"] for value in line.figures(4)[:4]):
+        raise LensError(path, f"surface {number}", "tilted or decentred", "expected coordinate breaks before and after")
+    if shape == BREAK:  # a plane on the axis, within the preceding medium
         return Surface(thickness_mm=row["DISZ"][-1].figure(1), glass=glass_before, stop="STOP" in row)
     curvature = row["CURV"][-1].figure(1)
-    terms = {line.figure(1): line.figure(2) for line in row["PARM"]}
-    if shape != "STANDARD" and any(value for index, value in terms.items() if index > COEFFICIENTS):
-        raise LensError(path, f"surface {number}, PARM", f"{max(terms):g}",
-                        f"expected at most {COEFFICIENTS} coefficients")
-    terms = [terms.get(index, 0.0) for index in range(1, COEFFICIENTS + 1)] if shape != "STANDARD" else []
-    odd, even = (terms[::2], terms[1::2]) if shape == "ODDASPHE" else ([], terms)
     glass, figures = _glass(path, number, row, makers)
-    return Surface(1 / curvature if curvature else np.inf, row["DISZ"][-1].figure(1), glass,
-                   _semi_aperture(path, number, row), row["CONI"][-1].figure(1) if "CONI" in row else 0.0,
-                   tuple(even) if any(even) else (), "STOP" in row, tuple(odd) if any(odd) else (), figures)
+    conic = Surface(1 / curvature if curvature else np.inf, row["DISZ"][-1].figure(1), glass,
+                    _semi_aperture(path, number, row), row["CONI"][-1].figure(1) if "CONI" in row else 0.0,
+                    stop="STOP" in row, glass_figures=figures)
+    return replace(conic, **_form(path, number, row)) if shape != "STANDARD" else conic
 
 
-def _check_centred(path, number, row):
-    """Check that neither a coordinate break nor the surface is decentred or tilted; rotation about z is harmless."""
-    tilts = [line.figure(2) for line in row["PARM"] if _shape(row) == BREAK and line.figure(1) in (1, 2, 3, 4)]
-    tilts += [value for line in row["SCBD"] for value in line.figures(4)[:4]]
-    if any(tilts):
-        raise LensError(path, f"surface {number}", "tilted or decentred", "expected a centred lens")
+def _form(path, number, row):
+    """Fields of a surface from its parameters: aspheric terms, or a second section."""
+    shape, parameters = _shape(row), {line.figure(1): line.figure(2) for line in row["PARM"]}
+    unknown = [index for index, value in parameters.items() if value and index > LAST_PARAMETERS[shape]]
+    extra = [line.figure(2) for line in row["XDAT"] if line.figure(1) == 1]
+    if shape == "TOROIDAL":
+        unknown = [ZERNIKE_TERMS] if any((*extra, parameters.get(ZERNIKE_TERMS))) else []
+    if unknown:
+        raise LensError(path, f"surface {number}, PARM", f"{max(unknown):g}",
+                        f"expected at most {LAST_PARAMETERS[shape]} coefficients")
+    terms = tuple(parameters.get(index, 0.0) for index in range(1, LAST_PARAMETERS[shape] + 1))
+    if shape in ("TOROIDAL", "BICONICX"):
+        return _sections(shape, *terms)
+    odd, even = (terms[::2], terms[1::2]) if shape == "ODDASPHE" else ((), terms)
+    return {"aspheric": even if any(even) else (), "odd_aspheric": odd if any(odd) else ()}
+
+
+def _sections(shape, radius_x, *others):
+    """Fields of a toroid, whose profile is along y, or of a biconic surface; a radius of 0 is a plane section."""
+    section = {"radius_x_mm": radius_x or np.inf}
+    if shape == "BICONICX":
+        return section | {"conic_x": others[0]}
+    return section | {"profile": "y", "aspheric": others if any(others) else ()}
+
+
+def _frames(rows):
+    """Frame of each row behind the object: of its surface, or behind its coordinate break."""
+    frame = START
+    for row in rows:
+        frame = _broken(frame, row) if _shape(row) == BREAK else frame
+        yield frame
+        frame = frame.moved(0.0, 0.0, row["DISZ"][-1].figure(1))
+
+
+def _broken(frame, row):
+    """The frame behind a coordinate break: moved and then turned, or turned in reverse order and then moved."""
+    parameters = {line.figure(1): line.figure(2) for line in row["PARM"]}
+    x, y, *angles, order = (parameters.get(index, 0.0) for index in range(1, 7))
+    turns = list(zip("xyz", angles, strict=True))
+    if order:
+        return frame.turned(*reversed(turns)).moved(x, y, 0.0)
+    return frame.moved(x, y, 0.0).turned(*turns)
 
 
 def _semi_diameters(rows, surfaces, unit_mm):

@@ -1,0 +1,114 @@
+"""Coordinate systems that follow one another along a file's surfaces, and the poses of surfaces in them."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ...runtime.errors import LensError
+from ..prescription import Pose, Surface
+
+DIGITS = 10  # after the decimal point, of lengths and degrees: the rest is rounding
+ROUNDING = 1e-10  # of distances between surfaces, as a share of the distance from the first
+
+
+class Frame(NamedTuple):
+    """A coordinate system: its origin, and its axes as columns; both in the coordinates of the object."""
+
+    origin: np.ndarray
+    axes: np.ndarray
+
+    def moved(self, x: float, y: float, z: float) -> "Frame":
+        """The frame moved along its own axes."""
+        return Frame(self.origin + self.axes @ np.array([x, y, z]), self.axes)
+
+    def turned(self, *turns: tuple[str, float]) -> "Frame":
+        """The frame turned about its own axes, one after the other: pairs of axis and degrees, right-handed."""
+        axes = self.axes
+        for axis, degrees in turns:
+            axes = axes @ _rotation(axis, degrees)
+        return Frame(self.origin, axes)
+
+
+START = Frame(np.zeros(3), np.eye(3))
+
+
+def posed(surfaces: Sequence[Surface], frames: Sequence[Frame]) -> tuple[list[Surface], Pose | None]:
+    """Surfaces on one axis, with poses and the thicknesses between them; and the pose of the image plane.
+
+    Parameters
+    ----------
+    surfaces : sequence of Surface
+    frames : sequence of Frame
+        Of each surface, and of the image plane; in the units of the surfaces.
+    """
+    *_, image = frames
+    if all(surface.radius_x_mm is None for surface in surfaces):
+        image = _unrolled(image)
+    return [_in_pose(_reaching(surface, frame.origin[2], behind.origin[2]), frame)
+            for surface, frame, behind in zip(surfaces, frames, frames[1:], strict=False)], _pose(image)
+
+
+def check_return(path: Path, image_pose: Pose | None) -> None:
+    """Raise a LensError for an image plane whose pose is not its own: the axis has not returned in front of it."""
+    if image_pose:
+        raise LensError(path, "image", "tilted or decentred with the surfaces in front of it",
+                        "expected tilts and decentres that return, or that apply to the image plane only")
+
+
+def _rotation(axis, degrees):
+    """Matrix of a right-handed turn: about x, +y goes towards +z."""
+    first, second = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
+    matrix, angle = np.eye(3), np.radians(degrees)
+    matrix[first, first] = matrix[second, second] = np.cos(angle)
+    matrix[second, first], matrix[first, second] = np.sin(angle), -np.sin(angle)
+    return matrix
+
+
+def _rounded(value):
+    return round(float(value), DIGITS) + 0.0  # no negative zero
+
+
+def _pose(frame):
+    """Pose in a frame; None on the axis. The place along the axis does not belong to it."""
+    axes = frame.axes
+    turns = (np.arctan2(axes[2, 1], axes[2, 2]), -np.arcsin(np.clip(axes[2, 0], -1, 1)),
+             np.arctan2(axes[1, 0], axes[0, 0]))
+    x, y = (_rounded(value) for value in frame.origin[:2])
+    tilt_x, tilt_y, tilt_z = (_rounded(np.degrees(turn)) for turn in turns)
+    pose = Pose((x, y, 0.0), (tilt_x, tilt_y, tilt_z))
+    return None if pose == Pose() else pose
+
+
+def _reaching(surface, place, behind):
+    """The surface with its thickness along the axis: the file's, unless tilts and decentres change it."""
+    if abs(behind - place - surface.thickness_mm) <= ROUNDING * (1 + abs(place)):
+        return surface
+    return replace(surface, thickness_mm=_rounded(behind - place))
+
+
+def _in_pose(surface, frame):
+    """The surface in this frame. Where its symmetry allows, it is not turned about z."""
+    if surface.radius_x_mm is None:
+        return replace(surface, pose=_pose(_unrolled(frame)))
+    pose = _pose(frame)
+    if not pose or any(pose.tilt_deg[:2]) or pose.tilt_deg[2] % 90:
+        return replace(surface, pose=pose)
+    pose = replace(pose, tilt_deg=(0.0, 0.0, 0.0)) if any(pose.offset_mm) else None
+    return replace(surface, pose=pose) if frame.axes[0, 0] ** 2 > 0.5 else replace(_quarter_turn(surface), pose=pose)
+
+
+def _unrolled(frame):
+    """The frame with the same z axis that is turned about x and y only."""
+    x, y, z = frame.axes[:, 2]
+    return Frame(frame.origin, np.eye(3)).turned(("y", np.degrees(np.arctan2(x, z))),
+                                                 ("x", np.degrees(-np.arcsin(np.clip(y, -1, 1)))))
+
+
+def _quarter_turn(surface):
+    """The surface turned by 90 degrees about z: its sections along x and y change places."""
+    return replace(surface, radius_mm=surface.radius_x_mm, conic=surface.conic_x, radius_x_mm=surface.radius_mm,
+                   conic_x=surface.conic, profile={"x": "y", "y": "x", "": ""}[surface.profile],
+                   skews=tuple(-skew for skew in surface.skews))
