@@ -12,6 +12,7 @@ from ...runtime.unread import unread_names
 from ..glasses import best_name, name_in
 from ..prescription import Prescription, Surface
 from .field_and_aperture import field_end, in_mm, vignetting_note
+from .frames import START, check_return, posed
 from .lines import Line
 from .private_glasses import private_glasses
 from .reading import Reading, ReadingOptions, with_stop
@@ -23,20 +24,28 @@ FIELDS = {"AN": "angle_deg", "OB": "object_height_mm", "IM": "image_height_mm"}
 REAL_IMAGE_HEIGHT = "RI"
 SURFACES = ("SO", "S", "SI")
 POWERS = {letter: 4 + 2 * number for number, letter in enumerate("ABCDEFGHJ")}  # of r; there is no I
-TILTS = ("XDE", "YDE", "ZDE", "ADE", "BDE", "CDE")
+SHAPES = ("CYL", "YTO", "XTO", "AAS")  # with a second section, along x
+SECTION = ("CUX", "RDX")
+ANAMORPHIC = {"AR": "AP", "BR": "BP", "CR": "CP", "DR": "DP"}  # coefficient of r^4, r^6 ..., and its p
+OF_SHAPE = {"": ("K", *POWERS), "CYL": SECTION, "YTO": ("K", *POWERS, *SECTION), "XTO": ("K", *POWERS, *SECTION),
+            "AAS": ("K", "KY", "KX", *SECTION, *ANAMORPHIC, *ANAMORPHIC.values())}
+OF_SHAPES = tuple(dict.fromkeys(command for commands in OF_SHAPE.values() for command in commands))
+DECENTRES, TILTS, PIVOTS = ("XDE", "YDE", "ZDE"), ("ADE", "BDE", "CDE"), ("XOD", "YOD", "ZOD")
+RETURNING, REVERSED = "DAR", "REV"  # tilts and decentres that apply to one surface, or in reverse behind it
 VIGNETTING = ("VUX", "VLX", "VUY", "VLY")
-REFUSED = (dict.fromkeys(("SPS", "CYL", "XTO", "YTO", "AAS", "DIF", "GRT", "MFL"),
-                         "expected a conic or an asphere (ASP)")
+REFUSED = (dict.fromkeys(("SPS", "SPL", "UDS", "DIF", "GRT", "MFL"),
+                         f"expected a conic or an asphere (ASP), {', '.join(SHAPES)}")
            | dict.fromkeys(("REX", "REY", "ELX", "ELY", "ADX", "ADY", "REG", "ELG", "CIG"),
                            "expected circular apertures (CIR)")
-           | dict.fromkeys(("CUY", "CUX", "RDY", "RDX", "THI", "GLA", "RMD", "SCA"),  # which change earlier lines
-                           "expected radius, thickness and glass on the line of their surface"))
-OF_SURFACE = ("STO", "K", *POWERS, *TILTS, "CIR", *REFUSED)
+           | dict.fromkeys(("CUY", "RDY", "THI", "GLA", "RMD", "SCA"),  # which change earlier lines
+                           "expected radius, thickness and glass on the line of their surface")
+           | dict.fromkeys(("BEN", "RET", "GLB"), "expected tilts and decentres that return (DAR), or in pairs (REV)"))
+OF_SURFACE = ("STO", *SHAPES, *OF_SHAPES, *DECENTRES, *TILTS, *PIVOTS, RETURNING, REVERSED, "CIR", *REFUSED)
 FIELD_COMMANDS = tuple(axis + kind for axis in "XY" for kind in (*FIELDS, REAL_IMAGE_HEIGHT))
 KNOWN_COMMANDS = ("RDM", "STO", "TITLE", "TIT", "DIM", "WL", "REF", "ZOO", *APERTURES, *VIGNETTING, *FIELD_COMMANDS)
 HARMLESS_COMMANDS = (  # remarks, weights, drawing, optimisation flags, and solves with saved results
     "LEN", "RDM;LEN", "GO", "INI", "WTW", "WTF", "WTX", "WTY", "CLS", "SLB", "CCY", "THC", "GLC", "KC", "AC", "BC",
-    "CC", "DC", "CON", "ASP", "SPH", "IC", "CUF", "PIM", "DAR", "TEM", "PRE", "XDC", "YDC", "ZDC", "ADC", "BDC", "CDC",
+    "CC", "DC", "CON", "ASP", "SPH", "IC", "CUF", "PIM", "CCX", "TEM", "PRE", "XDC", "YDC", "ZDC", "ADC", "BDC", "CDC",
     "DER")
 QUOTED = re.compile(r"""('[^'\n]*')|"[^"\n]*"|![^\n]*""")
 
@@ -51,15 +60,19 @@ def read_codev(path: Path, options: ReadingOptions) -> Reading:
     surfaces = [_surface(path, number, row, curvatures, stop, glasses) for number, row in enumerate(rows[1:-1], 1)]
     defocus = rows[-1]["SI"].figure(2, 0.0)  # from the paraxial image plane to the actual one
     surfaces[-1] = replace(surfaces[-1], thickness_mm=surfaces[-1].thickness_mm + defocus)
+    frames = list(_frames(rows, surfaces))
+    surfaces, image_pose = posed(surfaces, frames)
+    if not _is_displaced(rows[-1]):
+        check_return(path, image_pose)
     factors = [value for command in VIGNETTING if command in system for value in system[command].figures()]
     used = [glass for name, glass in glasses.items() if name in {surface.glass for surface in surfaces}]
     return Reading(Prescription(
         name=_title(system) or path.stem, focus=options.image_plane or "as given",
         surfaces=with_stop(path, [surface.scaled(unit_mm) for surface in surfaces], options),
         aperture=_aperture(path, system, unit_mm), field=options.field or _field(path, system, unit_mm),
-        object_distance_mm=object_distance(rows[0]["SO"].figure(2, 0.0) * unit_mm),
+        object_distance_mm=object_distance((rows[0]["SO"].figure(2, 0.0) + frames[0].origin[2]) * unit_mm),
         reference_wavelength_nm=_reference_nm(path, system), source=f"{path.name} (Code V)",
-        glasses=tuple(each.glass for each in used),
+        glasses=tuple(each.glass for each in used), image_pose=image_pose and image_pose.scaled(unit_mm),
         notes=" ".join(filter(None, (vignetting_note(factors, surfaces), _zoom_note(system),
                                      *(each.note for each in used))))),
         unread=unread_names(system, (*KNOWN_COMMANDS, *HARMLESS_COMMANDS)))
@@ -124,6 +137,11 @@ def _check_ends(path, rows):
     for name, row in (("SO", rows[0]), ("SI", rows[-1])):
         if row[name].figure(1, 0.0) or _glass(row[name], ()):
             raise LensError(path, name, "not a plane in air", "expected a flat object and a flat image")
+    if _is_displaced(rows[0]):
+        raise LensError(path, "SO", "tilted or decentred", "expected an object plane on the axis")
+    for command, line in ((command, row[command]) for row in rows for command in PIVOTS if command in row):
+        if line.figure(1):
+            raise line.refusal("expected tilts about the vertex")
 
 
 def _unit_mm(system):
@@ -152,17 +170,76 @@ def _stop_number(system):
 
 def _surface(path, number, row, curvatures, stop, private):
     line = row["S"]
-    if any(row[tilt].figure(1) for tilt in TILTS if tilt in row):
-        raise LensError(path, f"surface {number}", "tilted or decentred", "expected a centred lens")
     glass = _glass(line, private)
     if glass.upper() == "REFL":
         raise LensError(path, f"surface {number}", "a mirror", "expected refracting surfaces")
+    shape = next((command for command in SHAPES if command in row), "")
+    for command in OF_SHAPES:
+        if command in row and command not in OF_SHAPE[shape] and row[command].figure(1):
+            raise row[command].refusal(f"not a parameter of {shape or 'a surface of revolution'}")
     value = line.figure(1, 0.0)
-    terms = {power: row[letter].figure(1) for letter, power in POWERS.items() if letter in row}
+    surface = Surface((1 / value if curvatures else value) if value else np.inf, line.figure(2, 0.0), glass,
+                      row["CIR"].figure(-1) if "CIR" in row else np.inf, _value(row, "KY") or _value(row, "K"),
+                      _terms(row, POWERS), "STO" in row or stop == number)
+    return replace(surface, **_second_section(surface, shape, row)) if shape else surface
+
+
+def _value(row, command):
+    return row[command].figure(1) if command in row else 0.0
+
+
+def _terms(row, powers):
+    """Coefficients of r^2, r^4 ... up to the last one that is not 0."""
+    terms = {power: _value(row, command) for command, power in powers.items()}
     last = max((power for power, term in terms.items() if term), default=0)
-    return Surface((1 / value if curvatures else value) if value else np.inf, line.figure(2, 0.0), glass,
-                   row["CIR"].figure(-1) if "CIR" in row else np.inf, row["K"].figure(1) if "K" in row else 0.0,
-                   tuple(terms.get(power, 0.0) for power in range(2, last + 1, 2)), "STO" in row or stop == number)
+    return tuple(terms.get(power, 0.0) for power in range(2, last + 1, 2))
+
+
+def _second_section(surface, shape, row):
+    """Fields of a cylinder, toroid or anamorphic asphere; a cylinder is curved along y unless the file states x."""
+    if shape != "CYL" and not any(command in row for command in SECTION):
+        raise row["S"].refusal(f"expected the curvature along x, CUX, of a surface {shape}")
+    curvature, radius = (_value(row, command) for command in SECTION)
+    section = {"radius_x_mm": radius or (1 / curvature if curvature else np.inf)}
+    if shape == "CYL" and np.isfinite([surface.radius_mm, section["radius_x_mm"]]).all():
+        raise row["S"].refusal("expected a cylinder (CYL) to be curved along x or y, not both")
+    if shape == "AAS":
+        aspheric = _terms(row, {command: 4 + 2 * at for at, command in enumerate(ANAMORPHIC)})
+        skews = (0.0, *(_value(row, command) for command in ANAMORPHIC.values()))
+        return section | {"conic_x": _value(row, "KX"), "aspheric": aspheric, "skews": skews[:len(aspheric)]}
+    if shape == "XTO":
+        return section | {"profile": "x", "conic_x": surface.conic, "conic": 0.0}
+    return section | ({"profile": "y"} if shape == "YTO" else {})
+
+
+def _is_displaced(row):
+    return any(_value(row, command) for command in (*DECENTRES, *TILTS))
+
+
+def _frames(rows, surfaces):
+    """Frame of each surface, and of the image plane.
+
+    Tilts and decentres are of the axis in front of a surface. They stay, unless DAR returns behind the surface; with
+    REV, the axis is tilted and decentred in reverse, behind the surface. Turns about x and y are left-handed.
+    """
+    frame = START
+    for row, surface in zip(rows[1:], [*surfaces, Surface()], strict=True):
+        displaced = frame if REVERSED in row else _displaced(frame, row)
+        yield displaced
+        frame = frame if RETURNING in row else _reversed(frame, row) if REVERSED in row else displaced
+        frame = frame.moved(0.0, 0.0, surface.thickness_mm)
+
+
+def _displaced(frame, row):
+    x, y, z = (_value(row, command) for command in DECENTRES)
+    alpha, beta, gamma = (_value(row, command) for command in TILTS)
+    return frame.moved(x, y, z).turned(("x", -alpha), ("y", -beta), ("z", gamma))
+
+
+def _reversed(frame, row):
+    x, y, z = (_value(row, command) for command in DECENTRES)
+    alpha, beta, gamma = (_value(row, command) for command in TILTS)
+    return frame.turned(("z", -gamma), ("y", beta), ("x", alpha)).moved(-x, -y, -z)
 
 
 def _glass(line, private):

@@ -10,18 +10,22 @@ from ...runtime.unread import json_names, unread_names
 from ..glasses import best_name
 from ..prescription import Prescription, Surface
 from .field_and_aperture import field_end, vignetting_note
+from .frames import START, posed
 from .reading import Reading, ReadingOptions, with_stop
 
 KNOWN_NAMES = ("name", "aperture", "type", "value", "fields", "field_definition", "field_type", "x", "y", "vx", "vy",
                "telecentric", "surface_group", "surfaces", "geometry", "cs", "z", "rx", "ry", "rz", "reference_cs",
                "radius", "conic", "coefficients", "material_post", "index", "abbe", "catalog", "filename", "reference",
-               "is_stop", "is_reflective", "interaction_model", "r_min", "r_max", "wavelengths", "is_primary")
+               "is_stop", "is_reflective", "interaction_model", "r_min", "r_max", "wavelengths", "is_primary",
+               "radius_x", "radius_y", "conic_x", "conic_y", "conic_yz", "coeffs_poly_y")
 HARMLESS_NAMES = ("version", "material_pre", "robust_search", "min_wavelength", "max_wavelength", "unit", "weight",
                   "polarization", "pickups", "solves", "tol", "max_iter", "thickness", "comment", "coating", "model",
                   "object_space_telecentric", "ray_tracer", "ray_aiming_config",
-                  "match_policy", "bounds", "propagation_model")
+                  "match_policy", "bounds", "propagation_model", "geometry_type")
+DISPLACEMENTS = ("x", "y", "rx", "ry", "rz")
 REFRACTIVE = "RefractiveReflectiveModel"
-SHAPES = ("Plane", "StandardGeometry", "EvenAsphere", "OddAsphere")
+TOROID, BICONIC = "ToroidalGeometry", "BiconicGeometry"
+SHAPES = ("Plane", "StandardGeometry", "EvenAsphere", "OddAsphere", TOROID, BICONIC)
 APERTURES = {"EPD": "entrance_pupil_diameter_mm", "imageFNO": "f_number", "objectNA": "object_na"}
 FIELDS = {"AngleField": "angle_deg", "ObjectHeightField": "object_height_mm",
           "ParaxialImageHeightField": "image_height_mm",
@@ -33,8 +37,10 @@ def read_optiland(path: Path, contents: dict, options: ReadingOptions) -> Readin
     rows = contents["surface_group"]["surfaces"]
     _check_ends(path, rows)
     places = [row["geometry"]["cs"]["z"] for row in rows]
-    surfaces = with_stop(path, [_surface(path, number, row, places[number + 1] - places[number])
-                                for number, row in enumerate(rows[1:-1], 1)], options)
+    in_poses, image_pose = posed([_surface(path, number, row, places[number + 1] - places[number])
+                                  for number, row in enumerate(rows[1:-1], 1)],
+                                 [_frame(path, number, row) for number, row in enumerate(rows[1:], 1)])
+    surfaces = with_stop(path, in_poses, options)
     if contents["fields"].get("telecentric"):
         raise LensError(path, "fields", "telecentric in object space", "expected rays to be aimed at the stop")
     factors = [point.get(axis) for point in contents["fields"]["fields"] for axis in ("vx", "vy")]
@@ -43,7 +49,7 @@ def read_optiland(path: Path, contents: dict, options: ReadingOptions) -> Readin
         aperture=_aperture(path, contents["aperture"]), field=options.field or _field(path, contents["fields"]),
         focus=options.image_plane or "as given", object_distance_mm=object_distance(places[1] - places[0]),
         reference_wavelength_nm=_reference_nm(contents["wavelengths"]["wavelengths"]),
-        source=f"{path.name} (Optiland)", notes=vignetting_note(factors, surfaces)),
+        source=f"{path.name} (Optiland)", image_pose=image_pose, notes=vignetting_note(factors, surfaces)),
         unread=unread_names(json_names(contents, HARMLESS_NAMES), KNOWN_NAMES))
 
 
@@ -53,6 +59,8 @@ def _check_ends(path, rows):
         raise LensError(path, "surface_group", "without a flat object and a flat image", "expected both, and a lens")
     if _glass(path, 0, rows[0]["material_post"]):
         raise LensError(path, "object", "in glass", "expected air in front of the lens")
+    if any(rows[0]["geometry"]["cs"][key] for key in DISPLACEMENTS):
+        raise LensError(path, "object", "tilted or decentred", "expected an object plane on the axis")
 
 
 def _surface(path, number, row, thickness_mm):
@@ -62,14 +70,43 @@ def _surface(path, number, row, thickness_mm):
         raise LensError(path, f"surface {number}", "not a refracting surface", "expected refracting surfaces")
     if shape["type"] not in SHAPES:
         raise LensError(path, f"surface {number}", shape["type"], f"expected one of {', '.join(SHAPES)}")
-    if any(shape["cs"][key] for key in ("x", "y", "rx", "ry", "rz")):
-        raise LensError(path, f"surface {number}", "tilted or decentred", "expected a centred lens")
     if aperture and (aperture["type"] != "RadialAperture" or aperture.get("r_min")):
         raise LensError(path, f"surface {number}, aperture", aperture["type"], "expected a circle, a RadialAperture")
+    return Surface(thickness_mm=thickness_mm, glass=_glass(path, number, row["material_post"]), stop=row["is_stop"],
+                   semi_aperture_mm=aperture["r_max"] if aperture else np.inf, **_form(path, number, shape))
+
+
+def _form(path, number, shape):
+    """Fields of a surface that its geometry determines."""
+    if shape["type"] == TOROID:
+        return {"radius_mm": shape["radius_y"] or np.inf, "conic": shape.get("conic_yz", 0.0), "radius_x_mm": shape["radius_x"],
+                "profile": "y", "aspheric": tuple(shape.get("coeffs_poly_y", ()))}
+    if shape["type"] == BICONIC:
+        return _biconic(path, number, shape)
     terms = tuple(shape.get("coefficients", ()))
     even, odd = (terms[1::2], terms[::2]) if shape["type"] == "OddAsphere" else (terms, ())
-    return Surface(shape.get("radius", np.inf), thickness_mm, _glass(path, number, row["material_post"]),
-                   aperture["r_max"] if aperture else np.inf, shape.get("conic", 0.0), even, row["is_stop"], odd)
+    return {"radius_mm": shape.get("radius", np.inf), "conic": shape.get("conic", 0.0), "aspheric": even,
+            "odd_aspheric": odd}
+
+
+def _biconic(path, number, shape):
+    """A cylinder with a conic section: Optiland adds the sags of both sections, which differs if both are curved."""
+    sections = {"radius_x_mm": shape["radius_x"], "radius_mm": shape["radius_y"]}
+    sections = {name: radius or np.inf for name, radius in sections.items()}
+    if all(map(np.isfinite, sections.values())):
+        raise LensError(path, f"surface {number}", f"{BICONIC}, curved along x and y",
+                        "Optiland adds the sags of the two sections: expected one plane section, or a ToroidalGeometry")
+    return sections | {"conic_x": shape.get("conic_x", 0.0), "conic": shape.get("conic_y", 0.0)}
+
+
+def _frame(path, number, row):
+    """The coordinate system of a surface, which is turned about the fixed x, y and z axes and then moved."""
+    place = row["geometry"]["cs"]
+    if place.get("reference_cs"):
+        raise LensError(path, f"surface {number}", "in the coordinate system of another",
+                        "expected the surface's own x, y, z, rx, ry and rz")
+    turns = [(axis, np.degrees(place[f"r{axis}"])) for axis in "zyx"]  # about its own axes in reverse order
+    return START.moved(place["x"], place["y"], place["z"]).turned(*turns)
 
 
 def _glass(path, number, material):
