@@ -112,6 +112,22 @@ def read_toml(path: Path, kind: str, version: int, before: re.Pattern[str] | Non
     InputError
         The file is not TOML, or has another format or version: of the type `error`.
     """
+    table = read_any_toml(path, before, error)
+    table.choice("format", [kind])
+    if table.values.get("version") != version:
+        raise table.refusal("version", f"expected {version}")
+    return table
+
+
+def read_any_toml(path: Path, before: re.Pattern[str] | None = None,
+                  error: type[InputError] = LensError) -> TomlTable:
+    """The fields of a TOML file of any format; with `before`, those above its match.
+
+    Raises
+    ------
+    InputError
+        The file is not TOML: of the type `error`.
+    """
     text = read_text(path, error)
     text = before.split(text, maxsplit=1)[0] if before else text
     if len(text) > LONGEST_FILE:
@@ -119,13 +135,9 @@ def read_toml(path: Path, kind: str, version: int, before: re.Pattern[str] | Non
     if endless := ENDLESS_KEY.search(text):
         raise error(path, "TOML", endless[0], "expected keys of at most 16 parts")
     try:
-        table = TomlTable(path, tomllib.loads(text), error=error)
+        return TomlTable(path, tomllib.loads(text), error=error)
     except (ValueError, RecursionError) as reason:
         raise error(path, "TOML", "not readable", " ".join(str(reason).split())) from None
-    table.choice("format", [kind])
-    if table.values.get("version") != version:
-        raise table.refusal("version", f"expected {version}")
-    return table
 
 
 def check_known(table: TomlTable, known: Sequence[str]) -> None:

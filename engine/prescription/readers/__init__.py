@@ -12,13 +12,13 @@ from .json_files import read_json
 from .optbench import read_optbench
 from .pbrt import read_pbrt
 from .reading import AS_IT_IS, SEMI_DIAMETERS, Reading, ReadingOptions, checked
-from .toml import read_toml_file
+from .toml_files import read_toml_prescription
 from .zemax import read_zemax
 
-READERS = {".toml": read_toml_file, ".zmx": read_zemax, ".seq": read_codev, ".dat": read_pbrt, ".lens": read_dot_lens,
-           ".json": read_json, ".txt": read_optbench}
-READABLE = ("Lensfield .toml, Zemax .zmx, Code V .seq, pbrt .dat, Optical Bench .txt, .lens, or .json of Optiland, "
-            "DeepLens or lentil")
+READERS = {".toml": read_toml_prescription, ".zmx": read_zemax, ".seq": read_codev, ".dat": read_pbrt,
+           ".lens": read_dot_lens, ".json": read_json, ".txt": read_optbench}
+READABLE = ("Lensfield or physical-camera .toml, Zemax .zmx, Code V .seq, pbrt .dat, Optical Bench .txt, .lens, or "
+            ".json of Optiland, DeepLens or lentil")
 """The files that READERS read, for help."""
 OF_SEVERAL = (".json", ".txt")  # several lenses, or a lens at several positions
 WITH_SEMI_DIAMETERS = (".zmx",)  # in addition to apertures

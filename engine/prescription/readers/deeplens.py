@@ -1,6 +1,7 @@
 """DeepLens JSON: a list of surfaces with the material behind each, and the sensor."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,8 @@ from .reading import Reading, ReadingOptions, with_stop
 KNOWN_NAMES = ("info", "foclen", "fnum", "r_sensor", "d_sensor", "sensor_size", "sensor_res", "r_last", "surfaces",
                "idx", "type", "r", "c", "roc", "d", "d_next", "k", "ai", "use_ai2", "mat1", "mat2",
                *(f"ai{power}" for power in range(2, 22, 2)))  # the terms of ai, one by one
-SHAPES, STOPS = ("Spheric", "Aspheric", "Plane"), ("Aperture", "Stop")
+CYLINDER = "Cylindric"  # curved along x
+SHAPES, STOPS = ("Spheric", "Aspheric", "Plane", CYLINDER), ("Aperture", "Stop")
 AIR = ("air", "vacuum", "occluder", "none")
 PLASTICS = {"coc": "1.5337/56.22", "pmma": "1.4918/57.44", "polycarb": "1.5855/29.91", "pc": "1.5855/29.91",
             "polystyr": "1.5904/30.87", "ps": "1.5904/30.87", "okp4": "1.6328/23.34", "okp4ht": "1.6328/23.34"}
@@ -69,13 +71,14 @@ def _surface(path, number, row, thickness_mm):
     if row.get("diffraction"):
         raise LensError(path, f"surface {number}, diffraction", "on", "expected refracting surfaces: diffractive "
                                                                       "elements cannot be traced")
-    curved = kind in ("Spheric", "Aspheric")
+    curved = kind in ("Spheric", "Aspheric", CYLINDER)
     curvature = _number(row, "c") if curved else 0.0
     radius_mm = float(row["roc"]) if curved and "roc" in row else 1 / curvature if curvature else np.inf
     radius_mm = radius_mm or np.inf  # a plane has 0
     aspheric = _aspheric(row) if kind == "Aspheric" else []
-    return Surface(radius_mm, thickness_mm, _glass(str(row.get("mat2", "air"))), float(row["r"]),
-                   float(row.get("k", 0.0)) if kind == "Aspheric" else 0.0, tuple(aspheric), kind in STOPS)
+    surface = Surface(radius_mm, thickness_mm, _glass(str(row.get("mat2", "air"))), float(row["r"]),
+                      float(row.get("k", 0.0)) if kind == "Aspheric" else 0.0, tuple(aspheric), kind in STOPS)
+    return replace(surface, radius_mm=np.inf, radius_x_mm=radius_mm) if kind == CYLINDER else surface
 
 
 def _aspheric(row):

@@ -1,10 +1,12 @@
 """.lens: a name, a focal length, and rows of radius, thickness, index, Abbe number, aperture and coating.
 
 The column `semi_ap` contains diameters in all known files, and is halved. The authors of the files dropped the designs'
-aspheric terms. Newer files have a seventh column, the type of the surface.
+aspheric terms. Newer files have a seventh column, the type of the surface: the name of a cylinder is its axis, so that
+`cyl_y` is curved along x. A toroid has the radius along x first, and that of its profile along y in an eighth column.
 """
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,14 +18,16 @@ from ..prescription import LEAST_F_NUMBER, Prescription, Surface
 from .lines import Line, numbered
 from .reading import Reading, ReadingOptions, with_stop
 
-ROW, COLUMNS = 5, 7  # required numbers and possible words per row: coatings are not modelled
+ROW, KIND, COLUMNS = 5, 6, 8  # required numbers, index of the type, possible words: coatings are not modelled
 SPHERES = ("sph", "sphere", "spherical")
+CYLINDERS_X, CYLINDERS_Y, TOROID = ("cyl_x", "cylinder_x"), ("cyl_y", "cylinder_y"), "toric"
+KINDS = (*SPHERES, *CYLINDERS_X, *CYLINDERS_Y, TOROID)
 KNOWN_HEADS = ("name", "focal_length", "surfaces")
 F_NUMBER = re.compile(r"(?<![\w-])f/?\s?(\d+(?:\.\d+)?)(?![\d.]*\s*(?:mm|cm))", re.IGNORECASE)
 HEADER_F_NUMBER = re.compile(r"^#.*\bsurfaces\b.*\bf/(\d+(?:\.\d+)?)", re.MULTILINE)
 HEADER_ROUNDING = 0.1  # one decimal, rounded up or down
 ZOOM = re.compile(r"\d\s*-\s*\d[\d.]*\s*mm|\bzoom\b|\bvario", re.IGNORECASE)
-NOTE = "Apertures are read as diameters, and surfaces as spheres: the file does not contain aspheres."
+NOTE = "Apertures are read as diameters, and surfaces without aspheric terms: the file does not contain them."
 
 
 def read_dot_lens(path: Path, options: ReadingOptions) -> Reading:
@@ -83,10 +87,19 @@ def _f_number(name, text):
 def _surface(line):
     if len(line.words) < ROW:
         raise line.refusal("expected radius or stop, thickness, index, Abbe number, aperture")
-    if len(line.words) > COLUMNS or line.words[COLUMNS - 1:] and line.words[-1].lower() not in SPHERES:
-        raise line.refusal("expected a spherical surface: cylinders and toroids cannot be traced")
+    kind = line.words[KIND].lower() if len(line.words) > KIND else SPHERES[0]
+    if kind not in KINDS or len(line.words) > (COLUMNS if kind == TOROID else KIND + 1):
+        raise line.refusal(f"expected {kind if kind in KINDS else ', '.join(KINDS)} as last word, or {TOROID} and a "
+                           "radius")
     stop = line.words[0].lower() == "stop"
     radius_mm = np.inf if stop else line.figure(0) or np.inf
     index, abbe, diameter_mm = (line.figure(at) for at in (2, 3, 4))
     glass = "" if index <= 1 else f"{index:.9g}/{abbe:.9g}" if abbe else f"{index:.9g}"
-    return Surface(radius_mm, line.figure(1), glass, diameter_mm / 2 or np.inf, stop=stop)
+    surface = Surface(radius_mm, line.figure(1), glass, diameter_mm / 2 or np.inf, stop=stop)
+    if kind in CYLINDERS_X:
+        return replace(surface, radius_x_mm=np.inf)
+    if kind in CYLINDERS_Y:
+        return replace(surface, radius_mm=np.inf, radius_x_mm=radius_mm)
+    if kind == TOROID:
+        return replace(surface, radius_mm=line.figure(KIND + 1), radius_x_mm=radius_mm, profile="y")
+    return surface

@@ -14,7 +14,7 @@ from ...spectral.dispersion import FORMULAS
 from ...spectral.refraction import Formula
 from ..glasses import Glass
 from ..prescription import APERTURES, FIELDS, ORIGINS, PARTS, Prescription, Surface
-from .reading import AS_IT_IS, Reading, ReadingOptions, with_stop
+from .reading import AS_IT_IS, ReadingOptions, with_stop
 
 FORMAT, VERSION = "lensfield-prescription", 1
 TEXTS = ("name", "title", "maker", "story", "source", "notes", "focus")
@@ -77,11 +77,6 @@ def read_description(path: Path) -> Description:
     focal_length_mm = table.number("focal_length_mm") if "focal_length_mm" in table else None
     return Description(table.line("title"), table.line("maker"), _year(table), focal_length_mm, _character(table),
                        table.line("story"), table.line("source"))
-
-
-def read_toml_file(path: Path, options: ReadingOptions) -> Reading:
-    """Read a Lensfield prescription; unknown names in it are errors."""
-    return Reading(read_lensfield(path, options), native=True)
 
 
 def _year(table):
