@@ -31,6 +31,10 @@ class Frame(NamedTuple):
             axes = axes @ _rotation(axis, degrees)
         return Frame(self.origin, axes)
 
+    def centred(self) -> "Frame":
+        """The frame at the same place along the axis of the object, without tilts and decentres."""
+        return Frame(np.array([0.0, 0.0, self.origin[2]]), np.eye(3))
+
 
 START = Frame(np.zeros(3), np.eye(3))
 
@@ -91,6 +95,8 @@ def _reaching(surface, place, behind):
 
 def _in_pose(surface, frame):
     """The surface in this frame. Where its symmetry allows, it is not turned about z."""
+    if not frame.origin[:2].any() and (frame.axes == START.axes).all():
+        return surface
     if surface.radius_x_mm is None:
         return replace(surface, pose=_pose(_unrolled(frame)))
     pose = _pose(frame)

@@ -167,11 +167,11 @@ def _sections(shape, radius_x, *others):
 
 
 def _frames(rows):
-    """Frame of each row behind the object: of its surface, or behind its coordinate break."""
+    """Frame of each row behind the object; a coordinate break stays on the axis, where it is without effect."""
     frame = START
     for row in rows:
         frame = _broken(frame, row) if _shape(row) == BREAK else frame
-        yield frame
+        yield frame.centred() if _shape(row) == BREAK else frame
         frame = frame.moved(0.0, 0.0, row["DISZ"][-1].figure(1))
 
 

@@ -145,6 +145,62 @@ surfaces:
   -50.0000       47.5000      1.00000  0.00     16.000    0
 """
 
+PHYSICAL_CAMERA = """[lens]
+name = "singlet"
+patent = "US 1,234,567"
+focal_length = 49.0
+max_fstop = 9.8
+coating = "single"
+squeeze = 2.0
+
+[[surface]]
+type = "stop"
+radius = 0
+thickness = 2.0
+ior = 1.0
+aperture = 5.0
+abbe_v = 0.0
+
+[[surface]]
+radius = 50.0
+thickness = 4.0
+ior = 1.5168
+aperture = 16.0
+abbe_v = 64.2
+
+[[surface]]
+type = "aspheric"
+radius = -50.0
+thickness = 1.5
+ior = 1.0
+aperture = 16.0
+abbe_v = 0.0
+conic = -0.5
+aspheric_coeffs = [1e-6, -2e-9, 0.0]
+
+[[surface]]
+type = "cylindrical_x"
+radius = 80.0
+thickness = 1.0
+ior = 1.6
+aperture = 17.0
+abbe_v = 0.0
+
+[[surface]]
+radius = 0
+thickness = 0.0
+ior = 1.0
+aperture = 17.0
+abbe_v = 0.0
+
+[focus]
+close_distance = 500.0
+
+[[focus.variable]]
+surface = 2
+thickness_close = 3.5
+"""
+
 DEEPLENS = {
     "info": "a singlet", "foclen": 49.0, "fnum": 9.8, "r_sensor": 12.2, "d_sensor": 53.5, "sensor_size": [20.0, 14.0],
     "surfaces": [
@@ -163,11 +219,14 @@ LENTIL = {
                   "housing-radius": 8, "lens-geometry": "aspherical", "aspherical-equation": [1e-6, -2e-9, 0.0, 0.0]}]}}
 
 
+OF_OPTILAND = ("radius", "conic", "coefficients", "radius_x", "radius_y", "conic_x", "conic_yz", "coeffs_poly_y")
+
+
 def optiland_row(z, kind="Plane", material=None, **changes):
     """A surface as Optiland writes it, with air behind it by default."""
     geometry = {"type": kind, "cs": dict.fromkeys(("x", "y", "rx", "ry", "rz"), 0.0) | {"z": z}}
-    geometry |= {name: changes.pop(name) for name in ("radius", "conic", "coefficients", "dy") if name in changes}
-    geometry["cs"]["y"] = geometry.pop("dy", 0.0)
+    geometry["cs"] |= changes.pop("cs", {})
+    geometry |= {name: changes.pop(name) for name in OF_OPTILAND if name in changes}
     return {"geometry": geometry, "material_post": material or {"type": "IdealMaterial", "index": 1.0},
             "is_stop": False, "aperture": None,
             "interaction_model": {"type": "RefractiveReflectiveModel", "is_reflective": False}} | changes
@@ -189,10 +248,45 @@ def optiland(**third):
             "wavelengths": {"wavelengths": wavelengths}}
 
 
+def changed(text, *pairs):
+    """A text with some pieces replaced; each piece must occur in it."""
+    for old, new in pairs:
+        assert old in text, old
+        text = text.replace(old, new)
+    return text
+
+
+ANAMORPHIC_ZEMAX = changed(ZEMAX, ("SURF 3\n  TYPE STANDARD", """SURF 3
+  TYPE COORDBRK
+  PARM 1 0.1
+  PARM 3 -0.5
+  CURV 0
+  DISZ 0
+SURF 4
+  TYPE TOROIDAL
+  PARM 1 -80.0
+  PARM 3 2.0E-6"""), ("DISZ 4.75E+1", "DISZ 0"), ("SURF 4\n  TYPE STANDARD", """SURF 5
+  TYPE COORDBRK
+  PARM 1 -0.1
+  PARM 3 0.5
+  PARM 6 1
+  CURV 0
+  DISZ 47.5
+SURF 6
+  TYPE STANDARD"""))
+
+ANAMORPHIC_CODEV = changed(CODEV, ("  CIR EDG 9.0\n", "  CYL\n  CUX 0.0\n  CIR EDG 9.0\n"), ("  CON\n  K   -0.5\n", """  AAS
+  RDX -80.0; KX 0.3; KY -0.5
+  AR 2.0e-6; BR -1.0e-9
+  AP 0.1; BP -0.2
+  XDE 0.1; YDE 0.0; ADE -0.5; DAR
+"""))
+
 SAMPLES = {".toml": TOML, ".zmx": ZEMAX, ".seq": CODEV, ".dat": PBRT, ".txt": OPTBENCH, ".lens": DOT_LENS,
-           "Optiland.json": json.dumps(optiland(), indent=1), "DeepLens.json": json.dumps(DEEPLENS, indent=1),
-           "lentil.json": json.dumps(LENTIL, indent=1)}
-"""A valid file of each kind, by its suffix; if several programs share the suffix, with the program before it."""
+           "physical-camera.toml": PHYSICAL_CAMERA, "anamorphic.zmx": ANAMORPHIC_ZEMAX,
+           "anamorphic.seq": ANAMORPHIC_CODEV, "Optiland.json": json.dumps(optiland(), indent=1),
+           "DeepLens.json": json.dumps(DEEPLENS, indent=1), "lentil.json": json.dumps(LENTIL, indent=1)}
+"""A valid file of each kind, by its suffix; if several have the same suffix, with the program or the lens before it."""
 
 
 SURFACES = (Surface(thickness_mm=2.0, stop=True), Surface(50.0, 4.0, "SCHOTT N-BK7", 8.0),
@@ -217,14 +311,6 @@ def prescriptions(count):
             ("lentil.json", of_lentil := deepcopy(LENTIL), of_lentil["0001"]["optical-elements-patent"])):
         rows[2:2] = [rows[1]] * count
         yield name, json.dumps(contents)
-
-
-def changed(text, *pairs):
-    """A text with some pieces replaced; each piece must occur in it."""
-    for old, new in pairs:
-        assert old in text, old
-        text = text.replace(old, new)
-    return text
 
 
 def reader_of(path, text):

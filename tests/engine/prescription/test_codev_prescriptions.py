@@ -8,7 +8,7 @@ import pytest
 from lens_texts import CODEV, SURFACES, reader_of
 from lensfield.engine import LensError
 from lensfield.engine.prescription.glasses import find_glass
-from lensfield.engine.prescription.prescription import Prescription, Surface
+from lensfield.engine.prescription.prescription import Pose, Prescription, Surface
 from lensfield.engine.rays.focus import build_system
 
 SINGLET = Prescription("singlet", SURFACES, ("entrance_pupil_diameter_mm", 5.0), ("angle_deg", 14.0),
@@ -210,11 +210,22 @@ def test_the_first_of_several_zoom_positions_is_used(read):
 
 
 @pytest.mark.parametrize("old, new, message", [
-    ("  STO\n", "  STO\n  ADE 1.0\n", "surface 1 is tilted or decentred: expected a centred lens"),
-    ("  STO\n", "  STO\n  ZDE 1.0\n", "surface 1 is tilted or decentred: expected a centred lens"),
+    ("  STO\n", "  STO\n  ADE 1.0\n", "image is tilted or decentred with the surfaces in front of it"),
+    ("  STO\n", "  STO\n  YDE 1.0; REV\n", "image is tilted or decentred with the surfaces in front of it"),
+    ("  STO\n", "  STO\n  ADE 1.0; BEN\n", "surface 1 is BEN: expected tilts and decentres that return"),
+    ("  STO\n", "  STO\n  ADE 1.0; RET S1\n", "surface 1 is RET S1: expected tilts and decentres that return"),
+    ("  STO\n", "  STO\n  ADE 1.0; DAR; ZOD 2.0\n", "surface 1 is ZOD 2.0: expected tilts about the vertex"),
+    ("0.1e14\n", "0.1e14\n  YDE 1.0\n", "SO is tilted or decentred: expected an object plane on the axis"),
+    ("  CON\n", "  CYL; RDX 20.0\n", "surface 3 is K -0.5: not a parameter of CYL"),
+    ("  CON\n  K   -0.5\n", "  CYL; RDX 20.0\n", "surface 3 is S -50.0 47.5: expected a cylinder (CYL) to be curved"),
+    ("  CON\n", "  RDX 20.0\n", "surface 3 is RDX 20.0: not a parameter of a surface of revolution"),
+    ("  CON\n", "  YTO\n", "surface 3 is S -50.0 47.5: expected the curvature along x, CUX, of a surface YTO"),
+    ("  CON\n", "  YTO; CUX 0; AR 1e-6\n", "surface 3 is AR 1e-6: not a parameter of YTO"),
+    ("  CON\n", "  AAS; CUX 0; A 1e-6\n", "surface 3 is A 1e-6: not a parameter of AAS"),
+    ("  CON\n", "  AAS; CUX S3 0.1\n", "surface 3 is CUX S3 0.1: expected a number as word 2"),
+    ("  CON\n", "  UDS\n", "surface 3 is UDS: expected a conic or an asphere"),
     ("NBK7_SCHOTT", "REFL", "surface 2 is a mirror: expected refracting surfaces"),
     ("  CON\n", "  SPS ODD\n", "surface 3 is SPS ODD: expected a conic or an asphere"),
-    ("  CON\n", "  CYL\n", "surface 3 is CYL: expected a conic or an asphere"),
     ("  CON\n", "  DIF DOE\n", "surface 3 is DIF DOE: expected a conic or an asphere"),
     ("CIR 8.0\n", "CIR OBS 8.0\n", "surface 2 is CIR OBS 8.0: expected CIR and the radius of a clear aperture"),
     ("CIR 8.0\n", "CIR\n", "surface 2 is CIR: expected CIR and the radius of a clear aperture"),
@@ -249,3 +260,65 @@ def test_a_surface_without_figures_is_a_plane(read):
     """A bare S is a plane of zero thickness."""
     lens = read(("S     -50.0 47.5", "S\nS     -50.0 47.5"))
     assert lens.surfaces[2] == Surface()
+
+
+REAR = "  CON\n  K   -0.5\n"
+
+
+@pytest.mark.parametrize("lines, changes", [
+    ("  CYL\n", dict(radius_x_mm=np.inf, conic=0.0)),
+    ("  CYL; CUX 0.0\n", dict(radius_x_mm=np.inf, conic=0.0)),
+    ("  YTO; RDX -80.0; K -0.5; A 2e-6; B 3e-9\n", dict(radius_x_mm=-80.0, profile="y", aspheric=(0.0, 2e-6, 3e-9))),
+    ("  YTO; CUX -0.0125; K -0.5\n", dict(radius_x_mm=-80.0, profile="y")),
+    ("  XTO; RDX 0.0; K -0.5; A 2e-6\n",
+     dict(radius_x_mm=np.inf, profile="x", conic=0.0, conic_x=-0.5, aspheric=(0.0, 2e-6))),
+    ("  AAS; CUX -0.0125; KX 0.7; KY -0.5; AR 2e-6; CR 1e-12; AP 0.1; BP 9.0; CP -0.2; DP 3.0\n",
+     dict(radius_x_mm=-80.0, conic_x=0.7, aspheric=(0.0, 2e-6, 0.0, 1e-12), skews=(0.0, 0.1, 9.0, -0.2)))])
+def test_cylinders_toroids_and_anamorphic_aspheres(read, lines, changes):
+    """The line of the surface has the curvature along y; CUX and RDX are along x."""
+    assert read((REAR, lines)).surfaces[2] == replace(SURFACES[2], **changes)
+    assert "Not used" not in read((REAR, lines)).notes
+
+
+def test_a_cylinder_may_be_curved_along_x(read):
+    rear = read(("S     -50.0 47.5", "S     0.0 47.5"), (REAR, "  CYL; RDX -50.0\n")).surfaces[2]
+    assert rear == replace(SURFACES[2], radius_mm=np.inf, radius_x_mm=-50.0, conic=0.0)
+
+
+def test_an_anamorphic_asphere_is_scaled_to_mm(read):
+    lens = read(("DIM   M", "DIM   C"), (REAR, "  AAS; RDX -80.0; AR 2e-5; AP 0.3\n  DAR; YDE 0.1; ADE 2.0\n"))
+    rear = lens.surfaces[2]
+    assert (rear.radius_x_mm, rear.aspheric, rear.skews) == (-800.0, (0.0, pytest.approx(2e-8)), (0.0, 0.3))
+    assert rear.pose.offset_mm == pytest.approx((0, 1, 0)) and rear.pose.tilt_deg == (-2.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("lines, offset_mm, tilt_deg", [
+    ("ADE 3.0", (0, 0, 0), (-3, 0, 0)), ("BDE 3.0", (0, 0, 0), (0, -3, 0)), ("CDE 3.0", (0, 0, 0), (0, 0, 3)),
+    ("XDE 0.3; YDE -0.2", (0.3, -0.2, 0), (0, 0, 0))])
+def test_a_surface_is_displaced_and_returns(read, lines, offset_mm, tilt_deg):
+    """ADE and BDE are left-handed: for a positive ADE, the axis of the surface goes towards +y."""
+    lens = read((REAR, f"  YTO; RDX -80.0; K -0.5\n  DAR; {lines}\n"))
+    assert lens.surfaces[2] == replace(SURFACES[2], radius_x_mm=-80.0, profile="y", pose=Pose(offset_mm, tilt_deg))
+    assert lens.image_pose is None
+
+
+def test_the_axis_stays_displaced_until_it_is_reversed(read):
+    """The lens turns about the vertex of its first surface; a plane there, reached backwards, returns."""
+    lens = read(("  CIR 8.0\n", "  CIR 8.0\n  XDE 0.1; ADE 3.0\n"), ("-50.0 47.5", "-50.0 -4.0"),
+                (REAR, f"{REAR}S 0.0 51.5\n  XDE 0.1; ADE 3.0; REV\n"))
+    front, rear, plane = lens.surfaces[1:]
+    lean = np.radians(3.0)
+    assert front.pose == Pose((0.1, 0.0, 0.0), (-3.0, 0.0, 0.0)) and front.thickness_mm == pytest.approx(4 * np.cos(lean))
+    assert rear.pose.offset_mm == pytest.approx((0.1, 4 * np.sin(lean), 0)) and rear.pose.tilt_deg == (-3.0, 0.0, 0.0)
+    assert plane.pose == front.pose and plane.thickness_mm == 51.5 and lens.image_pose is None
+    assert front.thickness_mm + rear.thickness_mm == pytest.approx(0.0, abs=1e-9)
+
+
+def test_the_image_plane_may_be_displaced(read):
+    lens = read(("SI    0.0 0.0", "SI    0.0 0.0\n  YDE 1.5; BDE 2.0"))
+    assert lens.image_pose == Pose((0.0, 1.5, 0.0), (0.0, -2.0, 0.0)) and lens.surfaces == SURFACES
+
+
+def test_a_shift_along_the_axis_changes_thicknesses(read):
+    lens = read(NEAR, ("XAN   0.0 0.0\nYAN", "YOB"), ("  STO\n", "  STO\n  ZDE 0.5; DAR\n"))
+    assert (lens.object_distance_mm, lens.surfaces[0].thickness_mm) == (250.5, 1.5)

@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy
 
 from lens_texts import DEEPLENS, LENTIL, SURFACES, optiland
 from lensfield.engine import LensError
-from lensfield.engine.prescription.prescription import Surface
+from lensfield.engine.prescription.prescription import Pose, Surface
 from lensfield.engine.prescription.readers import ReadingOptions, read_prescription
 from lensfield.engine.rays.focus import build_system
 
@@ -103,14 +104,48 @@ def test_an_index_without_dispersion_becomes_the_glass_name(read):
     (dict(interaction_model={"type": "RefractiveReflectiveModel", "is_reflective": True}),
      "surface 3 is not a refracting surface"),
     (dict(interaction_model={"type": "ThinLensInteractionModel"}), "surface 3 is not a refracting surface"),
-    (dict(kind="BiconicGeometry"), "surface 3 is BiconicGeometry: expected one of"),
-    (dict(dy=0.5), "surface 3 is tilted or decentred"),
+    (dict(kind="ChebyshevPolynomialGeometry"), "surface 3 is ChebyshevPolynomialGeometry: expected one of"),
+    (dict(kind="BiconicGeometry", radius_x=-80.0, radius_y=-50.0),
+     "surface 3 is BiconicGeometry, curved along x and y: Optiland adds the sags"),
+    (dict(cs={"reference_cs": {"x": 0.0}}), "surface 3 is in the coordinate system of another"),
     (dict(material={"type": "Mirror"}), "surface 3, glass is Mirror: expected a catalogue glass"),
     (dict(aperture={"type": "RadialAperture", "r_max": 8.0, "r_min": 1.0}),
      "surface 3, aperture is RadialAperture: expected a circle")], ids=lambda value: None)
 def test_unsupported_surfaces_of_optiland_are_refused(read, third, message):
     with pytest.raises(LensError, match=message):
         read(optiland(**third))
+
+
+@pytest.mark.parametrize("third, changes", [
+    (dict(kind="ToroidalGeometry", radius=-50.0, conic=0.0, radius_x=-80.0, radius_y=-50.0, conic_yz=-0.5,
+          coeffs_poly_y=[0.0, 2e-6]), dict(radius_x_mm=-80.0, profile="y", aspheric=(0.0, 2e-6))),
+    (dict(kind="ToroidalGeometry", radius_x=float("inf"), radius_y=-50.0, conic_yz=-0.5),
+     dict(radius_x_mm=np.inf, profile="y")),
+    (dict(kind="BiconicGeometry", radius_x=-80.0, radius_y=float("inf"), conic_x=0.7),
+     dict(radius_mm=np.inf, conic=0.0, radius_x_mm=-80.0, conic_x=0.7))], ids=lambda value: None)
+def test_toroids_and_cylinders_of_optiland(read, third, changes):
+    contents = optiland(**third)
+    geometry = contents["surface_group"]["surfaces"][3]["geometry"]
+    del geometry["coefficients"]
+    expected = Surface(-50.0, 2.0, "1.62/60.3", conic=-0.5)
+    lens = read(contents)
+    assert lens.surfaces[2] == replace(expected, **changes) and "Not used" not in lens.notes
+
+
+def test_poses_of_optiland(read):
+    """Radians about the fixed x, y and z axes, in this order, like ours; the image plane may be displaced, too."""
+    contents = optiland(cs={"x": 0.3, "y": -0.2, "rx": 0.1, "ry": -0.2})
+    contents["surface_group"]["surfaces"][-1]["geometry"]["cs"] |= {"rx": np.radians(2.0), "y": 1.5}
+    lens = read(contents)
+    pose = lens.surfaces[2].pose
+    turn, theirs = (scipy.spatial.transform.Rotation.from_euler("xyz", angles)
+                    for angles in (np.radians(pose.tilt_deg), (0.1, -0.2, 0.0)))
+    assert pose.offset_mm == (0.3, -0.2, 0.0) and turn.apply([0, 0, 1]) == pytest.approx(theirs.apply([0, 0, 1]))
+    assert lens.image_pose == Pose((0.0, 1.5, 0.0), (2.0, 0.0, 0.0))
+    assert [surface.thickness_mm for surface in lens.surfaces] == [2.0, 4.0, 2.0, 45.0]
+    contents["surface_group"]["surfaces"][0]["geometry"]["cs"]["rx"] = 0.1
+    with pytest.raises(LensError, match="object is tilted or decentred: expected an object plane on the axis"):
+        read(contents)
 
 
 def deeplens(number=0, **changes):
@@ -149,6 +184,11 @@ def test_a_radius_of_0_is_a_plane_in_deeplens(read):
     assert np.isinf(read(deeplens(1, roc=0.0)).surfaces[1].radius_mm)
 
 
+def test_a_cylinder_of_deeplens_is_curved_along_x(read):
+    front = read(deeplens(1, type="Cylindric")).surfaces[1]
+    assert front == Surface(np.inf, 4.0, "N-BK7", 8.0, radius_x_mm=50.0)
+
+
 @pytest.mark.parametrize("material, glass", [("1.62041/60.3", "1.62041/60.3"), ("pmma", "1.4918/57.44"), ("air", ""),
                                              ("H-K51", "H-K51"), (None, "")])
 def test_glasses_of_deeplens(read, material, glass):
@@ -156,7 +196,7 @@ def test_glasses_of_deeplens(read, material, glass):
 
 
 @pytest.mark.parametrize("contents, message", [
-    (deeplens(1, type="Fresnel"), "surface 2 is Fresnel: expected one of Spheric, Aspheric, Plane, Aperture, Stop"),
+    (deeplens(1, type="Fresnel"), "surface 2 is Fresnel: expected one of Spheric, Aspheric, Plane, Cylindric, Aper"),
     (deeplens(0, type="Plane"), "stop is missing: expected a surface of type Aperture or Stop"),
     ({name: value for name, value in DEEPLENS.items() if name != "d_sensor"}, "surface 3, d_next is missing"),
     (deeplens(1, roc=None), "prescription is damaged"),

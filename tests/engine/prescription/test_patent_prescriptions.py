@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lens_texts import DOT_LENS, OPTBENCH, SURFACES, reader_of
+from lens_texts import DOT_LENS, OPTBENCH, SURFACES, changed, reader_of
 from lensfield.engine import LensError
 from lensfield.engine.prescription.prescription import Surface
-from lensfield.engine.prescription.readers import ReadingOptions, read_prescription
+from lensfield.engine.prescription.readers import ReadingOptions, read_file, read_prescription
 from lensfield.engine.rays.focus import build_system
 from places import SHARED_DATA
 
@@ -141,12 +141,25 @@ def test_differing_f_numbers_of_a_dot_lens_are_noted(dot_lens, name, header, use
     assert f"The name says f/{name}, the header f/{header}: f/{used:g} is used." in lens.notes
 
 
-@pytest.mark.parametrize("kind", ["cyl_y", "cyl_x", "toric", "toric -200.0"])
-def test_a_non_spherical_surface_of_a_dot_lens_is_rejected(dot_lens, kind):
-    row = "16.000    0\n"
-    with pytest.raises(LensError, match=f"line 13 is .*{kind}: expected a spherical surface"):
-        dot_lens((row, row.rstrip() + f"  {kind}\n"), field=FIELD)
-    assert dot_lens((row, row.rstrip() + "  sph\n"), field=FIELD) == dot_lens(field=FIELD)
+LAST_ROW = "16.000    0\n"
+
+
+@pytest.mark.parametrize("kind, changes", [
+    ("cyl_x", dict(radius_x_mm=np.inf)), ("cylinder_y", dict(radius_mm=np.inf, radius_x_mm=-50.0)),
+    ("CYL_Y", dict(radius_mm=np.inf, radius_x_mm=-50.0)), ("spherical", {}),
+    ("toric -80.0", dict(radius_mm=-80.0, radius_x_mm=-50.0, profile="y"))])
+def test_cylinders_and_toroids_of_a_dot_lens(tmp_path, kind, changes):
+    """A cylinder is named after its axis, along which it is straight; the second radius of a toroid is along y."""
+    path = tmp_path / "lens.lens"
+    path.write_text(changed(DOT_LENS, (LAST_ROW, LAST_ROW.rstrip() + f"  {kind}\n")))
+    surfaces = read_file(path, ReadingOptions(FIELD)).prescription.surfaces
+    assert surfaces == (STOP, FRONT, replace(Surface(-50.0, 47.5, "", 8.0), **changes))
+
+
+@pytest.mark.parametrize("kind", ["biconic", "toric", "toric x", "cyl_x 3", "sph 3", "toric 1 2"])
+def test_an_unknown_kind_of_surface_of_a_dot_lens_is_rejected(dot_lens, kind):
+    with pytest.raises(LensError, match=f"line 13 is .*{kind}: expected"):
+        dot_lens((LAST_ROW, LAST_ROW.rstrip() + f"  {kind}\n"), field=FIELD)
 
 
 @pytest.mark.parametrize("name", ["Nikkor 35-70mm f/10", "Canon 12.5 - 62.5 mm f/10", "Zoom-Nikkor f/10"])

@@ -184,7 +184,7 @@ def test_the_stop_and_the_image_plane_may_be_given(tmp_path, name, text):
     assert (lens.stop_index, lens.focus, lens.sensor_mm) == (1, "paraxial", (9.0, 6.0))
     assert read_prescription(path, ReadingOptions(FIELD)).stop_index == 0
     for wrong in (0, len(lens.surfaces) + 1):
-        with pytest.raises(LensError, match=f"--stop is {wrong}: expected the number of a surface, 1 to [34]"):
+        with pytest.raises(LensError, match=f"--stop is {wrong}: expected the number of a surface, 1 to [3-5]"):
             read_prescription(path, asked._replace(stop=wrong))
 
 

@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy
 
 from lens_texts import SURFACES, ZEMAX, reader_of
 from lensfield.engine import LensError
 from lensfield.engine.bake.bake import bake
-from lensfield.engine.prescription.prescription import Prescription, Surface
+from lensfield.engine.prescription.prescription import Pose, Prescription, Surface
 from lensfield.engine.prescription.readers import ReadingOptions, read_prescription
 from lensfield.engine.rays.focus import build_system
 
@@ -164,6 +165,86 @@ def test_an_odd_asphere_has_all_its_terms(read):
     assert lens.surfaces[2] == replace(SURFACES[2], aspheric=terms[1::2], odd_aspheric=terms[::2])
 
 
+FORM = "TYPE STANDARD\n  CURV -2.0E-2 0 0 0 0 \"\"\n  CONI -0.5"
+
+
+def form(kind, conic, *parameters):
+    """The rear surface of another kind: of radius -50 along y."""
+    lines = "".join(f"\n  PARM {number} {value!r}" for number, value in enumerate(parameters, 1))
+    return FORM, f"TYPE {kind}{lines}\n  CURV -2.0E-2\n  CONI {conic}"
+
+
+@pytest.mark.parametrize("kind, conic, parameters, changes", [
+    ("TOROIDAL", -0.5, (-80.0,), dict(radius_x_mm=-80.0, profile="y")),
+    ("TOROIDAL", -0.5, (0.0, 0.0, 2e-6), dict(radius_x_mm=np.inf, profile="y", aspheric=(0.0, 2e-6, *5 * (0.0,)))),
+    ("BICONICX", -0.5, (-80.0, 0.7), dict(radius_x_mm=-80.0, conic_x=0.7)),
+    ("BICONICX", 0.0, (), dict(radius_x_mm=np.inf, conic=0.0))])
+def test_the_sections_of_toroids_and_biconic_surfaces(read, kind, conic, parameters, changes):
+    """CURV and CONI are those along y. The radius along x is the first parameter, and 0 for a plane section."""
+    assert read(form(kind, conic, *parameters)).surfaces[2] == replace(SURFACES[2], **changes)
+
+
+def test_a_toroid_is_scaled_to_mm(read):
+    back = read(("UNIT MM", "UNIT CM"), form("TOROIDAL", -0.5, -80.0, 1e-3, 2e-5)).surfaces[2]
+    assert (back.radius_mm, back.radius_x_mm, back.conic) == (pytest.approx(-500), pytest.approx(-800), -0.5)
+    assert back.aspheric[:2] == pytest.approx((1e-4, 2e-8))
+
+
+def broken(*breaks, rear=""):
+    """The rear surface between coordinate breaks, each (parameters, thickness); 4 mm behind the front surface."""
+    before, after = ([f"SURF 9\n  TYPE COORDBRK\n  CURV 0\n  DISZ {thickness}\n" + "".join(
+        f"  PARM {number} {value!r}\n" for number, value in enumerate(parameters, 1)) for parameters, thickness in part]
+        for part in (breaks[:1], breaks[1:]))
+    return [("DISZ 4.0\n", "DISZ 3.0\n"), ("SURF 3\n", f"{''.join(before)}SURF 3\n{rear}"),
+            ("SURF 4\n", f"{''.join(after)}SURF 4\n")]
+
+
+def close(pose, offset_mm, tilt_deg):
+    """Whether a pose has this offset and tilt."""
+    return np.allclose(pose.offset_mm, offset_mm, atol=1e-9) and np.allclose(pose.tilt_deg, tilt_deg, atol=1e-9)
+
+
+def test_a_returning_pair_of_coordinate_breaks_displaces_the_surface_between(read):
+    """Decentred, then turned about x: +y goes towards +z, and the axis towards -y. The second break returns, from a
+    plane as far behind the surface as that is behind the first break."""
+    there, back = (0.3, -0.2, 3.0, 0.0, 0.0, 0), (-0.3, 0.2, -3.0, 0.0, 0.0, 1)
+    lens = read(*broken((there, 1.0), ((), -1.0), (back, 48.5)), ("DISZ 4.75E+1", "DISZ 0"))
+    lean, gap = np.radians(3.0), lens.surfaces[2]
+    assert gap == Surface(thickness_mm=gap.thickness_mm, glass="SCHOTT N-BK7")
+    assert gap.thickness_mm == pytest.approx(np.cos(lean))
+    assert close(lens.surfaces[3].pose, (0.3, -0.2 - np.sin(lean), 0), (3, 0, 0)) and lens.image_pose is None
+    assert sum(surface.thickness_mm for surface in lens.surfaces[1:]) == pytest.approx(3.0 + 48.5)
+
+
+def test_turns_of_a_coordinate_break_follow_one_another(read):
+    """About the turned axes; poses turn about fixed ones. The z axes of both agree."""
+    there, back = (0.0, 0.0, 10.0, 20.0, 30.0, 0), (0.0, 0.0, -10.0, -20.0, -30.0, 1)
+    pose = read(*broken((there, 1.0), (back, 47.5)), ("DISZ 4.75E+1", "DISZ 0"),
+                form("TOROIDAL", -0.5, -80.0)).surfaces[3].pose
+    x, y, z = np.radians((10, 20, 30))
+    along_z = (np.sin(y), -np.sin(x) * np.cos(y), np.cos(x) * np.cos(y))  # by hand: about x of one turned about y
+    along_x = (np.cos(y) * np.cos(z), *(np.array([[np.cos(x), -np.sin(x)], [np.sin(x), np.cos(x)]])
+                                        @ [np.sin(z), -np.sin(y) * np.cos(z)]))
+    turn = scipy.spatial.transform.Rotation.from_euler("xyz", pose.tilt_deg, degrees=True)  # about fixed axes
+    assert turn.apply([0, 0, 1]) == pytest.approx(along_z) and turn.apply([1, 0, 0]) == pytest.approx(along_x)
+
+
+def test_a_break_in_front_of_the_image_tilts_the_sensor(read):
+    lens = read(("UNIT MM", "UNIT CM"), (LAST, f"DISZ 47.5\n{BREAK.format('PARM 2 0.5{0}  PARM 4 2').format(chr(10))}"))
+    assert close(lens.image_pose, (0, 5, 0), (0, 2, 0)) and all(surface.pose is None for surface in lens.surfaces)
+
+
+@pytest.mark.parametrize("degrees, changes", [
+    (90.0, dict(radius_mm=-80.0, radius_x_mm=-50.0, conic=0.0, conic_x=-0.5, profile="x")),
+    (180.0, dict(radius_x_mm=-80.0, profile="y")),
+    (30.0, dict(radius_x_mm=-80.0, profile="y", pose=Pose(tilt_deg=(0.0, 0.0, 30.0))))])
+def test_a_toroid_turned_about_the_axis(read, degrees, changes):
+    """A quarter turn exchanges the two sections."""
+    breaks = broken(((0, 0, 0, 0, degrees), 1.0), ((0, 0, 0, 0, -degrees), 47.5))
+    lens = read(*breaks, ("DISZ 4.75E+1", "DISZ 0"), form("TOROIDAL", -0.5, -80.0))
+    assert lens.surfaces[3] == replace(SURFACES[2], thickness_mm=0.0, **changes) and lens.image_pose is None
+
+
 def test_circular_apertures_stop_light_and_automatic_semi_diameters_do_not(read):
     assert [surface.semi_aperture_mm for surface in read().surfaces] == [np.inf, 8.0, np.inf]
     assert read(("FLAP 0 8.0 0", "CLAP 0 7.0 0")).surfaces[1].semi_aperture_mm == 7.0
@@ -231,11 +312,16 @@ def test_an_unusual_temperature_is_reported(read, air, reported):
 
 @pytest.mark.parametrize("old, new, message", [
     (GLASS, "GLAS MIRROR 0 0 1.5 40", "surface 2 is a mirror: expected refracting surfaces"),
-    (LAST, f"DISZ 47.5\n{BREAK.format('PARM 3 1e-3')}", "surface 4 is tilted or decentred"),
-    (LAST, f"DISZ 47.5\n{BREAK.format('PARM 1 0.5')}", "surface 4 is tilted or decentred"),
+    ("SURF 3\n", f"{BREAK.format('PARM 3 1e-3')}SURF 3\n", "image is tilted or decentred with the surfaces in front"),
+    ("SURF 3\n", f"{BREAK.format('PARM 1 0.5')}SURF 3\n", "image is tilted or decentred with the surfaces in front"),
+    ("SURF 3\n", f"{BREAK.format('PARM 3 95')}SURF 3\n", "image is tilted or decentred with the surfaces in front"),
     (GLASS, f"{GLASS}\n  SCBD 1 0 0 0 0 2.5 0 0", "surface 2 is tilted or decentred"),
     ("TYPE STANDARD\n  CURV 2.0E-2", "TYPE EVENASPH\n  PARM 9 1e-9\n  CURV 2.0E-2", "surface 2, PARM is 9: expected"),
-    ("TYPE STANDARD\n  CURV 2.0E-2", "TYPE TOROIDAL\n  CURV 2.0E-2", "surface 2 is TOROIDAL: expected one of"),
+    ("TYPE STANDARD\n  CURV 2.0E-2", "TYPE TOROIDAL\n  PARM 13 3\n  CURV 2.0E-2", "surface 2, PARM is 13: expected at"),
+    ("TYPE STANDARD\n  CURV 2.0E-2", "TYPE TOROIDAL\n  XDAT 1 3 0 0 1\n  CURV 2.0E-2", "surface 2, PARM is 13: expected"),
+    ("TYPE STANDARD\n  CURV 2.0E-2", "TYPE BICONICX\n  PARM 3 1e-3\n  CURV 2.0E-2", "surface 2, PARM is 3: expected at"),
+    ("TYPE STANDARD\n  CURV 2.0E-2", "TYPE XANAMORPH\n  CURV 2.0E-2", "surface 2 is XANAMORPH: expected one of"),
+    ("TYPE STANDARD\n  CURV 2.0E-2", "TYPE IRREGULA\n  CURV 2.0E-2", "surface 2 is IRREGULA: expected one of"),
     ("TYPE STANDARD\n  CURV 2.0E-2", "TYPE GRID_SAG\n  CURV 2.0E-2", "surface 2 is GRID_SAG: expected one of"),
     ("FLAP 0 8.0 0", "CLAP 0 8.0 0\n  OBDC 0 1.0", "surface 2, aperture is decentred or annular"),
     ("FLAP 0 8.0 0", "CLAP 1 8.0 0", "surface 2, aperture is decentred or annular"),
