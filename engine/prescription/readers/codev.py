@@ -139,7 +139,7 @@ def _check_ends(path, rows):
             raise LensError(path, name, "not a plane in air", "expected a flat object and a flat image")
     if _is_displaced(rows[0]):
         raise LensError(path, "SO", "tilted or decentred", "expected an object plane on the axis")
-    for command, line in ((command, row[command]) for row in rows for command in PIVOTS if command in row):
+    for line in (row[command] for row in rows for command in PIVOTS if command in row):
         if line.figure(1):
             raise line.refusal("expected tilts about the vertex")
 

@@ -79,8 +79,8 @@ def _surface(path, number, row, thickness_mm):
 def _form(path, number, shape):
     """Fields of a surface that its geometry determines."""
     if shape["type"] == TOROID:
-        return {"radius_mm": shape["radius_y"] or np.inf, "conic": shape.get("conic_yz", 0.0), "radius_x_mm": shape["radius_x"],
-                "profile": "y", "aspheric": tuple(shape.get("coeffs_poly_y", ()))}
+        return {"radius_mm": shape["radius_y"] or np.inf, "conic": shape.get("conic_yz", 0.0),
+                "radius_x_mm": shape["radius_x"], "profile": "y", "aspheric": tuple(shape.get("coeffs_poly_y", ()))}
     if shape["type"] == BICONIC:
         return _biconic(path, number, shape)
     terms = tuple(shape.get("coefficients", ()))

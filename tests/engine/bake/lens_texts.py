@@ -275,7 +275,8 @@ SURF 4
 SURF 6
   TYPE STANDARD"""))
 
-ANAMORPHIC_CODEV = changed(CODEV, ("  CIR EDG 9.0\n", "  CYL\n  CUX 0.0\n  CIR EDG 9.0\n"), ("  CON\n  K   -0.5\n", """  AAS
+ANAMORPHIC_CODEV = changed(CODEV, ("  CIR EDG 9.0\n", "  CYL\n  CUX 0.0\n  CIR EDG 9.0\n"),
+                           ("  CON\n  K   -0.5\n", """  AAS
   RDX -80.0; KX 0.3; KY -0.5
   AR 2.0e-6; BR -1.0e-9
   AP 0.1; BP -0.2

@@ -308,7 +308,8 @@ def test_the_axis_stays_displaced_until_it_is_reversed(read):
                 (REAR, f"{REAR}S 0.0 51.5\n  XDE 0.1; ADE 3.0; REV\n"))
     front, rear, plane = lens.surfaces[1:]
     lean = np.radians(3.0)
-    assert front.pose == Pose((0.1, 0.0, 0.0), (-3.0, 0.0, 0.0)) and front.thickness_mm == pytest.approx(4 * np.cos(lean))
+    assert front.pose == Pose((0.1, 0.0, 0.0), (-3.0, 0.0, 0.0))
+    assert front.thickness_mm == pytest.approx(4 * np.cos(lean))
     assert rear.pose.offset_mm == pytest.approx((0.1, 4 * np.sin(lean), 0)) and rear.pose.tilt_deg == (-3.0, 0.0, 0.0)
     assert plane.pose == front.pose and plane.thickness_mm == 51.5 and lens.image_pose is None
     assert front.thickness_mm + rear.thickness_mm == pytest.approx(0.0, abs=1e-9)

@@ -44,7 +44,8 @@ def test_kinds_of_surfaces(tmp_path, kind, changes):
 
 def test_a_lens_without_close_focus_moves_as_a_unit(read):
     lens = read((PHYSICAL_CAMERA[PHYSICAL_CAMERA.index("[focus]"):], ""), field=FIELD)
-    assert lens.focused_at_mm == () and lens.surfaces == (*SURFACES[:2], replace(SURFACES[2], gaps_mm=()), *SURFACES[3:])
+    assert lens.focused_at_mm == ()
+    assert lens.surfaces == (*SURFACES[:2], replace(SURFACES[2], gaps_mm=()), *SURFACES[3:])
 
 
 @pytest.mark.parametrize("old, new, message", [
