@@ -14,7 +14,6 @@ vanish: close to this, rays change like a square root, and more radii are traced
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from itertools import product
 
 import numpy as np
@@ -26,8 +25,10 @@ from ..runtime.errors import LensError
 from ..runtime.values import Value
 from .aiming import aim_at_image
 from .focus import build_system
+from .lost_rays import without_lost
 from .pupil import area_ratio, polynomial_weights
 from .rays import HalfPupil, trace_pupil
+from .splines import EVEN, FREE, ODD, cubic, even_place, spline_matrix, splines
 from .trace import trace_both_ways
 
 WAVELENGTHS_NM = (400.0, 417.1, 469.5, 555.9, 653.2, 700.0)  # least oscillation of polynomials over the wave number
@@ -35,14 +36,10 @@ HEIGHTS, PUPIL = 33, HalfPupil(17, 33, close_at_rim=True)
 SKETCHED_HEIGHTS, SKETCHED_PUPIL = 13, HalfPupil(13, 17, close_at_rim=True)  # for pixels of a 160th of the picture
 FINER_PUPIL, FINE_UM = HalfPupil(33, 33, close_at_rim=True), 1.0  # used if the spline error on the sensor exceeds this
 MISSED = 5 / 384  # largest error of cubic splines, relative to fourth differences
-TRUSTED = -0.3  # least margin of blocked rays that are used to extrapolate; rays with less nearly graze a surface
-LOST = -1.0  # margin of a ray that does not reach the sensor for other reasons than apertures
-ORDER = 4  # of the differences that extrapolation minimizes; they vanish for cubic polynomials
-FAINT = 1e-5  # weight of first differences relative to these, in case too few rays are known
 MARGIN_TO_WEIGHT = slice(4, 7)  # of the table's quantities
+PATH = 4  # the optical path among `traced_quantities`
 RIM_RADII, RIM_AZIMUTHS = 48, 64  # samples for the integral of light over half of the stop,
 RIM_PER_RAY = 3, 2  # but at most this many between two rays
-EVEN, ODD, FREE = (1, 0, -1), (1, 0, 1), (1, -4, 6, -4, 1)  # sums of coefficients that vanish at an end of splines
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,9 +147,9 @@ class RayTable(Value):
             raise LensError(self.name, "sensor position", f"{height_mm.max():.4g} mm from the axis",
                             f"the lens's field ends at {self.last_height_mm:.4g} mm")
         azimuth = np.remainder(np.arctan2(stop_x, stop_y) - turned + np.pi, 2 * np.pi) - np.pi
-        values = self._between(wavelength, _even(height_mm / self.last_height_mm), _even(radius / self.reach),
+        values = self._between(wavelength, even_place(height_mm / self.last_height_mm), even_place(radius / self.reach),
                                np.abs(azimuth) / np.pi)
-        return _sensor_rays(values, np.sign(azimuth), turned, radius)
+        return sensor_rays(values, np.sign(azimuth), turned, radius)
 
     def bundles(self, heights_mm: np.ndarray, stop: np.ndarray) -> SensorRays:
         """Rays from sensor points on +y through the same stop points, at all wavelengths.
@@ -171,16 +168,16 @@ class RayTable(Value):
         """
         radius, azimuth = np.hypot(*stop), np.arctan2(*stop)
         values = self._values(heights_mm, radius, azimuth, slice(None))
-        return _sensor_rays(values, np.sign(azimuth), np.zeros_like(radius), radius)
+        return sensor_rays(values, np.sign(azimuth), np.zeros_like(radius), radius)
 
     def _values(self, heights_mm, radius, azimuth, quantities):
         """Quantities of the table, given as a slice, at sensor points on +y and stop points: array (quantity,
         wavelength, height, ray)."""
         counts = self.coefficients.shape[1:4]
         by_height, by_radius, by_azimuth = (
-            _splines(share, count) for share, count in zip(
-                (_even(heights_mm / self.last_height_mm), _even(radius / self.reach), np.abs(azimuth) / np.pi), counts,
-                strict=True))
+            splines(share, count) for share, count in zip(
+                (even_place(heights_mm / self.last_height_mm), even_place(radius / self.reach), np.abs(azimuth) / np.pi),
+                counts, strict=True))
         over_stop = scipy.sparse.csr_matrix(
             ((by_radius[1][:, :, None] * by_azimuth[1][:, None, :]).ravel(),
              (by_radius[0][:, :, None] * counts[2] + by_azimuth[0][:, None, :]).ravel(),
@@ -215,15 +212,12 @@ class RayTable(Value):
         radius, azimuth = np.meshgrid(np.sqrt(square), azimuth, indexing="ij")
         values = self._values(heights_mm, radius.ravel(), azimuth.ravel(), MARGIN_TO_WEIGHT)
         margin, _, weight = values.reshape(*values.shape[:3], *radius.shape)
-        margin = np.minimum(margin, 1 - radius**2)
-        lit, both, light = (values[..., :-1, :] + values[..., 1:, :]
-                            for values in (np.maximum(margin, 0), np.abs(margin), weight))
-        return np.pi * (lit / np.maximum(both, 1e-30) * light / 2).mean(axis=(-2, -1))
+        return light_within_rims(np.minimum(margin, 1 - radius**2), weight)
 
     def _between(self, wavelength, *shares):
         """Quantities at positions from 0 to 1 of height, radius and azimuth: array (quantity, ...)."""
         wavelength, *shares = np.broadcast_arrays(wavelength, *shares)
-        first, weights = zip(*(_cubic(share * (count - 3), count) for share, count in
+        first, weights = zip(*(cubic(share * (count - 3), count) for share, count in
                                zip(shares, self.coefficients.shape[1:4], strict=True)), strict=True)
         total = np.zeros((*wavelength.shape, self.coefficients.shape[-1]))
         for taps in product(range(4), repeat=3):
@@ -261,7 +255,7 @@ def ray_table(prescription: Prescription,
     last_height_mm = float(ends.chief_height_mm.max())
     heights_mm = last_height_mm * np.sin(np.pi / 2 * np.linspace(0, 1, heights))
     values = _trace(system, heights_mm, wavelengths_nm, pupil, reach)
-    if not sketch and _missed_um(values, system) > FINE_UM:
+    if not sketch and missed_um(values, system) > FINE_UM:
         values = _trace(system, heights_mm, wavelengths_nm, FINER_PUPIL, reach)
     return RayTable(prescription.name, wavelengths_nm, last_height_mm, system.entrance_pupil_mm,
                     spline_coefficients(values).astype(np.float32), reach)
@@ -272,6 +266,35 @@ def _trace(system: System, heights_mm, wavelengths_nm, pupil, reach):
     indices = system.indices_at(wavelengths_nm)
     x_mm, y_mm = (reach * system.stop_semi_aperture_mm * place.ravel() for place in (pupil.x, pupil.y))
     slope_x, slope_y, aimed = aim_at_image(system, indices, heights_mm, x_mm, y_mm)
+    values, margin = traced_quantities(system, indices, x_mm, y_mm, slope_x, slope_y)
+    known = aimed & np.isfinite(values[PATH])
+    _check_chief_rays(system, heights_mm, wavelengths_nm, known)
+    shape = (*known.shape[:2], *pupil.shape)
+    *quantities, cosine_x, cosine_y = without_lost(values.reshape(-1, *shape), margin.reshape(shape),
+                                                   known.reshape(shape))
+    weight = np.abs(area_ratio(pupil, np.array([cosine_x, cosine_y]))) / reach**2
+    return np.stack([*quantities, weight])
+
+
+def traced_quantities(system: System, indices: np.ndarray, x_mm: np.ndarray, y_mm: np.ndarray, slope_x: np.ndarray,
+                      slope_y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Quantities of rays through points of the stop.
+
+    Parameters
+    ----------
+    system : System
+    indices : array (surface + 1, wavelength)
+    x_mm, y_mm : arrays (ray,)
+        Points of the stop.
+    slope_x, slope_y : arrays (wavelength, place, ray)
+        Their slopes there; the first ray of the first place is along the axis.
+
+    Returns
+    -------
+    values : array (quantity, wavelength, place, ray)
+        `RayTable.coefficients`' foot, p and path, and the direction cosines x and y at the sensor.
+    margin : array (wavelength, place, ray)
+    """
     with np.errstate(invalid="ignore"):
         traced = trace_both_ways(system.prescription, indices[:, :, None, None], x_mm, y_mm, slope_x, slope_y)
         before, behind = traced.before, traced.direction
@@ -280,39 +303,15 @@ def _trace(system: System, heights_mm, wavelengths_nm, pupil, reach):
         path_mm = from_foot_mm + traced.path_mm
         margin = 1 - np.max([square / semi_mm**2 for square, semi_mm in
                              zip(traced.square_mm2, system.semi_apertures_mm, strict=True)], axis=0)
-    known = aimed & np.isfinite(path_mm)
-    _check_chief_rays(system, heights_mm, wavelengths_nm, known)
-    values = np.stack([*(about - from_foot_mm * before)[:2], *before[:2] / (1 + before[2]),
-                       path_mm - path_mm[:, :1, :1], *behind[:2]])
-    shape = (*known.shape[:2], *pupil.shape)
-    known, margin, values = known.reshape(shape), margin.reshape(shape), values.reshape(-1, *shape)
-    *entrance, path_mm, cosine_x, cosine_y = _continued(values, _trusted(known, np.nan_to_num(margin)))
-    beyond, = _continued(margin[None], known)
-    margin = np.where(known, margin, np.where(beyond < 0, beyond, LOST))
-    within = np.minimum.accumulate(margin, axis=-2)  # beyond a lost ray no ray passes again
-    margin = _bounded(np.where(known, margin, within))
-    weight = np.abs(area_ratio(pupil, np.array([cosine_x, cosine_y]))) / reach**2
-    return np.stack([*entrance, margin, path_mm, weight])
+        return np.stack([*(about - from_foot_mm * before)[:2], *before[:2] / (1 + before[2]),
+                         path_mm - path_mm[:, :1, :1], *behind[:2]]), margin
 
 
-def _bounded(margin):
-    """Compress margins below half of LOST so that none is less than LOST: splines between larger ones would overshoot
-    and let blocked rays pass."""
-    half = LOST / 2
-    return np.where(margin < half, LOST - half**2 / np.minimum(margin, half), margin)
-
-
-def _missed_um(values, system):
+def missed_um(values: np.ndarray, system: System) -> float:
     """Bound of the splines' error over the radius for passing rays, as a distance on the sensor."""
     *_, p_x, p_y, margin, _, _ = values
     differences = np.hypot(*np.diff([p_x, p_y], 4, axis=-2))
     return MISSED * np.max(differences, where=margin[..., 2:-2, :] > 0, initial=0) * 2 * system.efl_mm * 1e3
-
-
-def _trusted(known, margin):
-    """Rays to extrapolate from: passing rays, and blocked rays that are neither far out nor next to lost ones."""
-    near_lost = scipy.ndimage.binary_dilation(~known, np.ones((1, 1, 3, 3)))
-    return known & ((margin > 0) | (margin > TRUSTED) & ~near_lost)
 
 
 def _check_chief_rays(system, heights_mm, wavelengths_nm, known):
@@ -324,72 +323,24 @@ def _check_chief_rays(system, heights_mm, wavelengths_nm, known):
                         "reduce the field")
 
 
-def _continued(values, known):
-    """Values (quantity, ..., radius, azimuth), with the unknown ones chosen to minimize differences."""
-    values = values.copy()
-    squares = _squared_differences(*known.shape[-2:])
-    for place in np.argwhere(~known.all(axis=(-2, -1))):
-        traced, index = known[*place].ravel(), (slice(None), *place)
-        rows, missing = values[index].reshape(len(values), -1), np.flatnonzero(~traced)
-        factors = scipy.sparse.linalg.splu(squares[missing][:, missing], permc_spec="MMD_AT_PLUS_A",
-                                           diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-        rows[:, missing] = factors.solve(-(squares @ np.where(traced, rows, 0.0).T)[missing]).T
-        values[index] = rows.reshape(len(values), *known.shape[-2:])
-    return values
-
-
-@lru_cache(maxsize=4)
-def _squared_differences(radii, azimuths):
-    """Sparse matrix of the sum of squared differences over radii and azimuths."""
-    def over(count, order):
-        steps = np.diff(np.eye(count), order, axis=0)
-        return scipy.sparse.csr_matrix(steps.T @ steps)
-
-    return sum(faint**2 * (scipy.sparse.kron(over(radii, order), scipy.sparse.eye(azimuths))
-                           + scipy.sparse.kron(scipy.sparse.eye(radii), over(azimuths, order)))
-               for order, faint in ((ORDER, 1.0), (1, FAINT))).tocsc()
-
-
 def spline_coefficients(values: np.ndarray) -> np.ndarray:
     """`RayTable.coefficients` of values (quantity, wavelength, height, radius, azimuth) at the table's rays."""
     heights, radii, azimuths = values.shape[2:]
-    by_height, by_radius = _spline(heights, FREE, FREE), _spline(radii, FREE, EVEN)
-    around = {symmetry: _spline(azimuths, symmetry, symmetry) for symmetry in (EVEN, ODD)}
+    by_height, by_radius = spline_matrix(heights, FREE, FREE), spline_matrix(radii, FREE, EVEN)
+    around = {symmetry: spline_matrix(azimuths, symmetry, symmetry) for symmetry in (EVEN, ODD)}
     return np.stack([np.einsum("ih,jr,ka,whra->wijk", by_height, by_radius, around[symmetry], each, optimize=True)
                      for each, symmetry in zip(values, (ODD, EVEN, ODD, EVEN, EVEN, EVEN, EVEN), strict=True)], axis=-1)
 
 
-def _spline(count, start, end):
-    """Matrix from values at equal distances to coefficients (count + 2), with vanishing sums at both ends."""
-    rows = np.zeros((count + 2, count + 2))
-    for node in range(count):
-        rows[node, node:node + 3] = 1 / 6, 4 / 6, 1 / 6
-    rows[-2, :len(start)], rows[-1, -len(end):] = start, end
-    return np.linalg.inv(rows)[:, :count]
+def light_within_rims(margin: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """The mean weight of the passing rays, times pi, of arrays (..., radius, azimuth) at even squares of the radius."""
+    lit, both, light = (values[..., :-1, :] + values[..., 1:, :]
+                        for values in (np.maximum(margin, 0), np.abs(margin), weight))
+    return np.pi * (lit / np.maximum(both, 1e-30) * light / 2).mean(axis=(-2, -1))
 
 
-def _even(share):
-    """Position from 0 to 1, linear in the table's index, of a share of the last height or radius."""
-    return 2 / np.pi * np.arcsin(np.minimum(share, 1))
-
-
-def _cubic(place, count):
-    """Index of the first of the four coefficients that contribute at a place, and their weights.
-
-    Places are in units of the coefficients' distance, from the second coefficient.
-    """
-    first = np.clip(np.floor(place).astype(int), 0, count - 4)
-    t = place - first
-    return first, ((1 - t)**3 / 6, 2 / 3 - t**2 + t**3 / 2, 2 / 3 - (1 - t)**2 + (1 - t)**3 / 2, t**3 / 6)
-
-
-def _splines(share, count):
-    """Indices and weights of the four coefficients that contribute at positions from 0 to 1: arrays (place, 4)."""
-    first, weights = _cubic(share * (count - 3), count)
-    return first[:, None] + np.arange(4), np.stack(weights, axis=-1)
-
-
-def _sensor_rays(values, side, turned, radius):
+def sensor_rays(values: np.ndarray, side: np.ndarray | float, turned: np.ndarray | float,
+                radius: np.ndarray) -> SensorRays:
     """SensorRays from the table's quantities.
 
     `side` is the sign of the stop point's side of the sensor point's meridional plane, which is turned from +y.
