@@ -1,0 +1,291 @@
+"""A table of the rays of a lens without rotational symmetry: from places (x, y) of the sensor through the full stop.
+
+As `ray_table`, with places at sines of equal angles in x and y, and with azimuths around the stop. If the field has a
+mirror, the table covers one side of it, and the other side's rays are the mirror images.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy
+
+from ..prescription.prescription import Prescription
+from ..prescription.system import System
+from ..runtime.errors import LensError
+from ..runtime.values import Value
+from .focus import build_system
+from .lost_rays import continued, without_lost
+from .place_aiming import aim_at_places
+from .pupil import DEGREE, polynomial_weights
+from .ray_table import (
+    FINE_UM,
+    MARGIN_TO_WEIGHT,
+    PATH,
+    WAVELENGTHS_NM,
+    SensorRays,
+    light_within_rims,
+    missed_um,
+    sensor_rays,
+    traced_quantities,
+)
+from .splines import EVEN, FREE, even_place, periodic_spline_matrix, spline_matrix, splines
+
+PLACES, AZIMUTHS = 9, 32  # places from the middle of the field to its end, in x and in y
+RADII, FINER_RADII, SKETCHED_RADII = 17, 33, 13
+SKETCHED_PLACES, SKETCHED_AZIMUTHS = 5, 24
+RIM_RADII, RIM_AZIMUTHS = 32, 64  # samples for the integral of light over the stop
+BEYOND = 2  # order of the differences that the continuation beyond the end of the field minimizes
+MIRRORED = np.array([-1, 1, -1, 1, 1, 1, 1]), np.array([1, -1, 1, -1, 1, 1, 1])
+"""Signs of the table's quantities in a mirror image along x, and along y."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class GridRayTable(Value):
+    """Rays of a lens by wavelength, place on the sensor and stop point.
+
+    Attributes
+    ----------
+    name : str
+        Name of the lens.
+    wavelengths_nm : array (wavelength,)
+    y_mm, x_mm : (float, float)
+        Ends of the field, in the image as formed by the lens, upside down; the first is 0 along a mirrored axis.
+    mirrored : (bool, bool)
+        Whether the field's halves along y, and along x, are mirror images.
+    entrance_pupil_mm : float
+        From the first surface to the plane of the entrance pupil, towards the image.
+    reach : float
+        From the axis to the outermost point in the plane of the stop, in semi-apertures.
+    coefficients : float32 array (wavelength, row, column, radius, azimuth, quantity)
+        Coefficients of cubic B-splines at equal distances. Variables: 2 / pi arcsin of the place, from the middle of
+        the table to its ends, and of the radius; and the azimuth from +y through +x around the stop. Quantities as in
+        `RayTable`.
+    """
+
+    name: str
+    wavelengths_nm: np.ndarray
+    y_mm: tuple[float, float]
+    x_mm: tuple[float, float]
+    mirrored: tuple[bool, bool]
+    entrance_pupil_mm: float
+    coefficients: np.ndarray
+    reach: float = 1.0
+
+    def at(self, wavelengths_nm: Sequence[float] | np.ndarray) -> "GridRayTable":
+        """The table at other wavelengths, interpolated by a polynomial over the wave number.
+
+        Raises
+        ------
+        LensError
+            A wavelength outside the table's range.
+        """
+        wavelengths_nm, (first, last) = np.asarray(wavelengths_nm, dtype=float), self.wavelengths_nm[[0, -1]]
+        if np.any((wavelengths_nm < first) | (wavelengths_nm > last)):
+            raise LensError(self.name, "wavelengths", wavelengths_nm.tolist(),
+                            f"the ray table covers {first:g} to {last:g} nm: trace a table for these wavelengths")
+        weights = polynomial_weights(1e3 / self.wavelengths_nm, 1e3 / wavelengths_nm).astype(np.float32)
+        return replace(self, wavelengths_nm=wavelengths_nm, coefficients=np.tensordot(weights, self.coefficients, 1))
+
+    def near(self, wavelengths_nm: Sequence[float] | np.ndarray) -> "GridRayTable":
+        """As `at`, but holds the table's first and last wavelengths outside its range."""
+        return self.at(np.clip(wavelengths_nm, *self.wavelengths_nm[[0, -1]]))
+
+    def bundles(self, x_mm: np.ndarray, y_mm: np.ndarray, stop: np.ndarray) -> SensorRays:
+        """Rays from a mesh of places through the same stop points, at all wavelengths.
+
+        Parameters
+        ----------
+        x_mm, y_mm : arrays (column,) and (row,)
+            In the image as formed by the lens. Places beyond the ends of the field have the rays of the ends.
+        stop : array (2, ray)
+            From the axis, in semi-apertures.
+
+        Returns
+        -------
+        SensorRays
+            Arrays (wavelength, row, column, ray).
+        """
+        return sensor_rays(self._values(x_mm, y_mm, stop, slice(None)), 1.0, 0.0, np.hypot(*stop))
+
+    def irradiance_per_radiance(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
+        """Irradiance at a mesh of places under uniform radiance: array (wavelength, row, column), in sr.
+
+        As `RayTable.irradiance_per_radiance`.
+        """
+        azimuth = 2 * np.pi * (np.arange(RIM_AZIMUTHS) + 0.5) / RIM_AZIMUTHS
+        radius, azimuth = np.meshgrid(np.sqrt(np.linspace(0, 1, RIM_RADII + 1)), azimuth, indexing="ij")
+        stop = np.stack([radius * np.sin(azimuth), radius * np.cos(azimuth)])
+        values = self._values(x_mm, y_mm, stop.reshape(2, -1), MARGIN_TO_WEIGHT)
+        margin, _, weight = values.reshape(*values.shape[:4], *radius.shape)
+        return light_within_rims(np.minimum(margin, 1 - radius**2), weight)
+
+    def _values(self, x_mm, y_mm, stop, quantities):
+        """Quantities of the table, given as a slice, at a mesh of places and stop points: array (quantity, wavelength,
+        row, column, ray)."""
+        values = np.empty((len(MIRRORED[0][quantities]), len(self.wavelengths_nm), len(y_mm), len(x_mm), stop.shape[1]))
+        for rows, side_y in _sides(y_mm, self.mirrored[0]):
+            for columns, side_x in _sides(x_mm, self.mirrored[1]):
+                signs = np.where(side_x < 0, MIRRORED[0], 1) * np.where(side_y < 0, MIRRORED[1], 1)
+                part = self._of_table(side_x * x_mm[columns], side_y * y_mm[rows],
+                                      stop * np.reshape([side_x, side_y], (2, 1)), quantities)
+                values[:, :, rows[:, None], columns] = part * np.reshape(signs[quantities], (-1, 1, 1, 1, 1))
+        return values
+
+    def _of_table(self, x_mm, y_mm, stop, quantities):
+        """As `_values`, for places on the side that the table covers."""
+        radii, azimuths = self.coefficients.shape[3:5]
+        rows, columns = (_weights(_even_places(places_mm, ends_mm, mirrored), count) for places_mm, ends_mm, mirrored,
+                         count in zip((y_mm, x_mm), (self.y_mm, self.x_mm), self.mirrored,
+                                      self.coefficients.shape[1:3], strict=True))
+        over_stop = _over_stop(np.hypot(*stop) / self.reach, np.arctan2(*stop), radii, azimuths)
+        values = []
+        for table in self.coefficients[..., quantities]:
+            at_places = np.einsum("yr,xc,rcsaq->saqyx", rows, columns, table, optimize=True)
+            of_rays = over_stop @ at_places.reshape(radii * azimuths, -1)
+            values.append(of_rays.reshape(stop.shape[1], -1, len(y_mm), len(x_mm)).transpose(1, 2, 3, 0))
+        return np.stack(values, axis=1)
+
+
+def _sides(places_mm, mirrored):
+    """Indices of the places on each side of an axis, and the sign that moves them to the table's side."""
+    below = (places_mm < 0) & mirrored
+    return [(np.flatnonzero(each), side) for each, side in ((~below, 1.0), (below, -1.0)) if each.any()]
+
+
+def _even_places(places_mm, ends_mm, mirrored):
+    """Positions from 0 to 1, linear in the table's index, of places between its ends."""
+    first_mm, last_mm = ends_mm
+    if mirrored:
+        return even_place(places_mm / last_mm)
+    return (1 + even_place((2 * places_mm - first_mm - last_mm) / (last_mm - first_mm))) / 2
+
+
+def _weights(share, count):
+    """Matrix of the coefficients' weights at positions from 0 to 1: array (place, count)."""
+    matrix = np.zeros((share.size, count))
+    np.put_along_axis(matrix, *splines(share, count), axis=1)
+    return matrix
+
+
+def _over_stop(radius, azimuth_rad, radii, azimuths):
+    """Sparse matrix of the coefficients' weights at stop points: (ray, radius * azimuth)."""
+    by_radius = splines(even_place(radius), radii)
+    by_azimuth = splines(np.remainder(azimuth_rad / (2 * np.pi), 1), azimuths)
+    return scipy.sparse.csr_matrix(
+        ((by_radius[1][:, :, None] * by_azimuth[1][:, None, :]).ravel(),
+         (by_radius[0][:, :, None] * azimuths + by_azimuth[0][:, None, :]).ravel(),
+         np.arange(0, 16 * radius.size + 1, 16)), shape=(radius.size, radii * azimuths))
+
+
+def grid_ray_table(prescription: Prescription, x_mm: tuple[float, float], y_mm: tuple[float, float],
+                   mirrored: tuple[bool, bool], wavelengths_nm: Sequence[float] | np.ndarray = WAVELENGTHS_NM,
+                   reach: float = 1.0, *, sketch: bool = False) -> GridRayTable:
+    """Trace the ray table of a lens, at its focus and widest stop.
+
+    Parameters
+    ----------
+    prescription : Prescription
+    x_mm, y_mm : (float, float)
+        Ends of the field, in the image as formed by the lens; only the last along a mirrored axis.
+    mirrored : (bool, bool)
+        Whether the field's halves along y, and along x, are mirror images.
+    wavelengths_nm : sequence of float
+        Wavelengths to trace; `GridRayTable.at` interpolates between them.
+    reach : float
+        `GridRayTable.reach`.
+    sketch : bool
+        Trace few rays, for coarse pixels.
+
+    Raises
+    ------
+    LensError
+        A prescription that cannot be traced.
+    """
+    system, wavelengths_nm = build_system(prescription), np.asarray(wavelengths_nm, dtype=float)
+    places, azimuths = (SKETCHED_PLACES, SKETCHED_AZIMUTHS) if sketch else (PLACES, AZIMUTHS)
+    axes_mm = [_places_mm(ends_mm, of_axis, places) for ends_mm, of_axis in zip((y_mm, x_mm), mirrored, strict=True)]
+    values = _trace(system, axes_mm, wavelengths_nm, SKETCHED_RADII if sketch else RADII, azimuths, reach)
+    if not sketch and missed_um(values, system) > FINE_UM:
+        values = _trace(system, axes_mm, wavelengths_nm, FINER_RADII, azimuths, reach)
+    ends_mm = [(0.0 if of_axis else float(each[0]), float(each[-1])) for each, of_axis in
+               zip((y_mm, x_mm), mirrored, strict=True)]
+    return GridRayTable(prescription.name, wavelengths_nm, *ends_mm, mirrored, system.entrance_pupil_mm,
+                        grid_coefficients(values, mirrored).astype(np.float32), reach)
+
+
+def _places_mm(ends_mm, mirrored, count):
+    """Places of a table from its middle, or its first end, to its last end."""
+    first_mm, last_mm = ends_mm
+    if mirrored:
+        return last_mm * np.sin(np.pi / 2 * np.linspace(0, 1, count))
+    across = np.sin(np.pi / 2 * np.linspace(-1, 1, 2 * count - 1))
+    return (first_mm + last_mm) / 2 + (last_mm - first_mm) / 2 * across
+
+
+def _trace(system: System, axes_mm, wavelengths_nm, radii, azimuths, reach):
+    """Quantities of the table's rays: array (quantity, wavelength, row, column, radius, azimuth)."""
+    indices = system.indices_at(wavelengths_nm)
+    radius, azimuth = np.sin(np.pi / 2 * np.linspace(0, 1, radii)), 2 * np.pi / azimuths * np.arange(azimuths)
+    semi_mm = reach * system.stop_semi_aperture_mm
+    stop_mm = semi_mm * np.stack([np.outer(radius, np.sin(azimuth)), np.outer(radius, np.cos(azimuth))]).reshape(2, -1)
+    y_mm, x_mm = np.meshgrid(*axes_mm, indexing="ij")
+    places_mm = np.stack([[0.0, *x_mm.ravel()], [0.0, *y_mm.ravel()]])  # the first is the axis
+    slope_x, slope_y, aimed = aim_at_places(system, indices, places_mm, *stop_mm)
+    values, margin = traced_quantities(system, indices, *stop_mm, slope_x, slope_y)
+    known = aimed & np.isfinite(values[PATH])
+    _check_axis(system, known[:, 0, 0], wavelengths_nm)
+    covered = known[:, 1:, 0].all(axis=0)
+    shape = (len(wavelengths_nm), covered.sum(), radii, azimuths)
+    *quantities, cosine_x, cosine_y = without_lost(
+        values[:, :, 1:][:, :, covered].reshape(-1, *shape), margin[:, 1:][:, covered].reshape(shape),
+        known[:, 1:][:, covered].reshape(shape), around=True)
+    weight = np.abs(_area_ratio(radius, azimuth, cosine_x, cosine_y)) / reach**2
+    return _beyond_field(np.stack([*quantities, weight]), covered.reshape(x_mm.shape))
+
+
+def _check_axis(system, known, wavelengths_nm):
+    if not known.all():
+        raise LensError(system.prescription.name, "sensor position", "0 mm from the axis",
+                        f"no ray through the middle of the stop reaches it at {wavelengths_nm[~known][0]:g} nm")
+
+
+def _area_ratio(radius, azimuth, cosine_x, cosine_y):
+    """As `pupil.area_ratio`, for azimuths around the stop."""
+    radial = scipy.interpolate.make_interp_spline(radius, np.eye(radius.size), k=DEGREE)(radius, nu=1)
+    around = scipy.interpolate.make_interp_spline(
+        np.append(azimuth, 2 * np.pi), np.eye(azimuth.size)[[*range(azimuth.size), 0]], k=DEGREE,
+        bc_type="periodic")(azimuth, nu=1)
+    x_by_radius, y_by_radius = radial @ cosine_x, radial @ cosine_y
+    x_around, y_around = cosine_x @ around.T, cosine_y @ around.T
+    ratio = (x_by_radius * y_around - x_around * y_by_radius)[..., 1:, :] / radius[1:, None]
+    middle = np.broadcast_to(ratio[..., :1, :].mean(axis=-1, keepdims=True), ratio[..., :1, :].shape)
+    return np.concatenate([middle, ratio], axis=-2) * np.sign(middle[..., :1])
+
+
+def _beyond_field(values, covered):
+    """Values (quantity, wavelength, covered place, radius, azimuth) on the complete mesh of places: array (quantity,
+    wavelength, row, column, radius, azimuth), continued beyond the places that chief rays reach."""
+    (quantities, waves, _, *stop), (rows, columns) = values.shape, covered.shape
+    complete = np.zeros((quantities, waves, *stop, rows, columns))
+    complete[..., covered] = np.moveaxis(values, 2, -1)
+    if not covered.all():
+        complete = continued(complete.reshape(-1, rows, columns), covered, order=BEYOND).reshape(complete.shape)
+    return np.moveaxis(complete, (-2, -1), (2, 3))
+
+
+def grid_coefficients(values: np.ndarray, mirrored: tuple[bool, bool]) -> np.ndarray:
+    """`GridRayTable.coefficients` of values (quantity, wavelength, row, column, radius, azimuth) at the table's rays."""
+    radii, azimuths = values.shape[4:]
+    azimuth = np.arange(azimuths)
+    for axis, of_axis, images, signs in zip((2, 3), mirrored, (azimuths // 2 - azimuth, -azimuth), MIRRORED[::-1],
+                                            strict=True):
+        values = np.moveaxis(values, axis, 0)
+        count = len(values)
+        if of_axis:
+            image = values[:0:-1].take(images, axis=-1, mode="wrap") * signs.reshape(-1, 1, 1, 1, 1)
+            values = np.concatenate([image, values])
+        over_places = spline_matrix(len(values), FREE, FREE)[len(values) - count:]
+        values = np.moveaxis(np.tensordot(over_places, values, 1), 0, axis)
+    return np.einsum("ks,la,qwijsa->wijklq", spline_matrix(radii, FREE, EVEN), periodic_spline_matrix(azimuths), values,
+                     optimize=True)
