@@ -1,8 +1,8 @@
 """Point spread functions: sums of a pupil's plane waves on the flat image plane where the light is, and rays around.
 
 The wavefront is a polynomial over direction cosines, evaluated on a regular grid. The sum is therefore a Fourier
-transform over y and, because light is symmetric about the meridional plane, a cosine transform over x; in single
-precision.
+transform over y and x, in single precision. If light is symmetric about the meridional plane, it is a cosine transform
+over x.
 """
 
 from dataclasses import dataclass
@@ -106,23 +106,31 @@ def point_spread(wavefront: Wavefront, pitch_um: float, samples: int, sums: Sums
     if not fit.error_um < WORST_FIT_WAVES * wavefront.wavelength_nm * 1e-3:
         raise LensError("PSF", "wavefront", f"{fit.error_um * 1e3 / wavefront.wavelength_nm:.2g} waves from a smooth "
                         "fit", "reduce the field, or choose a finer quality")
-    box = _box(psf, sums.beyond, MARGIN_FRINGES / fringes)
-    summed = _sum_over_grid(fit, wavefront.wavelength_nm * 1e-3 * times, pitch_um, box[0].start - samples // 2,
-                            psf[box].shape, sums)
+    box = _box(psf, sums.beyond, MARGIN_FRINGES / fringes, fit.even)
+    summed = _sum_over_grid(fit, wavefront.wavelength_nm * 1e-3 * times, pitch_um,
+                            [part.start - samples // 2 for part in box], psf[box].shape, sums)
     if psf[box].shape == psf.shape and times == 1:
         return summed
     psf[box] += waves_share * (summed * (psf[box].sum() / summed.sum()) - psf[box])
     return psf
 
 
-def _box(psf, beyond, margin):
+def _box(psf, beyond, margin, even):
     """Rows and columns that contain all light except the share `beyond` in each direction, and a margin of samples."""
     samples, margin = len(psf), int(np.ceil(margin))
-    along, across = np.cumsum(psf.sum(axis=1)), np.cumsum(psf.sum(axis=0)[samples // 2:])
+    rows = _extent(psf.sum(axis=1), beyond, margin)
+    if not even:
+        return rows, _extent(psf.sum(axis=0), beyond, margin)
+    across = np.cumsum(psf.sum(axis=0)[samples // 2:])
+    half = np.searchsorted(across, across[-1] - beyond / 2 * np.cumsum(psf.sum(axis=1))[-1]) + margin
+    return rows, slice(max(samples // 2 - half, 0), samples // 2 + half + 1)
+
+
+def _extent(light, beyond, margin):
+    """The slice that contains all light along an axis except the share `beyond`, and a margin."""
+    along = np.cumsum(light)
     first, last = (np.searchsorted(along, share * along[-1]) for share in (beyond / 2, 1 - beyond / 2))
-    half = np.searchsorted(across, across[-1] - beyond / 2 * along[-1]) + margin
-    return (slice(max(first - margin, 0), min(last + margin + 1, samples)),
-            slice(max(samples // 2 - half, 0), samples // 2 + half + 1))
+    return slice(max(first - margin, 0), min(last + margin + 1, light.size))
 
 
 def _too_wide(pitch_um, samples):
@@ -130,7 +138,7 @@ def _too_wide(pitch_um, samples):
                      "too wide to compute: check that the lens is in focus here, or set a smaller window")
 
 
-def _sum_over_grid(fit, wavelength_um, pitch_um, first_row, shape, sums):
+def _sum_over_grid(fit, wavelength_um, pitch_um, first, shape, sums):
     """|sum of A exp(-2 pi i (n x + path) / wavelength)|^2 over a regular grid of direction cosines.
 
     |A|^2 dL dM is the light of a ray, uniform over the source's area. The integral over the plane is then wavelength^2
@@ -146,19 +154,31 @@ def _sum_over_grid(fit, wavelength_um, pitch_um, first_row, shape, sums):
     if length_x * length_y // 2 > MOST_PLACES:
         raise _too_wide(pitch_um, max(shape))
     step_x, step_y = wavelength_um / (part_um * np.array([length_x, length_y]))
-    columns = np.arange(EIGHT * np.ceil(fit.half_x / step_x / EIGHT))
     rows = np.arange(min(np.ceil(2 * fit.half_y / step_y), length_y))
-    x, y = (columns + 0.5) * step_x / fit.half_x, (rows + 0.5 - rows.size / 2) * step_y / fit.half_y
-    first_um = part_um * (parts + 1) / 2 - pitch_um * first_row
+    x, y = _columns(fit, step_x, length_x), (rows + 0.5 - rows.size / 2) * step_y / fit.half_y
+    first_um = part_um * (parts + 1) / 2 - pitch_um * np.array(first)
     path = of_rows(fit.path_um, y) / wavelength_um
-    path[:, 0] -= first_um * step_y * rows / wavelength_um
+    path[:, 0] -= first_um[0] * step_y * rows / wavelength_um
+    if not fit.even:
+        path[:, 1] -= first_um[1] * fit.half_x / wavelength_um
     edges = np.moveaxis(of_rows(fit.edges.astype(np.float32), y), 0, 1)
     waves_of = waves if running() == NUMPY else compiled_waves
-    amplitudes = np.zeros((2, y.size, max(length_x // 2, x.size)), np.float32)
-    hard, soft = waves_of(path, edges, x, y, fit.densities, amplitudes)
-    light = _transformed(amplitudes[..., :length_x // 2], length_y, parts, shape)
-    all_light = 2 * _light(hard, soft, np.array([length_x, length_y]) / places) / (step_x * step_y)
-    return np.hstack([light[:, :0:-1], light]) * (part_um**2 / (wavelength_um**2 * all_light))
+    length, transform = (length_x // 2, _transformed) if fit.even else (length_x, _transformed_fully)
+    amplitudes = np.zeros((2, y.size, max(length, x.size)), np.float32)
+    hard, soft = waves_of(path, edges, x, y, fit.densities, amplitudes, fit.even)
+    light = transform(amplitudes[..., :length], length_y, parts, shape)
+    all_light = _light(hard, soft, np.array([length_x, length_y]) / places) / (step_x * step_y)
+    if fit.even:
+        light, all_light = np.hstack([light[:, :0:-1], light]), 2 * all_light
+    return light * (part_um**2 / (wavelength_um**2 * all_light))
+
+
+def _columns(fit, step, length):
+    """Places of columns in the disc, in a multiple of eight; of one half of the disc if light is symmetric."""
+    if fit.even:
+        return (np.arange(EIGHT * np.ceil(fit.half_x / step / EIGHT)) + 0.5) * step / fit.half_x
+    number = min(np.ceil(2 * fit.half_x / step), length)
+    return (np.arange(EIGHT * np.ceil(number / EIGHT)) + 0.5 - number / 2) * step / fit.half_x
 
 
 def _parts_of_a_sample(cosine, wavelength_um, pitch_um, sums):
@@ -188,14 +208,25 @@ def _transformed(amplitudes, length_y, parts, shape):
     return _binned(np.concatenate([light[odd:(parts + odd) // 2 + 1][::-1], light]), parts).T
 
 
+def _transformed_fully(amplitudes, length_y, parts, shape):
+    """As `_transformed`, from all columns of the pupil to all u."""
+    rows = amplitudes.shape[1]
+    along_x = np.empty(amplitudes.shape[1:], np.complex64)
+    along_x.real, along_x.imag = amplitudes
+    field = np.zeros((length_y, shape[1] * parts + 2), np.complex64)
+    field[:rows] = scipy.fft.fft(along_x, axis=1, overwrite_x=True)[:, :field.shape[1]]
+    field = scipy.fft.fft(field, axis=0, overwrite_x=True)[:shape[0] * parts + 2]
+    return _binned(_binned(field.real**2 + field.imag**2, parts).T, parts).T
+
+
 def waves(path: np.ndarray, edges: np.ndarray, x: np.ndarray, y: np.ndarray, densities: tuple[float, float],
-          out: np.ndarray) -> tuple[float, float]:
+          out: np.ndarray, even: bool = True) -> tuple[float, float]:
     """As `kernels.waves.waves`, in numpy; the reference for its tests."""
     inside = x**2 + y[:, None]**2 <= 1
-    share = np.where(inside, covered(along_rows(np.moveaxis(edges[:, 1:], 1, 0), x)), np.float32(0))
-    phase = np.where(inside, along_rows(path, x), 0)  # polynomials diverge outside
+    share = np.where(inside, covered(along_rows(np.moveaxis(edges[:, 1:], 1, 0), x, even)), np.float32(0))
+    phase = np.where(inside, along_rows(path, x, even), 0)  # polynomials diverge outside
     least, most = (np.float32(limit) for limit in densities)
-    amplitude = np.exp((np.clip(along_rows(edges[:, 0], x), least, most) - most) / 2)
+    amplitude = np.exp((np.clip(along_rows(edges[:, 0], x, even), least, most) - most) / 2)
     angle = ((phase - np.rint(phase)) * (-2 * np.pi)).astype(np.float32)
     out[..., :x.size] = amplitude * share * np.stack([np.cos(angle), np.sin(angle)])
     hard, soft = (float(np.sum(amplitude**2 * cells, dtype=float)) for cells in (share, share**2))

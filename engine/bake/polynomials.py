@@ -1,4 +1,4 @@
-"""Chebyshev polynomials over x and y, even in x: fitted to rays by least squares, and evaluated on grids."""
+"""Chebyshev polynomials over x and y, often even in x: fitted to rays by least squares, and evaluated on grids."""
 
 import numpy as np
 import scipy
@@ -12,18 +12,20 @@ RIDGE = 1e-15  # relative to the sum of squares: keeps terms that the rays do no
 REFINEMENTS = 2
 
 
-def fitted(x: np.ndarray, y: np.ndarray, weight: np.ndarray, values: np.ndarray, degree: int
+def fitted(x: np.ndarray, y: np.ndarray, weight: np.ndarray, values: np.ndarray, degree: int, even: bool = True
            ) -> tuple[np.ndarray, float]:
-    """Coefficients (quantity, power of y, half the power of x) of values (quantity, ray) at places from -1 to 1.
+    """Coefficients (quantity, power of y, term of x) of values (quantity, ray) at places from -1 to 1.
 
-    Solves the normal equations, with iterative refinement. The second result is the first quantity's RMS error.
+    The terms of x have even powers or, unless `even`, all powers. Solves the normal equations, with iterative
+    refinement. The second result is the first quantity's RMS error.
     """
+    step = 2 if even else 1
     if running() != NUMPY:
-        return fit(x, y, weight, np.asarray(values), degree)
-    up, across = chebvander(y, degree), chebvander(x, degree)[:, ::2]
-    powers_y, halves_x = np.array([(power_y, half_x) for half_x in range(degree // 2 + 1)
-                                   for power_y in range(degree + 1 - 2 * half_x)]).T
-    basis, values = up[:, powers_y] * across[:, halves_x] * weight[:, None], (values * weight).T
+        return fit(x, y, weight, np.asarray(values), degree, step)
+    up, across = chebvander(y, degree), chebvander(x, degree)[:, ::step]
+    powers_y, terms_x = np.array([(power_y, term_x) for term_x in range(degree // step + 1)
+                                  for power_y in range(degree + 1 - step * term_x)]).T
+    basis, values = up[:, powers_y] * across[:, terms_x] * weight[:, None], (values * weight).T
     squares = _sums_of_squares(basis)
     squares[np.diag_indices_from(squares)] += RIDGE * np.trace(squares)
     factor, residual = scipy.linalg.cho_factor(squares, check_finite=False), values
@@ -32,19 +34,20 @@ def fitted(x: np.ndarray, y: np.ndarray, weight: np.ndarray, values: np.ndarray,
         sums = np.einsum("rt,rq->qt", basis, residual)  # solved one by one: LAPACK starts threads for several
         terms += np.transpose([scipy.linalg.cho_solve(factor, each, check_finite=False) for each in sums])
         residual = values - np.einsum("rt,tq->rq", basis, terms)
-    coefficients = np.zeros((values.shape[1], degree + 1, degree // 2 + 1))
-    coefficients[:, powers_y, halves_x] = terms.T
+    coefficients = np.zeros((values.shape[1], degree + 1, degree // step + 1))
+    coefficients[:, powers_y, terms_x] = terms.T
     return coefficients, float(np.sqrt(np.sum(residual[:, 0]**2) / np.sum(weight**2)))
 
 
 def of_rows(coefficients: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Polynomials over x for each row: array (..., y, half the power of x), in the coefficients' precision."""
+    """Polynomials over x for each row: array (..., y, term of x), in the coefficients' precision."""
     return product(chebvander(y, coefficients.shape[-2] - 1).astype(coefficients.dtype), coefficients)
 
 
-def along_rows(polynomials: np.ndarray, x: np.ndarray) -> np.ndarray:
+def along_rows(polynomials: np.ndarray, x: np.ndarray, even: bool = True) -> np.ndarray:
     """Values of polynomials from `of_rows`: array (..., y, x)."""
-    return product(polynomials, chebvander(2 * x**2 - 1, polynomials.shape[-1] - 1).T.astype(polynomials.dtype))
+    terms = chebvander(2 * x**2 - 1 if even else x, polynomials.shape[-1] - 1)
+    return product(polynomials, terms.T.astype(polynomials.dtype))
 
 
 def _sums_of_squares(basis):

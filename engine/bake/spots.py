@@ -17,7 +17,7 @@ import numpy as np
 
 from ..kernels.spots import spots
 from ..rays.pupil import PupilSplines
-from ..rays.rays import HalfPupil
+from ..rays.rays import Pupil
 from .wavefront import Wavefront
 
 CELLS = 40, 48  # of half a pupil, over the radius and the azimuth
@@ -51,11 +51,12 @@ def spot_diagram(wavefront: Wavefront, pitch_um: float, samples: int) -> np.ndar
     limit, middle = np.max([square_radius, *limits], axis=0), samples / 2
     corners = np.stack([x_px + middle, y_px + middle, source_x, source_y, cosine_x, cosine_y, limit])
     light, total = spots(corners, MOST_PARTS, samples)
-    return (light + light[:, ::-1]) / (2 * total)
+    return (light + light[:, ::-1]) / (2 * total) if wavefront.pupil.mirrored else light / total
 
 
 @lru_cache(maxsize=8)
-def _cells(pupil: HalfPupil):
+def _cells(pupil: Pupil):
     """Splines to the corners of cells, and the squared radii of these."""
-    radii, azimuths = np.linspace(0, 1, CELLS[0] + 1), np.linspace(0, np.pi, CELLS[1] + 1)
+    radii, halves = np.linspace(0, 1, CELLS[0] + 1), 1 if pupil.mirrored else 2
+    azimuths = np.linspace(0, halves * np.pi, halves * CELLS[1] + 1)
     return PupilSplines(pupil, radii, azimuths), np.broadcast_to(radii[:, None]**2, (radii.size, azimuths.size))

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..prescription.system import System
 from ..rays.pupil import PupilQuadrature, area_ratio, polynomial_weights
-from ..rays.rays import HalfPupil, trace_pupil
+from ..rays.rays import HalfPupil, Pupil, TracedRays, trace_pupil
 
 LONGEST_RADIUS = 1e3  # of the reference sphere, in focal lengths: if telecentric, or if rays cross in front of it
 FOLDING = 0.3  # area relative to the pupil's centre below which rays are about to cross
@@ -18,12 +18,14 @@ LEAST_AREA = 1e-6  # relative to the pupil's centre, near a caustic
 class Wavefronts:
     """Wavefronts of object points at their image points: arrays (..., wavelength, height, radius, azimuth).
 
+    In a lens without rotational symmetry, places on the sensor take the heights' part.
+
     Attributes
     ----------
-    pupil : HalfPupil
+    pupil : Pupil
     wavelengths_nm : array (wavelength,)
     chief_height_mm : array (wavelength, height)
-        Heights of the chief rays on the image plane.
+        y of the chief rays on the image plane.
     path_mm : array
         Optical path difference to the sphere around the chief ray's image point.
     cosine : array (2, ...)
@@ -40,7 +42,7 @@ class Wavefronts:
         Ray positions on the image plane, relative to the chief ray.
     """
 
-    pupil: HalfPupil
+    pupil: Pupil
     wavelengths_nm: np.ndarray
     chief_height_mm: np.ndarray
     path_mm: np.ndarray
@@ -75,12 +77,12 @@ class Wavefronts:
         The first is in direction cosines at the image. Its ratio to the axis is the relative illumination of a
         Lambertian object, because radiance is conserved along rays. The second is in the source's coordinates.
         """
-        quadrature = PupilQuadrature(self.pupil, radii, azimuths)
+        quadrature, sides = PupilQuadrature(self.pupil, radii, azimuths), 2 if self.pupil.mirrored else 1
         area = np.empty((2, *self.chief_height_mm.shape))
         for at in np.ndindex(self.chief_height_mm.shape):
             passing = quadrature.cells * quadrature.coverage(self.limits[:, *at])
             for number, coordinates in enumerate((self.ray, self.source)):
-                area[number, *at] = 2 * np.sum(np.abs(quadrature.splines.jacobian(*coordinates[:, *at])) * passing)
+                area[number, *at] = sides * np.sum(np.abs(quadrature.splines.jacobian(*coordinates[:, *at])) * passing)
         return area[0], area[1]
 
 
@@ -88,7 +90,7 @@ class Wavefronts:
 class Wavefront:
     """A wavefront of `Wavefronts` at one wavelength and height: arrays (..., radius, azimuth)."""
 
-    pupil: HalfPupil
+    pupil: Pupil
     wavelength_nm: float
     path_mm: np.ndarray
     cosine: np.ndarray
@@ -112,8 +114,12 @@ def trace_wavefronts(system: System, heights_mm: Sequence[float] | np.ndarray,
     LensError
         A chief ray is lost.
     """
-    rays = trace_pupil(system, heights_mm, wavelengths_nm, pupil)
-    limits = _limits(system, rays)
+    return wavefronts_of(system, trace_pupil(system, heights_mm, wavelengths_nm, pupil))
+
+
+def wavefronts_of(system: System, rays: TracedRays) -> Wavefronts:
+    """The wavefronts of traced rays."""
+    pupil, limits = rays.pupil, _limits(system, rays)
     pupil_mm = abs(system.exit_pupil_distance_mm)
     longest_mm = LONGEST_RADIUS * system.efl_mm
     path_mm, cosine = _on_reference_sphere(rays, min(pupil_mm, longest_mm))
@@ -141,7 +147,7 @@ def _on_reference_sphere(rays, distance_mm):
         Direction cosines from the image point.
     """
     chief = rays.position_mm[..., :1, :1]
-    radius_mm = np.hypot(distance_mm, chief[1])
+    radius_mm = np.hypot(distance_mm, np.hypot(*chief))
     about = rays.position_mm - chief
     along = np.sum(about * rays.direction[:2], axis=0)
     back_mm = along + np.sqrt(along**2 - np.sum(about**2, axis=0) + radius_mm**2)
@@ -150,7 +156,7 @@ def _on_reference_sphere(rays, distance_mm):
             continued((about - back_mm * rays.direction[:2]) / radius_mm, rays.lost))
 
 
-def light_density(pupil: HalfPupil, source: np.ndarray, cosine: np.ndarray) -> np.ndarray:
+def light_density(pupil: Pupil, source: np.ndarray, cosine: np.ndarray) -> np.ndarray:
     """Logarithm of the ratio of areas in the source's coordinates to areas in the cosines."""
     source, image = (np.abs(area_ratio(pupil, each)) for each in (source, cosine))
     source, image = (np.maximum(areas, LEAST_AREA * areas[..., :1, :1]) for areas in (source, image))

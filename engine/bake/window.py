@@ -61,7 +61,8 @@ def _estimated_widths_um(wavefronts):
         order = np.argsort(off_um)
         beyond = 1 - np.cumsum(light[order]) / light.sum()
         x, y = one.cosine[:, one.passing]
-        edges = 1 / max(np.abs(x).max(), 1e-6) + 2 / max(np.ptp(y), 1e-6)
+        half_x = np.abs(x).max() if one.pupil.mirrored else np.ptp(x) / 2
+        edges = 1 / max(half_x, 1e-6) + 2 / max(np.ptp(y), 1e-6)
         half_um = np.geomspace(0.1, 1e4, 400)
         diffracted = SQUARE * one.wavelength_nm * 1e-3 * edges / (2 * np.pi**2 * half_um)
         outside = np.interp(half_um, off_um[order], beyond) + diffracted

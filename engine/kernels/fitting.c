@@ -1,4 +1,4 @@
-/* Fitting: Chebyshev polynomials over x and y, even in x, to values at scattered places by weighted least squares.
+/* Fitting: Chebyshev polynomials over x and y, often even in x, to values at scattered places by weighted least squares.
 
    The normal equations are solved by Cholesky's method, with iterative refinement. Sums over places are sums of eight
    parts, for vectors of any length. */
@@ -80,22 +80,22 @@ static void solve(const double *factor, int64_t terms, double *x)
 lf_fit_loop OF_VARIANT(lf_fit);
 int OF_VARIANT(lf_fit)(const lf_scattered *s, double *out, double *residual, double *work)
 {
-    const int64_t places = padded(s->places), ups = s->degree + 1, halves = s->degree / 2 + 1;
-    double *up = work, *across = up + ups * places, *basis = across + halves * places;
+    const int64_t places = padded(s->places), ups = s->degree + 1, acrosses = s->degree / s->step + 1;
+    double *up = work, *across = up + ups * places, *basis = across + acrosses * places;
     int64_t terms = 0;
     double *x = basis, *weight = residual; /* until these are written */
     for (int64_t n = 0; n < places; n++) {
         const int64_t from = n < s->places ? n : s->places - 1;
-        x[n] = 2 * s->x[from] * s->x[from] - 1;
+        x[n] = s->step == 2 ? 2 * s->x[from] * s->x[from] - 1 : s->x[from];
         weight[n] = n < s->places ? s->weight[n] : 0;
         x[places + n] = s->y[from];
     }
-    chebyshev(x, places, halves, across);
+    chebyshev(x, places, acrosses, across);
     chebyshev(x + places, places, ups, up);
-    for (int64_t half = 0; half < halves; half++)
-        for (int64_t power = 0; power <= s->degree - 2 * half; power++, terms++)
+    for (int64_t term = 0; term < acrosses; term++)
+        for (int64_t power = 0; power <= s->degree - s->step * term; power++, terms++)
             for (int64_t n = 0; n < places; n++)
-                basis[terms * places + n] = up[power * places + n] * across[half * places + n] * weight[n];
+                basis[terms * places + n] = up[power * places + n] * across[term * places + n] * weight[n];
     double *squares = basis + terms * places, *change = squares + terms * terms, *found = change + terms, trace = 0;
     sum_squares(basis, terms, places, squares);
     for (int64_t k = 0; k < terms; k++) trace += squares[k * terms + k];
@@ -113,10 +113,10 @@ int OF_VARIANT(lf_fit)(const lf_scattered *s, double *out, double *residual, dou
                 for (int64_t n = 0; n < places; n++) residual[n] -= change[k] * basis[k * places + n];
             }
         }
-        double *to = out + quantity * ups * halves;
-        for (int64_t half = 0, k = 0; half < halves; half++)
+        double *to = out + quantity * ups * acrosses;
+        for (int64_t term = 0, k = 0; term < acrosses; term++)
             for (int64_t power = 0; power < ups; power++)
-                to[power * halves + half] = power <= s->degree - 2 * half ? found[k++] : 0;
+                to[power * acrosses + term] = power <= s->degree - s->step * term ? found[k++] : 0;
     }
     return 0;
 }

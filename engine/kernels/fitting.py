@@ -1,4 +1,4 @@
-"""Chebyshev polynomials over x and y, even in x, fitted to values at scattered places."""
+"""Chebyshev polynomials over x and y, fitted to values at scattered places."""
 
 from ctypes import byref
 
@@ -12,7 +12,8 @@ SCATTERED = STRUCTURES["scattered"]
 EIGHT = 8
 
 
-def fit(x: np.ndarray, y: np.ndarray, weight: np.ndarray, values: np.ndarray, degree: int) -> tuple[np.ndarray, float]:
+def fit(x: np.ndarray, y: np.ndarray, weight: np.ndarray, values: np.ndarray, degree: int, step: int = 2
+        ) -> tuple[np.ndarray, float]:
     """Fit polynomials by weighted least squares.
 
     Parameters
@@ -22,10 +23,12 @@ def fit(x: np.ndarray, y: np.ndarray, weight: np.ndarray, values: np.ndarray, de
     values : array (quantity, place)
     degree : int
         The largest sum of the powers of x and y.
+    step : int
+        Of the powers of x: 2 for polynomials that are even in x, 1 for others.
 
     Returns
     -------
-    coefficients : array (quantity, power of y, half the power of x)
+    coefficients : array (quantity, power of y, power of x over `step`)
     error : float
         The weighted RMS residual of the first quantity.
 
@@ -37,10 +40,10 @@ def fit(x: np.ndarray, y: np.ndarray, weight: np.ndarray, values: np.ndarray, de
     loops, variant = chosen()
     x, y, weight, values = (np.ascontiguousarray(each, dtype=np.float64) for each in (x, y, weight, values))
     quantities, places = values.shape
-    out, residual = np.zeros((quantities, degree + 1, degree // 2 + 1)), np.zeros(-(-places // EIGHT) * EIGHT)
-    work = np.empty(loops.lf_fit_work(places, degree))
+    out, residual = np.zeros((quantities, degree + 1, degree // step + 1)), np.zeros(-(-places // EIGHT) * EIGHT)
+    work = np.empty(loops.lf_fit_work(places, degree, step))
     scattered = SCATTERED(*(address(each, np.float64, (places,)) for each in (x, y, weight)),
-                          address(values, np.float64), places, quantities, degree)
+                          address(values, np.float64), places, quantities, degree, step)
     check(loops.lf_fit(variant, byref(scattered), address(out, np.float64), address(residual, np.float64),
                        address(work, np.float64)))
     return out, float(np.sqrt(np.sum(residual**2) / np.sum(weight**2)))

@@ -189,7 +189,7 @@ int lf_turn(int variant, const lf_samples *samples, double cosine, double sine, 
 int lf_waves(int variant, const lf_wavefront *w, const lf_picture *out, double *light, float *work)
 {
     if (!within(variant, 0, VARIANTS - 1) || !within(w->rows, 3, MOST_PX) || !within(w->columns, 8, MOST_PX)
-        || w->columns % 8 || !within(w->path_terms, 2, 1 << 10) || !within(w->edge_terms, 1, 1 << 10)
+        || w->columns % 8 || !within(w->square, 1, 2) || !within(w->path_terms, w->square + 1, 1 << 10) || !within(w->edge_terms, 1, 1 << 10)
         || !within(w->limits, 1, 1 << 10) || !fits(out) || out->planes != 2 || out->rows != w->rows
         || out->columns < w->columns)
         return LF_BAD_SIZE;
@@ -222,16 +222,17 @@ int lf_aim(int variant, const lf_system *s, const lf_targets *t, double *out)
     return variants[variant].aim(s, t, out);
 }
 
-int64_t lf_fit_work(int64_t places, int64_t degree)
+int64_t lf_fit_work(int64_t places, int64_t degree, int64_t step)
 {
-    if (!within(places, 1, MOST_PX) || !within(degree, 1, 1 << 6)) return 0;
-    const int64_t halves = degree / 2 + 1, terms = halves * (degree + 1) - halves * (halves - 1);
-    return (places + 7) / 8 * 8 * (degree + 1 + halves + terms) + terms * (terms + 2); /* as in lf_fit of fitting.c */
+    if (!within(places, 1, MOST_PX) || !within(degree, 1, 1 << 6) || !within(step, 1, 2)) return 0;
+    const int64_t acrosses = degree / step + 1, terms = acrosses * (degree + 1) - step * (acrosses * (acrosses - 1) / 2);
+    return (places + 7) / 8 * 8 * (degree + 1 + acrosses + terms) + terms * (terms + 2); /* as in lf_fit of fitting.c */
 }
 
 int lf_fit(int variant, const lf_scattered *s, double *out, double *residual, double *work)
 {
-    if (!within(variant, 0, VARIANTS - 1) || !lf_fit_work(s->places, s->degree) || !within(s->quantities, 0, 1 << 10))
+    if (!within(variant, 0, VARIANTS - 1) || !lf_fit_work(s->places, s->degree, s->step)
+        || !within(s->quantities, 0, 1 << 10))
         return LF_BAD_SIZE;
     return variants[variant].fit(s, out, residual, work);
 }

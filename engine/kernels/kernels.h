@@ -17,7 +17,7 @@
 #define LENSFIELD_KERNELS_H
 #include <stdint.h>
 
-#define LF_ABI 10
+#define LF_ABI 11
 
 enum { LF_OUTSIDE = 1, LF_BAD_SIZE = 2 };
 
@@ -122,12 +122,13 @@ typedef int lf_turn_loop(const lf_samples *, double cosine, double sine, int64_t
 /* waves */
 
 typedef struct { /* a wavefront over an even grid of direction cosines, between -1 and 1 up to its rim */
-    const double *across; /* (path_terms, columns): Chebyshev's polynomials of 2 x^2 - 1 */
+    const double *across; /* (path_terms, columns): Chebyshev's polynomials of x, all of them or the even ones */
     const float *across_edges; /* (edge_terms, columns): in single precision */
     const double *up;     /* (rows): y */
     const double *path;   /* (row, path_terms): Chebyshev's coefficients over `across`, in waves */
     const float *edges;   /* (row, 1 + limits, edge_terms): of the density's logarithm; of limits, which pass up to 1 */
-    int64_t rows, columns, path_terms, edge_terms, limits; /* columns: a multiple of 8; path_terms: at least 2 */
+    int64_t rows, columns, path_terms, edge_terms, limits; /* columns: a multiple of 8 */
+    int64_t square;       /* the term 2 x^2 - 1 among the path's: 1 of the even ones, 2 of all */
     float least, most;    /* limits of the density's logarithm; the light is relative to the largest density */
 } lf_wavefront;
 
@@ -175,7 +176,7 @@ typedef struct { /* values at scattered places */
     const double *x, *y;   /* (place): from -1 to 1 */
     const double *weight;  /* (place) */
     const double *values;  /* (quantity, place) */
-    int64_t places, quantities, degree;
+    int64_t places, quantities, degree, step; /* step: of the powers of x, 2 or 1 */
 } lf_scattered;
 
 typedef int lf_fit_loop(const lf_scattered *, double *out, double *residual, double *work);
@@ -294,9 +295,10 @@ LF_API int lf_turn(int variant, const lf_samples *, double cosine, double sine, 
 LF_API int lf_waves(int variant, const lf_wavefront *, const lf_picture *out, double *light, float *work);
 LF_API int lf_trace(int variant, const lf_system *, const double *rays, int64_t count, double *out);
 LF_API int lf_aim(int variant, const lf_system *, const lf_targets *, double *out);
-LF_API int64_t lf_fit_work(int64_t places, int64_t degree); /* doubles of workspace for lf_fit; 0 for bad sizes */
+LF_API int64_t lf_fit_work(int64_t places, int64_t degree, int64_t step); /* doubles of workspace for lf_fit; 0 for bad
+                                                                             sizes */
 LF_API int lf_fit(int variant, const lf_scattered *, double *out, double *residual,
-                  double *work); /* out: (quantity, power of y, half the power of x); residual: places, padded to eights */
+                  double *work); /* out: (quantity, power of y, power of x over the step); residual: places, padded to eights */
 LF_API int lf_spots(int variant, const lf_bundle *, double *out, double *light);
 LF_API int lf_cast(int variant, const lf_cast_of *, int64_t first_tile, int64_t end_tile, const lf_picture *blurred,
                    const lf_picture *clear, float *work); /* work: 32 floats for each pixel of a tile and wavelength */

@@ -1,7 +1,7 @@
 /* Waves: the light of a wavefront on an even grid of direction cosines, as complex numbers whose sum is a PSF.
 
-   Path, density and limits of apertures are Chebyshev polynomials over the cosines, even in the cosine along a row.
-   Each row therefore has its polynomials over 2 x^2 - 1. Every variant processes eight columns at once. Cells at the
+   Path, density and limits of apertures are Chebyshev polynomials over the cosines, often even in the cosine along a
+   row. Each row has its polynomials over the latter. Every variant processes eight columns at once. Cells at the
    edge of an aperture transmit a share of the light, which depends on the change of the tightest limit across them.
    Three rows of that limit are therefore stored. */
 #include "elementary.h"
@@ -56,6 +56,14 @@ INLINE void tightest_limits(const lf_wavefront *w, int64_t row, float *tightest)
     tightest[w->columns] = tightest[w->columns - 2];
 }
 
+/* Whether any of eight columns is within the rim. */
+INLINE int touched(const double *across, double rim)
+{
+    int within = 0;
+    for (int k = 0; k < 8; k++) within |= across[k] <= rim;
+    return within;
+}
+
 lf_waves_loop OF_VARIANT(lf_waves);
 /* Writes the real and imaginary parts to the two planes of `out`, and to `light` the sums of density * share and of
    density * share * share. */
@@ -72,10 +80,10 @@ int OF_VARIANT(lf_waves)(const lf_wavefront *w, const lf_picture *out, double *l
         const double *path = w->path + row * w->path_terms;
         const float *density = w->edges + row * (1 + w->limits) * w->edge_terms;
         const double rim = 1 - 2 * w->up[row] * w->up[row]; /* largest `across` within the circle of radius 1 */
-        const double *across = w->across + w->columns;
+        const double *across = w->across + w->square * w->columns;
         float *real = out->values + row * out->row_step, *imaginary = real + out->plane_step;
         for (int64_t c = 0; c < w->columns; c += 8) {
-            if (across[c] > rim) {
+            if (!touched(across + c, rim)) {
                 *(eight_floats *)(real + c) = *(eight_floats *)(imaginary + c) = (eight_floats){0};
                 continue;
             }

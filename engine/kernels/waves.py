@@ -14,13 +14,13 @@ PADDING = 16  # margin at the ends of a row of limits
 
 
 def waves(path: np.ndarray, edges: np.ndarray, x: np.ndarray, y: np.ndarray, densities: tuple[float, float],
-          out: np.ndarray) -> tuple[float, float]:
+          out: np.ndarray, even: bool = True) -> tuple[float, float]:
     """Write complex amplitudes, whose sum is a PSF, from polynomials for each row.
 
     Parameters
     ----------
     path : array (row, term)
-        Coefficients of Chebyshev polynomials over 2 x^2 - 1, in waves.
+        Coefficients of Chebyshev polynomials over 2 x^2 - 1 or, unless `even`, over x; in waves.
     edges : array (row, 1 + limit, term)
         Coefficients of the logarithm of light per area, and of the limits, which let light pass up to 1.
     x, y : arrays (column,), (row,)
@@ -29,6 +29,8 @@ def waves(path: np.ndarray, edges: np.ndarray, x: np.ndarray, y: np.ndarray, den
         Lower and upper limit of the logarithm.
     out : float32 array (real and imaginary part, row, column)
         Relative to the largest light per area. Additional columns are not written.
+    even : bool
+        Whether light is the same at -x; then x is positive and ascending.
 
     Returns
     -------
@@ -41,7 +43,7 @@ def waves(path: np.ndarray, edges: np.ndarray, x: np.ndarray, y: np.ndarray, den
         Sizes are invalid.
     """
     loops, variant = chosen()
-    terms = chebvander(2 * x**2 - 1, max(path.shape[-1], edges.shape[-1]) - 1).T
+    terms = chebvander(2 * x**2 - 1 if even else x, max(path.shape[-1], edges.shape[-1]) - 1).T
     across, up, path = (np.ascontiguousarray(array, dtype=np.float64) for array in (terms, y, path))
     across_edges, edges = (np.ascontiguousarray(array, dtype=np.float32) for array in (terms, edges))
     if path.shape[0] != y.size or edges.shape[0] != y.size:
@@ -49,7 +51,7 @@ def waves(path: np.ndarray, edges: np.ndarray, x: np.ndarray, y: np.ndarray, den
     light, work = np.zeros(2), np.empty(3 * (x.size + PADDING), np.float32)
     wavefront = WAVEFRONT(address(across, np.float64), address(across_edges, np.float32), address(up, np.float64),
                           address(path, np.float64), address(edges, np.float32), y.size, x.size, path.shape[1],
-                          edges.shape[2], edges.shape[1] - 1, *densities)
+                          edges.shape[2], edges.shape[1] - 1, 1 if even else 2, *densities)
     check(loops.lf_waves(variant, byref(wavefront), byref(picture(out)), address(light, np.float64),
                          address(work, np.float32)))
     return float(light[0]), float(light[1])

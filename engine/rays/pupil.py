@@ -1,4 +1,4 @@
-"""Functions over one half of the stop, interpolated between rays by splines, as matrix products."""
+"""Functions over the stop, or one half of it, interpolated between rays by splines, as matrix products."""
 
 from functools import lru_cache
 
@@ -6,51 +6,54 @@ import numpy as np
 import scipy
 
 from ..runtime.products import product
-from .rays import HalfPupil
+from .rays import Pupil
 
 DEGREE = 5
-MARGIN = 3  # mirrored azimuths on either side of the half circle, to avoid edges of the splines at its ends
+MARGIN = 3  # azimuths continued on either side of the half or full circle, to avoid edges of the splines at its ends
 
 
 class PupilSplines:
-    """Splines through arrays (..., radius, azimuth) of a half pupil, at the places (radius, azimuth) of another grid.
+    """Splines through arrays (..., radius, azimuth) of a pupil, at the places (radius, azimuth) of another grid.
 
     Parameters
     ----------
-    pupil : HalfPupil
+    pupil : Pupil
     radii, azimuths : arrays
         Points at which values and slopes are evaluated.
     """
 
-    def __init__(self, pupil: HalfPupil, radii: np.ndarray, azimuths: np.ndarray):
+    def __init__(self, pupil: Pupil, radii: np.ndarray, azimuths: np.ndarray):
         radial = scipy.interpolate.make_interp_spline(pupil.radii, np.eye(pupil.radii.size),
                                                       k=min(DEGREE, pupil.radii.size - 1))
-        step, count = pupil.azimuths[1], pupil.azimuths.size
-        mirrored = np.concatenate([-step * np.arange(MARGIN, 0, -1), pupil.azimuths,
-                                   np.pi + step * np.arange(1, MARGIN + 1)])
-        around = scipy.interpolate.make_interp_spline(mirrored, np.eye(mirrored.size), k=DEGREE)
+        step = pupil.azimuths[1]
+        continued = np.concatenate([-step * np.arange(MARGIN, 0, -1), pupil.azimuths,
+                                    pupil.azimuths[-1] + step * np.arange(1, MARGIN + 1)])
+        around = scipy.interpolate.make_interp_spline(continued, np.eye(continued.size), k=DEGREE)
         self._radial = [radial(radii, nu=order) for order in (0, 1)]
-        self._azimuthal = {odd: [(around(azimuths, nu=order) @ _mirroring(count, -1 if odd else 1)).T
+        self._azimuthal = {odd: [(around(azimuths, nu=order) @ _continuation(pupil, -1 if odd else 1)).T
                                  for order in (0, 1)] for odd in (False, True)}
 
     def values(self, table: np.ndarray, odd: bool = False) -> np.ndarray:
-        """Values of a quantity that is the same in the other half of the pupil or, if odd, has the opposite sign."""
+        """Values of a quantity that is the same in the other half of a half pupil or, if odd, has the opposite sign."""
         return product(self._radial[0] @ table, self._azimuthal[odd][0])
 
     def jacobian(self, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-        """Signed area in the coordinates (first, second), odd and even, per unit of radius times azimuth."""
+        """Signed area in the coordinates (first, second), odd and even in a half pupil, per unit of radius times azimuth.
+        """
         (radial, radial_slope), odd, even = self._radial, self._azimuthal[True], self._azimuthal[False]
         return (product(radial_slope @ first, odd[0]) * product(radial @ second, even[1])
                 - product(radial @ first, odd[1]) * product(radial_slope @ second, even[0]))
 
 
-def _mirroring(count, sign):
-    """Matrix that extends values over azimuths at both ends by their mirror image."""
-    inner = np.eye(count)
+def _continuation(pupil, sign):
+    """Matrix that continues values over azimuths at both ends, by their mirror image or around the circle."""
+    inner = np.eye(pupil.azimuths.size)
+    if not pupil.mirrored:
+        return np.vstack([inner[-MARGIN:], inner, inner[:MARGIN]])
     return np.vstack([sign * inner[MARGIN:0:-1], inner, sign * inner[-2:-2 - MARGIN:-1]])
 
 
-def area_ratio(pupil: HalfPupil, coordinates: np.ndarray) -> np.ndarray:
+def area_ratio(pupil: Pupil, coordinates: np.ndarray) -> np.ndarray:
     """Area in coordinates (2, ..., radius, azimuth) per unit area of the stop; negative where rays have crossed."""
     splines = PupilSplines(pupil, pupil.radii[1:], pupil.azimuths)
     jacobian = splines.jacobian(*coordinates) / pupil.radii[1:, None]
@@ -60,27 +63,46 @@ def area_ratio(pupil: HalfPupil, coordinates: np.ndarray) -> np.ndarray:
 
 
 class PupilQuadrature:
-    """Samples of one half of the pupil: Gauss-Legendre over the radius, equal steps over the azimuth.
+    """Samples of the pupil: Gauss-Legendre over the radius, equal steps over the azimuth.
 
     Both converge exponentially for smooth functions. The edge of an aperture is blurred over the samples that it
-    crosses, so that vignetting changes smoothly with the field.
+    crosses, so that vignetting changes smoothly with the field. `azimuths` are those of half a circle.
     """
 
-    def __init__(self, pupil: HalfPupil, radii: int, azimuths: int):
+    def __init__(self, pupil: Pupil, radii: int, azimuths: int):
         nodes, weights = gauss_legendre(radii)
-        places = (nodes + 1) / 2, (np.arange(azimuths) + 0.5) * np.pi / azimuths
-        self.splines = PupilSplines(pupil, *places)
-        self._nearest = np.ix_(*(np.abs(rays[:, None] - each).argmin(axis=0)
-                                 for rays, each in zip((pupil.radii, pupil.azimuths), places, strict=True)))
-        self.cells = weights[:, None] / 2 * np.pi / azimuths
+        turn, azimuths = (np.pi, azimuths) if pupil.mirrored else (2 * np.pi, 2 * azimuths)
+        places = (nodes + 1) / 2, (np.arange(azimuths) + 0.5) * turn / azimuths
+        self.pupil, self.splines = pupil, PupilSplines(pupil, *places)
+        around = pupil.azimuths if pupil.mirrored else np.append(pupil.azimuths, turn)
+        radius, azimuth = (np.abs(rays[:, None] - each).argmin(axis=0)
+                           for rays, each in zip((pupil.radii, around), places, strict=True))
+        self._nearest = np.ix_(radius, azimuth % pupil.azimuths.size)
+        self.cells = weights[:, None] / 2 * turn / azimuths
 
     def coverage(self, limits: np.ndarray) -> np.ndarray | float:
         """Share of each sample that passes all limits, arrays (limit, radius, azimuth): values up to 1 pass.
 
         Only samples at rays that pass, or next to them: splines overshoot among lost rays.
         """
-        near = scipy.ndimage.binary_dilation(np.all(limits <= 1, axis=0), np.ones((3, 3)))
-        return covered(self.splines.values(limits[np.any(limits > 1, axis=(1, 2))])) * near[self._nearest]
+        near = with_neighbours(self.pupil, np.all(limits <= 1, axis=0))
+        limits = self.splines.values(limits[np.any(limits > 1, axis=(1, 2))])
+        if self.pupil.mirrored or not len(limits):
+            return covered(limits) * near[self._nearest]
+        return covered(_closed(limits))[:, 1:-1] * near[self._nearest]
+
+
+def with_neighbours(pupil: Pupil, passing: np.ndarray) -> np.ndarray:
+    """Rays that pass, and the rays next to them: bool array (..., radius, azimuth)."""
+    around = np.ones((*(1,) * (passing.ndim - 2), 3, 3))
+    if pupil.mirrored:
+        return scipy.ndimage.binary_dilation(passing, around)
+    return scipy.ndimage.binary_dilation(_closed(passing), around)[..., 1:-1]
+
+
+def _closed(values):
+    """Values all around, with the last azimuth again before the first one, and the first one after the last."""
+    return np.concatenate([values[..., -1:], values, values[..., :1]], axis=-1)
 
 
 def covered(limits: np.ndarray) -> np.ndarray | float:

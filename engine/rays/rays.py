@@ -11,7 +11,31 @@ from .aiming import aim
 from .trace import trace_both_ways
 
 
-class HalfPupil:
+class Pupil:
+    """Rays across the stop.
+
+    Attributes
+    ----------
+    radii, azimuths : arrays
+        From 0 to 1, and from +y through +x.
+    x, y : arrays (radius, azimuth)
+    """
+
+    mirrored = False
+    """Whether the azimuths are those of one half of the stop, and the other half is its mirror image."""
+
+    def __init__(self, radii: np.ndarray, azimuths: np.ndarray):
+        self.radii, self.azimuths = radii, azimuths
+        radius, azimuth = np.meshgrid(radii, azimuths, indexing="ij")
+        self.x, self.y = radius * np.sin(azimuth), radius * np.cos(azimuth)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Shape of arrays of rays: (radius, azimuth)."""
+        return self.x.shape
+
+
+class HalfPupil(Pupil):
     """Radii 0 to 1 of the stop, and azimuths from +y through +x to -y; the other half is the mirror image.
 
     A centred lens with its field on the y axis is symmetric about the meridional plane.
@@ -19,17 +43,18 @@ class HalfPupil:
     Radii are evenly spaced or, with `close_at_rim`, the sines of evenly spaced angles, which are densest at the rim.
     """
 
+    mirrored = True
+
     def __init__(self, radii: int, azimuths: int, close_at_rim: bool = False):
         even = np.linspace(0, 1, radii)
-        self.radii = np.sin(np.pi / 2 * even) if close_at_rim else even
-        self.azimuths = np.linspace(0, np.pi, azimuths)
-        radius, azimuth = np.meshgrid(self.radii, self.azimuths, indexing="ij")
-        self.x, self.y = radius * np.sin(azimuth), radius * np.cos(azimuth)
+        super().__init__(np.sin(np.pi / 2 * even) if close_at_rim else even, np.linspace(0, np.pi, azimuths))
 
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Shape of arrays of rays: (radius, azimuth)."""
-        return self.x.shape
+
+class FullPupil(Pupil):
+    """Radii 0 to 1 of the stop, and azimuths all around, without the first one again at the end."""
+
+    def __init__(self, radii: int, azimuths: int):
+        super().__init__(np.linspace(0, 1, radii), np.linspace(0, 2 * np.pi, azimuths, endpoint=False))
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +65,7 @@ class TracedRays:
 
     Attributes
     ----------
+    pupil : Pupil
     wavelengths_nm : array (wavelength,)
     position_mm : array (2, ...)
         x and y at the image plane; image points have y > 0.
@@ -56,6 +82,7 @@ class TracedRays:
         Rays that missed a surface or were totally reflected.
     """
 
+    pupil: Pupil
     wavelengths_nm: np.ndarray
     position_mm: np.ndarray
     direction: np.ndarray
@@ -97,8 +124,8 @@ def trace_pupil(system: System, heights_mm: Sequence[float] | np.ndarray, wavele
     path_mm = to_entry_mm + traced.path_mm
     arrays = {"position_mm": traced.position[:2], "direction": traced.direction, "path_mm": path_mm, "source": source,
               "square_height_mm2": traced.square_mm2, "lost": ~(aimed & np.isfinite(path_mm))}
-    rays = TracedRays(wavelengths_nm, **{name: values.reshape(*values.shape[:-1], *pupil.shape)
-                                         for name, values in arrays.items()})
+    rays = TracedRays(pupil, wavelengths_nm, **{name: values.reshape(*values.shape[:-1], *pupil.shape)
+                                                for name, values in arrays.items()})
     _check_chief_rays(system, heights_mm, rays)
     return rays
 

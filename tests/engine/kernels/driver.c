@@ -404,8 +404,8 @@ static double passing(const lf_wavefront *w, const double *tightest, int64_t row
 static void try_waves(void)
 {
     static const float wild[] = {NAN, INFINITY, -INFINITY, -1e30f, 1e30f, 1e-40f};
-    const int64_t rows = 3 + below(40), columns = 8 * (1 + below(8)), path_terms = 2 + below(12), limits = 1 + below(3);
-    const int64_t edge_terms = 1 + below(8), size = rows * columns;
+    const int64_t rows = 3 + below(40), columns = 8 * (1 + below(8)), path_terms = 3 + below(11), limits = 1 + below(3);
+    const int64_t edge_terms = 1 + below(8), size = rows * columns, square = 1 + below(2);
     const int tame = below(4) > 0;
     double *across = ROOM(double, columns), *up = ROOM(double, rows), *path = ROOM(double, rows * path_terms);
     float *edges = ROOM(float, rows * (1 + limits) * edge_terms), *work = ROOM(float, 3 * (columns + 16));
@@ -413,7 +413,7 @@ static void try_waves(void)
     float *edge_table = ROOM(float, edge_terms * columns);
     for (int64_t c = 0; c < columns; c++) {
         const double x = ((double)c + unit()) / ((double)columns - 1);
-        across[c] = 2 * x * x - 1;
+        across[c] = square == 1 ? 2 * x * x - 1 : 2 * x - 1;
         double value = 1, next = across[c]; /* by recurrence, which has the same bits on all machines */
         for (int64_t n = 0; n < path_terms || n < edge_terms; n++) {
             const double after = 2 * across[c] * next - value;
@@ -442,7 +442,8 @@ static void try_waves(void)
         }
     for (int64_t i = 0; i < rows * (1 + limits) * edge_terms; i++) largest = fmax(largest, fabs(edges[i]));
     const double rounding = 4 * SINGLE * largest * (double)(edge_terms * edge_terms); /* of the sum of terms */
-    const lf_wavefront w = {table, edge_table, up, path, edges, rows, columns, path_terms, edge_terms, limits, 0.2f, 2.5f};
+    const lf_wavefront w = {table, edge_table, up, path, edges, rows, columns, path_terms, edge_terms, limits, square,
+                            0.2f, 2.5f};
     lf_wavefront odd = w;
     odd.columns--;
     for (int v = 0; runs(v); v++) {
@@ -457,7 +458,7 @@ static void try_waves(void)
             const int64_t row = i / columns, column = i % columns;
             double share_off;
             double share = passing(&w, tightest, row, column, rounding, &share_off);
-            const int inside = across[column] <= 1 - 2 * up[row] * up[row];
+            const int inside = table[square * columns + column] <= 1 - 2 * up[row] * up[row];
             const double waves = chebyshev(across[column], path + row * path_terms, 0, path_terms);
             double power = chebyshev(across[column], 0, edges + row * (1 + limits) * edge_terms, edge_terms);
             power = fmin(fmax(power, w.least), w.most) - w.most;
@@ -776,25 +777,26 @@ static double chebyshev_of(int64_t n, double x)
 
 static void try_fitting(void)
 {
-    const int64_t degree = 1 + below(6), ups = degree + 1, halves = degree / 2 + 1, quantities = 1 + below(3), places = 60 + below(60);
-    double *x = ROOM(double, 3 * places), *values = ROOM(double, quantities * places), *truth = ROOM(double, quantities * ups * halves);
+    const int64_t degree = 1 + below(6), step = 1 + below(2), ups = degree + 1, acrosses = degree / step + 1;
+    const int64_t quantities = 1 + below(3), places = 60 + below(60);
+    double *x = ROOM(double, 3 * places), *values = ROOM(double, quantities * places), *truth = ROOM(double, quantities * ups * acrosses);
     for (int64_t n = 0; n < 3 * places; n++) x[n] = n < 2 * places ? 2 * unit() - 1 : 0.5 + unit();
-    for (int64_t n = 0; n < quantities * ups * halves; n++)
-        truth[n] = n / halves % ups + 2 * (n % halves) <= degree ? 2 * unit() - 1 : 0;
+    for (int64_t n = 0; n < quantities * ups * acrosses; n++)
+        truth[n] = n / acrosses % ups + step * (n % acrosses) <= degree ? 2 * unit() - 1 : 0;
     for (int64_t n = 0; n < quantities * places; n++)
-        for (int64_t k = 0; k < ups * halves; k++)
-            values[n] += truth[n / places * ups * halves + k] * chebyshev_of(k / halves, x[places + n % places])
-                         * chebyshev_of(2 * (k % halves), x[n % places]);
-    const lf_scattered s = {x, x + places, x + 2 * places, values, places, quantities, degree};
+        for (int64_t k = 0; k < ups * acrosses; k++)
+            values[n] += truth[n / places * ups * acrosses + k] * chebyshev_of(k / acrosses, x[places + n % places])
+                         * chebyshev_of(step * (k % acrosses), x[n % places]);
+    const lf_scattered s = {x, x + places, x + 2 * places, values, places, quantities, degree, step};
     lf_scattered bare = s;
     bare.places = 0;
     for (int v = 0; runs(v); v++) {
-        double *out = ROOM(double, quantities * ups * halves), *residual = ROOM(double, places + 7);
-        double *work = ROOM(double, lf_fit_work(places, degree));
+        double *out = ROOM(double, quantities * ups * acrosses), *residual = ROOM(double, places + 7);
+        double *work = ROOM(double, lf_fit_work(places, degree, step));
         expect(lf_fit(v, &bare, out, residual, work) == LF_BAD_SIZE, "fitting took a size that cannot be");
         expect(!lf_fit(v, &s, out, residual, work), "fitting refused its sizes");
-        take_bits(v, out, quantities * ups * halves * 8), take_bits(v, residual, places * 8);
-        for (int64_t n = 0; n < quantities * ups * halves; n++) take_deviation(v, 10, fabs(out[n] - truth[n]), 1e7 * DOUBLE);
+        take_bits(v, out, quantities * ups * acrosses * 8), take_bits(v, residual, places * 8);
+        for (int64_t n = 0; n < quantities * ups * acrosses; n++) take_deviation(v, 10, fabs(out[n] - truth[n]), 1e7 * DOUBLE);
         free(out), free(residual), free(work);
     }
     free(x), free(values), free(truth);
