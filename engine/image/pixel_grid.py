@@ -29,6 +29,9 @@ class PixelGrid:
     focal_mm : float or None
         Focal length of the capturing pinhole, if it is not the lens's `capture_focal_length_mm`, which changes when a
         lens on the same sensor is focused nearer.
+    squeeze : float
+        Of a capture, in which a pixel is this many times as wide as tall in the scene: focal length of the picture's
+        height over the one of its width. The sensor's pixels are square.
 
     Raises
     ------
@@ -42,6 +45,7 @@ class PixelGrid:
     overscan_px: tuple[int, int] = (0, 0)
     projection: Projection = PLANE
     focal_mm: float | None = None
+    squeeze: float = 1.0
 
     def __post_init__(self) -> None:
         for name in ("shape_px", "overscan_px"):
@@ -55,12 +59,15 @@ class PixelGrid:
             raise ImageError("image", "focal_mm", self.focal_mm, "expected a positive number")
         if not isinstance(self.projection, Projection):
             raise ImageError("image", "projection", self.projection, "expected a Projection")
+        if not is_positive(self.squeeze):
+            raise ImageError("image", "squeeze", self.squeeze, "expected a positive number")
         if min(overscan) < 0 or 2 * overscan[0] >= rows or 2 * overscan[1] >= columns:
             raise ImageError("image", "overscan_px", overscan, f"expected less than half of {rows} x {columns} px")
         if np.shape(centre) != (2,) or not all(_is_number(c) and np.isfinite(c) for c in centre):
             raise ImageError("image", "centre_px", centre, "expected a row and a column")
         object.__setattr__(self, "shape_px", (rows, columns))
         object.__setattr__(self, "pitch_um", float(self.pitch_um))
+        object.__setattr__(self, "squeeze", float(self.squeeze))
         object.__setattr__(self, "centre_px", tuple(float(c) for c in centre))
         object.__setattr__(self, "overscan_px", overscan)
 

@@ -29,7 +29,7 @@ class SpectralImage:
     cube : array (wavelength, row, column), or (row, column) for a single wavelength
     wavelengths_nm : sequence of float, ascending
     grid : PixelGrid, optional
-    pitch_um, centre_px, overscan_px, projection : optional
+    pitch_um, centre_px, overscan_px, projection, squeeze : optional
         Attributes of the grid, to use instead of a grid or to override its values.
     quantity, lens_name, f_number_effective, focal_mm, exposure, detail, arbitrary
         See below.
@@ -41,8 +41,8 @@ class SpectralImage:
     wavelengths_nm : float64 array (wavelength,)
         Ascending.
     grid : PixelGrid
-        Its pixels in the sensor's plane. `pitch_um`, `centre_px`, `overscan_px`, `projection` and `frame_px` are also
-        properties of the image.
+        Its pixels in the sensor's plane. `pitch_um`, `centre_px`, `overscan_px`, `projection`, `squeeze` and
+        `frame_px` are also properties of the image.
     quantity : "radiance" or "irradiance"
     lens_name : str
         The lens of an irradiance image; "" for radiance.
@@ -79,7 +79,7 @@ class SpectralImage:
                  quantity: str = RADIANCE, lens_name: str = "", f_number_effective: float | None = None,
                  focal_mm: float | None = None, exposure: float = 1.0, pitch_um: float | None = None,
                  centre_px: Sequence[float] | None = None, overscan_px: Sequence[int] | None = None,
-                 projection: Projection | None = None, detail: Detail | None = None,
+                 projection: Projection | None = None, squeeze: float | None = None, detail: Detail | None = None,
                  arbitrary: bool = False) -> None:
         cube = np.asarray(cube, dtype=np.float32)
         wavelengths = np.atleast_1d(np.asarray(wavelengths_nm, dtype=np.float64))
@@ -97,7 +97,8 @@ class SpectralImage:
             raise ImageError("image", "lens_name", lens_name, "expected a string")
         if quantity not in UNITS:
             raise ImageError("image", "quantity", quantity, f"expected one of {', '.join(UNITS)}")
-        parts = {"pitch_um": pitch_um, "centre_px": centre_px, "overscan_px": overscan_px, "projection": projection}
+        parts = {"pitch_um": pitch_um, "centre_px": centre_px, "overscan_px": overscan_px, "projection": projection,
+                 "squeeze": squeeze}
         given: dict[str, Any] = {name: part for name, part in parts.items() if part is not None}
         if grid is None:
             grid = PixelGrid(cube.shape[1:], **{"pitch_um": None} | given)
@@ -130,6 +131,10 @@ class SpectralImage:
     @property
     def projection(self) -> Projection:
         return self.grid.projection
+
+    @property
+    def squeeze(self) -> float:
+        return self.grid.squeeze
 
     @property
     def frame_px(self) -> tuple[int, int]:

@@ -1,8 +1,8 @@
 /* Footprints: the ideal picture. Each of its pixels is the average of a capture over the rectangle that the distortion
    maps it to, times a factor.
 
-   The lens's geometry is given as curves over the distance from the axis, which avoids arrays with an element for each
-   pixel. Several pixels of a row are processed at once, and every step is a loop over them that compilers vectorise.
+   The lens's geometry is given as curves over the distance from the axis, or on a coarse mesh, which avoids arrays with
+   an element for each pixel. Several pixels of a row are processed at once, and every step is a loop over them that compilers vectorise.
    Neighbouring footprints touch about the same number of rows and columns: all are processed with the largest number,
    with shares of zero for the rest. */
 #include "variant.h"
@@ -45,6 +45,32 @@ static void find_footprints(const lf_geometry *lens, const lf_capture *capture, 
         rows->width[i] = radial + (tangential - radial) * cos_squared;
         columns->middle[i] = column + right * tangential;
         columns->width[i] = tangential + (radial - tangential) * cos_squared;
+    }
+}
+
+/* As find_footprints, from a mesh, for pixels of row y. */
+static void find_on_mesh(const lf_geometry *lens, const lf_capture *capture, int64_t y, int64_t x,
+                         extents *restrict rows, extents *restrict columns, float *restrict factor)
+{
+    const double step = (double)lens->mesh_step;
+    const int64_t last_row = lens->mesh_rows - 2, last_column = lens->mesh_columns - 2, row_step = 6 * lens->mesh_columns;
+    const int64_t row = y / lens->mesh_step < last_row ? y / lens->mesh_step : last_row;
+    const double down = (double)(y - row * lens->mesh_step) / step;
+    for (int i = 0; i < TOGETHER; i++) {
+        const int64_t at = (x + i) / lens->mesh_step, column = at < last_column ? at : last_column;
+        const double on = (double)(x + i - column * lens->mesh_step) / step;
+        const double *above = lens->mesh + row * row_step + 6 * column, *below = above + row_step;
+        double value[6];
+        for (int k = 0; k < 6; k++) {
+            const double left = above[k] + down * (below[k] - above[k]);
+            const double right = above[k + 6] + down * (below[k + 6] - above[k + 6]);
+            value[k] = left + on * (right - left);
+        }
+        rows->middle[i] = capture->centre_row + value[0];
+        columns->middle[i] = capture->centre_column + value[1];
+        rows->width[i] = value[2];
+        columns->width[i] = value[3];
+        factor[i] = value[5] <= 1 ? (float)value[4] : 0;
     }
 }
 
@@ -146,7 +172,8 @@ int OF_VARIANT(lf_footprints)(const lf_geometry *lens, const lf_capture *capture
         for (int64_t x = 0; x < out->columns; x += TOGETHER) {
             const int n = out->columns - x < TOGETHER ? (int)(out->columns - x) : TOGETHER;
             float *to = out->values + y * out->row_step + x;
-            find_footprints(lens, capture, (int32_t)x, (double)y - lens->centre_row, &down, &across, factor);
+            if (lens->mesh) find_on_mesh(lens, capture, y, x, &down, &across, factor);
+            else find_footprints(lens, capture, (int32_t)x, (double)y - lens->centre_row, &down, &across, factor);
             find_touched(&down, capture->rows, &rows);
             find_touched(&across, capture->columns, &columns);
             if (out->planes == 4) average_four(capture, &rows, &columns, factor, n, to, out->plane_step);

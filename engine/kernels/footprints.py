@@ -44,13 +44,36 @@ class RadialGeometry:
         return self._curves.nbytes
 
 
-def footprints(geometry: RadialGeometry, capture: np.ndarray, centre_px: tuple[float, float], rows: slice,
+@dataclass(frozen=True, eq=False)
+class MeshGeometry:
+    """The lens data for `footprints`, on a coarse mesh over the pixels of the picture."""
+
+    _mesh: np.ndarray
+    _structure: Structure
+
+    @classmethod
+    def of(cls, mesh: np.ndarray, step_px: int) -> "MeshGeometry":
+        """From values (row, column, 6) at every `step_px`th pixel, and up to one beyond the last.
+
+        They are the rows and columns from the axis to the middle of the pixel's footprint in the capture; the height
+        and width of the footprint; the factor on the average; and a number above 1 where the picture is black.
+        """
+        mesh = np.ascontiguousarray(mesh, np.float64)
+        return cls(mesh, GEOMETRY(mesh=address(mesh, np.float64), mesh_rows=mesh.shape[0], mesh_columns=mesh.shape[1],
+                                  mesh_step=step_px))
+
+    @property
+    def nbytes(self) -> int:
+        return self._mesh.nbytes
+
+
+def footprints(geometry: RadialGeometry | MeshGeometry, capture: np.ndarray, centre_px: tuple[float, float], rows: slice,
                out: np.ndarray) -> None:
     """Write these rows of a picture, by index of `out`.
 
     Parameters
     ----------
-    geometry : RadialGeometry
+    geometry : RadialGeometry or MeshGeometry
     capture : float32 array (row, column, plane)
         One plane, or four, flipped so that rows and columns run away from the axis. The area outside is black.
     centre_px : (row, column)

@@ -115,6 +115,30 @@ static int table_fits(const lf_table *t, int64_t azimuths)
     return 1;
 }
 
+/* Whether all look-ups of positions in a table are within bounds. */
+static int places_fit(const lf_places *p, const lf_table *t)
+{
+    if (!p->row_cell) {
+        if (!within(p->samples, 1, MOST_PX) || !within(p->heights, 2, 1 << 15) || !within(p->azimuths, 2, 1 << 15)
+            || !within(p->quarter_steps, 1, 1 << 15) || t->intervals != p->heights - 1)
+            return 0;
+        for (int64_t n = 0; n <= p->samples; n++)
+            if (!within(p->interval[n], 0, p->heights - 2)) return 0;
+        return 1;
+    }
+    if (p->azimuths != 2 || !within(p->rows, 1, MOST_PX) || !within(p->columns, 1, MOST_PX)) return 0;
+    int64_t last_row = 0, last_column = 0;
+    for (int64_t y = 0; y < p->rows; y++) {
+        if (!within(p->row_cell[y], 0, t->intervals - 1)) return 0;
+        last_row = p->row_cell[y] > last_row ? p->row_cell[y] : last_row;
+    }
+    for (int64_t x = 0; x < p->columns; x++) {
+        if (!within(p->column_cell[x], 0, t->intervals - 1)) return 0;
+        last_column = p->column_cell[x] > last_column ? p->column_cell[x] : last_column;
+    }
+    return last_row + last_column < t->intervals;
+}
+
 int64_t lf_spread_work(int64_t pieces, int64_t columns)
 {
     if (!within(pieces, 0, MOST) || !within(columns, 1, MOST_PX)) return 0;
@@ -127,12 +151,7 @@ int lf_spread(int variant, const lf_places *places, const lf_table *t, const lf_
     if (!within(variant, 0, VARIANTS - 1) || !fits(light) || !fits(out) || !has_rows(light, first_row, end_row)
         || (light->planes != 1 && light->planes != 4) || out->planes != light->planes)
         return LF_BAD_SIZE;
-    if (!within(places->samples, 1, MOST_PX) || !within(places->heights, 2, 1 << 15)
-        || !within(places->azimuths, 2, 1 << 15) || !within(places->quarter_steps, 1, 1 << 15)
-        || t->intervals != places->heights - 1 || !within(t->pieces, 0, MOST) || !table_fits(t, places->azimuths))
-        return LF_BAD_SIZE;
-    for (int64_t n = 0; n <= places->samples; n++)
-        if (!within(places->interval[n], 0, places->heights - 2)) return LF_BAD_SIZE;
+    if (!places_fit(places, t) || !within(t->pieces, 0, MOST) || !table_fits(t, places->azimuths)) return LF_BAD_SIZE;
     if (out->rows < end_row - first_row + t->side - 1 || out->columns < light->columns + t->side - 1 + LF_SLACK)
         return LF_BAD_SIZE;
     if (!within(sections->size_px, 1, MOST_PX) || !within(sections->rows, 1, MOST_PX) ||
@@ -172,7 +191,11 @@ int lf_footprints(int variant, const lf_geometry *lens, const lf_capture *captur
 {
     if (!within(variant, 0, VARIANTS - 1) || (capture->planes != 1 && capture->planes != 4)
         || !within(capture->rows, 1, MOST_PX) || !within(capture->columns, 1, MOST_PX) || !fits(out)
-        || !has_rows(out, first_row, end_row) || capture->planes != out->planes || !within(lens->samples, 1, MOST_PX))
+        || !has_rows(out, first_row, end_row) || capture->planes != out->planes)
+        return LF_BAD_SIZE;
+    if (lens->mesh ? !within(lens->mesh_rows, 2, MOST_PX) || !within(lens->mesh_columns, 2, MOST_PX)
+                         || !within(lens->mesh_step, 1, MOST_PX)
+                   : !within(lens->samples, 1, MOST_PX))
         return LF_BAD_SIZE;
     return variants[variant].footprints(lens, capture, first_row, end_row, out);
 }

@@ -39,7 +39,8 @@ typedef struct { /* a stack of planes; the pixels of a row are contiguous */
 #define LF_PORTION 64 /* eights of taps in a batch: 16 KB of four PSFs and their mixtures, which fit in any cache */
 #define LF_SLACK 16  /* zeros before and after the taps of a table; room after each output row */
 
-typedef struct { /* positions of a picture's pixels among the heights and azimuths of a table */
+typedef struct { /* positions of a picture's pixels among the heights and azimuths of a table; or among the cells of a
+                    grid of nodes: each is an interval of the table, with the nodes to its right as the second azimuth */
     double centre_row, centre_column; /* of the axis */
     double samples_per_px;
     const double *paraxial;  /* (samples + 1): paraxial height, over the distance from the axis */
@@ -47,6 +48,9 @@ typedef struct { /* positions of a picture's pixels among the heights and azimut
     const double *height;    /* (heights): the table's heights */
     int64_t samples, heights;
     int64_t azimuths, quarter_steps; /* clockwise from the right, both ends included; steps in a quarter turn */
+    const int32_t *row_cell, *column_cell; /* (row), (column): their sum is a pixel's cell; NULL for heights and azimuths */
+    const float *row_on, *column_on; /* fractions on to the nodes below, and to the right */
+    int64_t rows, columns;
 } lf_places;
 
 typedef struct {         /* PSFs, in pieces: see spreading.c */
@@ -91,11 +95,14 @@ typedef int lf_excess_loop(const lf_picture *light, float level, const lf_excess
 
 #define LF_LARGEST_FOOTPRINT 16 /* pixels; larger footprints are represented by their middle */
 
-typedef struct { /* the lens's geometry over the distance from the axis */
+typedef struct { /* the lens's geometry over the distance from the axis; or on a mesh over the picture's pixels */
     double centre_row, centre_column, samples_per_px;
     const double *curves; /* (samples + 1, 3): ratio of ideal to real distance, its derivative, and a factor on light */
     int64_t samples;
     double last_px;       /* the distance beyond which the picture is black */
+    const double *mesh;   /* (row, column, 6): rows and columns from the axis to the footprint in the capture; its height
+                             and width; a factor on light; and a number above 1 where the picture is black; or NULL */
+    int64_t mesh_rows, mesh_columns, mesh_step; /* step: in pixels */
 } lf_geometry;
 
 typedef struct { /* the planes of a capture, flipped so that rows and columns run away from the axis if there are four */

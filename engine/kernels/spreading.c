@@ -1,7 +1,7 @@
 /* Spreading: the light of every pixel, spread by its PSF.
 
    A pixel's PSF is interpolated from four PSFs of the table: at the heights below and above, and at the azimuths before
-   and after its position. Adding a PSF to the picture costs a read and a write of every pixel that it reaches, so FOUR
+   and after its position; or at the corners of its cell in a grid of nodes. Adding a PSF to the picture costs a read and a write of every pixel that it reaches, so FOUR
    neighbouring pixels of a row are processed at once. Their PSFs are interpolated side by side, each shifted by one
    more tap to the right, and summed with the pixels' light as weights before they are added to the picture. The planes
    of a folded picture share the PSFs.
@@ -92,6 +92,30 @@ static void find_heights(int32_t columns, const double *restrict sample_at, int3
         interval[x] = below;
         up[x] = (float)(risen < 1 ? risen : 1);
     }
+}
+
+/* Positions of row y's pixels in a grid of nodes, beyond whose end they continue. */
+static void find_cells(const lf_places *p, int64_t y, int64_t columns, row_places *row)
+{
+    const int64_t at = y < p->rows ? y : p->rows - 1;
+    for (int64_t x = 0; x < columns; x++) {
+        const int64_t column = x < p->columns ? x : p->columns - 1;
+        row->interval[x] = p->row_cell[at] + p->column_cell[column];
+        row->azimuth[x] = 0;
+        row->up[x] = p->row_on[at];
+        row->on[x] = p->column_on[column];
+    }
+}
+
+static void find_row(const lf_places *p, int64_t y, int64_t columns, row_places *row)
+{
+    if (p->row_cell) {
+        find_cells(p, y, columns, row);
+        return;
+    }
+    find_azimuths(p, (int32_t)columns, (double)y - p->centre_row, row->sample, row->azimuth, row->on);
+    find_heights((int32_t)columns, row->sample, (int32_t)p->samples, p->paraxial, p->interval, p->height,
+                 (int32_t)p->heights - 2, row->interval, row->up);
 }
 
 /* Writes the first `taps` taps of a weighted sum of four PSFs: at two azimuths, and at the same azimuths of the next
@@ -243,10 +267,7 @@ int OF_VARIANT(lf_spread)(const lf_places *places, const lf_table *t, const lf_p
             four_floats of[4];
             if (!light_of_four(light, sections, y, x, in_one, of)) continue;
             if (!found) {
-                find_azimuths(places, (int32_t)columns, (double)y - places->centre_row, w.row.sample, w.row.azimuth,
-                              w.row.on);
-                find_heights((int32_t)columns, w.row.sample, (int32_t)places->samples, places->paraxial,
-                             places->interval, places->height, (int32_t)places->heights - 2, w.row.interval, w.row.up);
+                find_row(places, y, columns, &w.row);
                 for (int64_t n = columns; n < columns + FOUR; n++) { /* a group may extend beyond the row */
                     w.row.interval[n] = w.row.interval[columns - 1];
                     w.row.azimuth[n] = w.row.azimuth[columns - 1];

@@ -1,4 +1,4 @@
-"""Spreading of light with a PSF per pixel, interpolated in a table of heights and azimuths."""
+"""Spreading of light with a PSF per pixel, interpolated in a table of heights and azimuths, or of a grid of nodes."""
 
 from collections.abc import Callable
 from ctypes import Structure, byref
@@ -16,12 +16,12 @@ LONGEST, SLACK = NUMBERS["LONGEST"], NUMBERS["SLACK"]
 LINE_BYTES = 64
 MOST_TAPS = 8 * LONGEST - 3  # in a piece: the last three are zero
 
-Fill = Callable[[slice, np.ndarray, np.ndarray], object]
+Fill = Callable[[int, np.ndarray, np.ndarray], object]
 
 
 @dataclass(frozen=True, eq=False)
 class TablePlaces:
-    """Positions of a picture's pixels among the heights and azimuths of a table of PSFs."""
+    """Positions of a picture's pixels among the heights and azimuths, or the cells, of a table of PSFs."""
 
     _arrays: tuple[np.ndarray, ...]
     _structure: Structure
@@ -51,23 +51,50 @@ class TablePlaces:
                            quarter_steps * quarter_turns + 1, quarter_steps)
         return cls((paraxial, interval, heights), structure)
 
+    @classmethod
+    def in_cells(cls, rows: tuple[np.ndarray, np.ndarray], columns: tuple[np.ndarray, np.ndarray],
+                 cells_across: int) -> "TablePlaces":
+        """From rows and columns of cells, whose intervals of the table are numbered row by row.
+
+        Parameters
+        ----------
+        rows, columns : pairs of arrays (row,) and (column,)
+            The row, or column, of the cell of each of the picture's; and fractions on to the nodes below, or to the
+            right. The last ones continue beyond the picture.
+        cells_across : int
+            Number of cells in a row.
+        """
+        (row_cell, row_on), (column_cell, column_on) = rows, columns
+        cells = tuple(np.ascontiguousarray(each, np.int32) for each in (row_cell * cells_across, column_cell))
+        on = tuple(np.ascontiguousarray(each, np.float32) for each in (row_on, column_on))
+        addresses = zip(("row_cell", "column_cell", "row_on", "column_on"), (*cells, *on),
+                        2 * (np.int32,) + 2 * (np.float32,), strict=True)
+        return cls((*cells, *on), PLACES(azimuths=2, rows=row_on.size, columns=column_on.size,
+                                         **{name: address(array, dtype) for name, array, dtype in addresses}))
+
     def lower(self, rows: int) -> "TablePlaces":
         """The positions for a picture that begins `rows` rows below this one."""
         structure = PLACES.from_buffer_copy(self._structure)
         structure.centre_row -= rows
+        if structure.row_cell:
+            structure.row_cell += rows * np.dtype(np.int32).itemsize
+            structure.row_on += rows * np.dtype(np.float32).itemsize
+            structure.rows -= rows
         return TablePlaces(self._arrays, structure)
 
 
 @dataclass(frozen=True, eq=False)
 class PackedTable:
-    """A table of PSFs packed for `spread`: for each pair of adjacent heights, the nonzero pieces of rows.
+    """A table of PSFs packed for `spread`: for each interval, the nonzero pieces of rows.
+
+    An interval is between two adjacent heights, or it is a cell of a grid of nodes.
 
     Attributes
     ----------
     side_px : int
         Side of the PSFs' square of pixels.
     taps_by_interval : int array (interval,)
-        Number of taps for a pixel between two heights.
+        Number of taps for a pixel in the interval.
     """
 
     side_px: int
@@ -81,31 +108,32 @@ class PackedTable:
 
         Parameters
         ----------
-        reached : bool array (height, pixel)
-            The pixels of a square, row by row, that the PSFs of a height reach.
+        reached : bool array (interval, pixel)
+            The pixels of a square, row by row, that the PSFs around an interval reach.
         azimuths : int
-        fill : callable (heights: slice, pixels, out)
-            Writes these pixels of the PSFs of some heights to out, float32 array (height, azimuth, tap). The index
-            after the square's last pixel stands for a black pixel.
+        fill : callable (interval, pixels, out)
+            Writes these pixels of the PSFs around an interval to out, float32 array (2, azimuth, tap): at the heights
+            below and above, or of the nodes above and below a cell. The index after the square's last pixel stands for
+            a black pixel.
         """
-        heights, pixels = reached.shape
+        intervals, pixels = reached.shape
         side = isqrt(pixels)
-        interval, eights, row, column, count = _pieces((reached[:-1] | reached[1:]).reshape(-1, side, side))
+        interval, eights, row, column, count = _pieces(reached.reshape(-1, side, side))
         start = np.cumsum(8 * eights) - 8 * eights
         piece = np.repeat(np.arange(eights.size), 8 * eights)
         along = np.arange(piece.size) - start[piece]
         source = np.where(along < count[piece], row[piece] * side + column[piece] + along, pixels)
-        length = np.bincount(interval, 8 * eights, heights - 1).astype(np.int64)
+        length = np.bincount(interval, 8 * eights, intervals).astype(np.int64)
         begin = SLACK + np.cumsum(2 * azimuths * np.append(0, length))
         taps = _aligned_zeros(begin[-1] + SLACK)
-        for low, interval_source in enumerate(np.split(source, np.cumsum(length)[:-1])):
-            fill(slice(low, low + 2), interval_source, taps[begin[low]:begin[low + 1]].reshape(2, azimuths, -1))
-        counts = np.bincount(interval * (LONGEST + 1) + eights, minlength=(heights - 1) * (LONGEST + 1))
-        first_piece = np.searchsorted(interval, np.arange(heights - 1))
+        for index, interval_source in enumerate(np.split(source, np.cumsum(length)[:-1])):
+            fill(index, interval_source, taps[begin[index]:begin[index + 1]].reshape(2, azimuths, -1))
+        counts = np.bincount(interval * (LONGEST + 1) + eights, minlength=intervals * (LONGEST + 1))
+        first_piece = np.searchsorted(interval, np.arange(intervals))
         numbers = [np.ascontiguousarray(each, dtype=np.int64)
                    for each in (begin, length, first_piece, counts, row, column)]
         return cls(side, length, (taps, *numbers), TABLE(
-            address(taps, np.float32), taps.size, side, heights - 1, *(address(each, np.int64) for each in numbers),
+            address(taps, np.float32), taps.size, side, intervals, *(address(each, np.int64) for each in numbers),
             row.size))
 
     @property
@@ -120,14 +148,14 @@ def _aligned_zeros(count):
     return zeros[start:start + count]
 
 
-def _pieces(between):
-    """Cut rows of the pixels that PSFs reach between two heights, (interval, row, column), into pieces.
+def _pieces(reached):
+    """Cut rows of the pixels that PSFs reach in each interval, (interval, row, column), into pieces.
 
     Returns arrays of their intervals, eights of taps, rows, first columns and taps, with the shortest pieces of each
     interval first.
     """
-    interval, row = np.nonzero(between.any(axis=2))
-    across = between[interval, row]
+    interval, row = np.nonzero(reached.any(axis=2))
+    across = reached[interval, row]
     first, end = across.argmax(axis=1), across.shape[1] - across[:, ::-1].argmax(axis=1)
     cuts = -(-(end - first) // MOST_TAPS)
     line = np.repeat(np.arange(row.size), cuts)

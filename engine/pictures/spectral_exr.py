@@ -45,6 +45,7 @@ FIRST_PART, LAYER_PART = "radiance", "layer."
 SAMPLE_BYTES, DEEP_BYTES = 4, 128  # per pixel and channel, for a number and for an array
 EMPTY_PX, MOST_EMPTY = 2**25, 64  # a display window of more pixels may be at most this many times as large as its data
 M_TO_MM = 1e3
+ASPECT_DIGITS = 7  # of pixelAspectRatio, which is in single precision
 TYPES = {"HALF": np.float16, "FLOAT": np.float32, "UINT": np.uint32}
 READ_BY_ROWS = OpenEXR.scanlineimage, OpenEXR.tiledimage
 BLOCK_ROWS = 64  # rows to read at once: a multiple of most compressions' chunk height
@@ -63,8 +64,8 @@ def write_exr(image: SpectralImage, path: str | os.PathLike, other_planes: dict[
     The channels of a `Detail` are in `detail_channels.py`. Both have attributes with the prefix `lensfield:`: quantity,
     units (which may be "arbitrary"), pitchUm, and centrePx, the point where the optical axis meets the picture, as row
     and column, in this order and in the pixel coordinates of the windows.
-    Captured radiance has focalMm, and a panorama's also projection and anglePerRadius, as in `Projection`; irradiance
-    has lens and fNumberEffective. If R, G and B are exposed, exposure is the factor; the spectral channels are never
+    Captured radiance has focalMm, the squeeze as pixelAspectRatio, and a panorama's also projection and anglePerRadius,
+    as in `Projection`; irradiance has lens and fNumberEffective. If R, G and B are exposed, exposure is the factor; the spectral channels are never
     exposed.
 
     Parameters
@@ -97,20 +98,20 @@ def _layer_parts(layered, path):
     for layer in layered.layers:
         origin = layer.origin_px[0] - above, layer.origin_px[1] - left
         depth_m = np.where(layer.depth_mm < BACKGROUND_MM, layer.depth_mm, BACKGROUND_MM) / np.float32(M_TO_MM)
-        yield (_windows(layered.grid.frame_px, origin, layer.alpha.shape),
+        yield (_windows(layered.grid.frame_px, origin, layer.alpha.shape, layered.grid.squeeze),
                _spectral_planes(layer.cube, layered.wavelengths_nm, path) | detail_planes(layer.detail)
                | {"A": layer.alpha, "Z": depth_m})
 
 
-def _windows(frame_px, origin_px, shape_px):
+def _windows(frame_px, origin_px, shape_px, squeeze):
     """Header fields for the layout of a part of a spectral file. The origin is the frame's first pixel."""
-    return {"compression": SPECTRAL_COMPRESSION, "type": OpenEXR.scanlineimage,
+    return {"compression": SPECTRAL_COMPRESSION, "type": OpenEXR.scanlineimage, "pixelAspectRatio": squeeze,
             "displayWindow": _box((0, 0), frame_px), "dataWindow": _box(origin_px, shape_px)}
 
 
 def _header(image):
     top, left = image.overscan_px
-    header = _windows(image.frame_px, (-top, -left), image.cube.shape[1:]) | {
+    header = _windows(image.frame_px, (-top, -left), image.cube.shape[1:], image.squeeze) | {
         "spectralLayoutVersion": LAYOUT_VERSION,
         "lensfield:quantity": image.quantity,
         "lensfield:units": ARBITRARY if image.arbitrary else UNITS[image.quantity],
@@ -362,7 +363,7 @@ def _first_image(parts, path, pitch_um, stacked=_stacked):
     try:
         image = SpectralImage(stacked(channels, names), wavelengths, pitch_um=pitch_um, **_placement(header),
                               quantity=header.get("lensfield:quantity", RADIANCE), projection=_projection(header),
-                              lens_name=header.get("lensfield:lens", ""),
+                              squeeze=_squeeze(header), lens_name=header.get("lensfield:lens", ""),
                               f_number_effective=_number(header, "lensfield:fNumberEffective"),
                               focal_mm=_number(header, "lensfield:focalMm"),
                               exposure=_number(header, "lensfield:exposure", 1.0), detail=detail_of(channels, path),
@@ -472,6 +473,13 @@ def _projection(header):
     if value == PANORAMA:
         return _panorama(header.get("lensfield:anglePerRadius", ""))
     return WITHOUT_POLYNOMIAL[value]
+
+
+def _squeeze(header):
+    """The squeeze of a radiance file's capture, to the precision of the attribute."""
+    if header.get("lensfield:quantity", RADIANCE) != RADIANCE:
+        return 1.0
+    return float(f"{header.get('pixelAspectRatio', 1.0):.{ASPECT_DIGITS}g}")
 
 
 def _panorama(coefficients):

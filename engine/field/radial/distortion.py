@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.polynomial.polynomial import polyder, polyval
@@ -10,12 +9,11 @@ from numpy.polynomial.polynomial import polyder, polyval
 from ...image.pixel_grid import PixelGrid
 from ...lens.radial_lens import MonochromaticLens
 from ...runtime.errors import LensError
+from ..footprints import Footprints
 
 ORDERS = range(4, 9)
 DISTORTION_TOLERANCE = 1e-5  # of the last height: 0.03 um for a 3 mm field
 ILLUMINATION_TOLERANCE = 1e-3
-LARGEST_FOOTPRINT_PX = 16  # of a larger footprint, only the middle is averaged
-RIM_PX = LARGEST_FOOTPRINT_PX + 1
 INVERSE_SAMPLES = 8193  # linear interpolation between them is accurate to 3e-9 of the field
 
 CaptureRadius = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -150,41 +148,6 @@ class FieldGeometry:
         return self.relative_illumination(held) * np.maximum(self._point_flux(held), 0)
 
 
-@dataclass(frozen=True, eq=False)
-class Footprints:
-    """The rectangle of a capture that each pixel averages. It conserves the energy of uniform light and points.
-
-    Attributes
-    ----------
-    first : intp array (row, column)
-        The first pixel that each rectangle touches, in the flattened capture.
-    row_shares, column_shares : lists of arrays (row, column)
-        The shares of the rectangle in that pixel's row or column and in the next ones.
-    """
-
-    first: np.ndarray
-    row_shares: list
-    column_shares: list
-
-    def average(self, planes: np.ndarray) -> np.ndarray:
-        """Averages of a stack of captures: array (plane, row, column)."""
-        values = planes.reshape(len(planes), -1)
-        total = np.zeros((len(planes), *self.first.shape), planes.dtype)
-        part = np.empty(self.first.shape, planes.dtype)
-        for down, row_share in enumerate(self.row_shares):
-            for across, column_share in enumerate(self.column_shares):
-                pixel, share = self.first + (down * planes.shape[2] + across), row_share * column_share
-                for plane, result in zip(values, total, strict=True):
-                    np.take(plane, pixel, out=part, mode="clip")  # the mode that needs no copy
-                    part *= share
-                    result += part
-        return total
-
-    @property
-    def nbytes(self) -> int:
-        return self.first.nbytes + sum(share.nbytes for share in self.row_shares + self.column_shares)
-
-
 def footprints(capture: PixelGrid, x_mm: np.ndarray, y_mm: np.ndarray, field: FieldGeometry,
                capture_radius: CaptureRadius | None = None,
                precision: str = "float64", parts: float = 1) -> tuple[Footprints, np.ndarray]:
@@ -217,12 +180,9 @@ def footprints(capture: PixelGrid, x_mm: np.ndarray, y_mm: np.ndarray, field: Fi
     row = capture.centre_px[0] - y_mm[:, None] * tangential / (capture.pitch_um * 1e-3)
     column = capture.centre_px[1] + x_mm[None, :] * tangential / (capture.pitch_um * 1e-3)
     cos_squared = (x_mm[None, :] / np.maximum(real_mm, np.finfo(float).tiny)) ** 2
-    rows, columns = capture.shape_px
     heights, widths = (parts * (one + (other - one) * cos_squared)
                        for one, other in ((radial, tangential), (tangential, radial)))
-    first_row, row_shares = _overlaps(row, heights, rows, precision)
-    first_column, column_shares = _overlaps(column, widths, columns, precision)
-    return Footprints(first_row * columns + first_column, row_shares, column_shares), paraxial_mm
+    return Footprints.of(row, column, heights, widths, capture.shape_px, precision), paraxial_mm
 
 
 def squeeze(real_mm: np.ndarray, field: FieldGeometry,
@@ -240,17 +200,3 @@ def squeeze(real_mm: np.ndarray, field: FieldGeometry,
         tangential = tangential * np.divide(radius_mm, paraxial_mm, out=np.array(slope), where=paraxial_mm > 0)
         radial = radial * slope
     return paraxial_mm, tangential, radial
-
-
-def _overlaps(position, extent_px, length_px, precision):
-    """First pixel that each interval around a position touches, and shares of the interval in it and the next ones.
-
-    Intervals are 1 to LARGEST_FOOTPRINT_PX wide; intervals outside 0 to length_px are moved onto the rim.
-    """
-    extent_px = np.clip(extent_px, 1, LARGEST_FOOTPRINT_PX)
-    touched = int(np.ceil(extent_px.max())) + 1
-    begin = position - extent_px / 2
-    first = np.floor(begin + 0.5)
-    up_to = [np.clip((first + k + 0.5 - begin) / extent_px, 0, 1).astype(precision) for k in range(touched)]
-    shares = [up_to[0], *(later - earlier for earlier, later in pairwise(up_to))]
-    return np.clip(first, 0, length_px - touched).astype(np.intp), shares

@@ -11,14 +11,15 @@ from ...lens.radial_lens import RadialLens
 from ...rays.ray_table import RayTable
 from ...runtime.memory import MemoryBudget
 from ..mirror_symmetry import Planes
+from ..psf_samples import psf_radius_px
 from .capture import capture_radius, overscan_px, reach_px
 from .distortion import FieldGeometry, PolynomialFit, squeeze
 from .first_order import first_order_rays
-from .ideal_image import IdealImage
+from .ideal_image import RadialIdealImage
 from .layout import RadialLayout
 from .pencils import PixelRays
 from .picture_psfs import PicturePsfs, telling_wavelengths
-from .psf_bank import PlacedPsfs, PsfBank, psf_radius_px
+from .psf_bank import PlacedPsfs, PsfBank
 from .psf_table import PsfTables
 from .uniform_light import picture_illumination
 
@@ -87,9 +88,9 @@ class RadialField:
         return PlacedPsfs(lambda: part(PsfBank.of(self._optics, planes.picture.pitch_um)), self._geometry, planes)
 
     def ideal_image(self, capture: PixelGrid, planes: Planes, *, vignette: bool, precision: str,
-                    memory: MemoryBudget) -> IdealImage:
-        return IdealImage(self._lens, self._geometry, self.transmittance, capture, planes, vignette=vignette,
-                          precision=precision, memory=memory)
+                    memory: MemoryBudget) -> RadialIdealImage:
+        return RadialIdealImage(self._lens, self._geometry, self.transmittance, capture, planes, vignette=vignette,
+                                precision=precision, memory=memory)
 
 
 @dataclass(frozen=True)

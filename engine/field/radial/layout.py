@@ -6,7 +6,7 @@ import numpy as np
 
 from ...lens.radial_lens import RadialLens
 from ..mirror_symmetry import Planes
-from .psf_bank import refinement
+from ..psf_samples import refinement
 
 NODES_BESIDE, OVER_EDGE = 2, 1.1  # nodes around a section in addition to those in it; its extent over its side
 
@@ -38,7 +38,7 @@ class RadialLayout:
         """The layout of a lens's tables."""
         heights, height_um = lens.heights_mm.size, 1e3 * lens.heights_mm[-1] / lens.heights_mm.size
         return cls(heights, height_um / pitch_um, lens.psf.shape[-1] * lens.psf_pitch_um,
-                   lens.psf_pitch_um / refinement(lens, pitch_um), lens.mirror_symmetric)
+                   lens.psf_pitch_um / refinement(lens.psf_pitch_um, pitch_um), lens.mirror_symmetric)
 
     def turned(self, steps: int) -> int:
         """Number of azimuths that PSFs are turned to; the others are mirror images of these."""

@@ -10,9 +10,10 @@ from ...lens.radial_lens import RadialLens
 from ...runtime.errors import ImageError
 from ...runtime.threads import thread_pool
 from ..mirror_symmetry import Planes
+from ..psf_samples import psf_radius_px
 from .distortion import FieldGeometry
 from .error_bound import AzimuthErrors, azimuth_error, isoplanatic_error
-from .psf_bank import PlacedPsfs, PsfBank, psf_radius_px
+from .psf_bank import PlacedPsfs, PsfBank
 from .uniform_light import unevenness
 
 LARGEST_PSF_RADIUS_PX = 2048

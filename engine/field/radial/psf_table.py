@@ -101,6 +101,12 @@ class TurnedPsfs:
         lit = np.any(self.psfs, axis=1)
         return np.any([lit[:, lookup_index[:-1]] for _, lookup_index in self._parts], axis=0)
 
+    def pieces(self) -> PackedTable:
+        """A table, in pieces for the compiled loops."""
+        reached = self.reached()
+        return PackedTable.of(reached[:-1] | reached[1:], self.azimuths,
+                              lambda low, pixels, out: self.taps(slice(low, low + 2), pixels, out))
+
     def mean_distance_px(self) -> float:
         """Mean distance of light from the chief ray, at the height where it is largest."""
         down, right = np.indices((self.side, self.side)).reshape(2, -1) - self.side // 2
@@ -236,7 +242,7 @@ class PackedPsfs(PsfCells):
 
     def __init__(self, turned: TurnedPsfs) -> None:
         super().__init__(turned)
-        self.pieces = PackedTable.of(turned.reached(), turned.azimuths, turned.taps)
+        self.pieces = turned.pieces()
 
     @property
     def nbytes(self) -> int:

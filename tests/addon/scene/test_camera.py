@@ -20,7 +20,7 @@ from lensfield.addon.scene.errors import SceneError
 from lensfield.engine import Options, SpectralImage, load_lens, simulate
 from lensfield.engine.depth.depth_range import planar_depth_mm
 from lensfield.engine.field.field_map import field_map
-from lensfield.engine.field.radial.psf_bank import psf_radius_px
+from lensfield.engine.field.psf_samples import psf_radius_px
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.image.projection import PLANE
 from lensfield.engine.image.sampling import Sampling

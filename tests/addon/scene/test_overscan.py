@@ -10,7 +10,7 @@ from lensfield.addon.scene import camera
 from lensfield.addon.scene.camera import frame_capture
 from lensfield.engine import Options, Report, SpectralImage, load_lens, simulate
 from lensfield.engine.field.field_map import field_map
-from lensfield.engine.field.radial.psf_bank import psf_radius_px
+from lensfield.engine.field.psf_samples import psf_radius_px
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.image.sampling import Sampling
 from lensfield.engine.plan.choose import make_plan

@@ -7,7 +7,7 @@ from lensfield.addon.scene.camera import captured_region, render_region
 from lensfield.addon.scene.render_state import guard_region
 from lensfield.addon.scene.undo import Journal
 from lensfield.engine import Options
-from lensfield.engine.field.radial.psf_bank import psf_radius_px
+from lensfield.engine.field.psf_samples import psf_radius_px
 from lensfield.engine.image.pixel_grid import PixelGrid
 from small_scenes import set_region
 

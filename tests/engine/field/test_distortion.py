@@ -7,13 +7,8 @@ import pytest
 
 from lenses import make_lens
 from lensfield.engine import LensError
-from lensfield.engine.field.radial.distortion import (
-    LARGEST_FOOTPRINT_PX,
-    RIM_PX,
-    FieldGeometry,
-    fit_polynomial,
-    footprints,
-)
+from lensfield.engine.field.footprints import LARGEST_FOOTPRINT_PX, RIM_PX
+from lensfield.engine.field.radial.distortion import FieldGeometry, fit_polynomial, footprints
 from lensfield.engine.image.pixel_grid import PixelGrid
 
 HEIGHTS_MM = np.linspace(0, 3, 21)

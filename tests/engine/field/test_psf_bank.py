@@ -6,7 +6,8 @@ from scipy.special import erf
 
 from lenses import POINT_UM, gaussian_psf, make_lens, marked_psf
 from lensfield.engine import load_lens
-from lensfield.engine.field.radial.psf_bank import PsfBank, psf_radius_px
+from lensfield.engine.field.psf_samples import psf_radius_px
+from lensfield.engine.field.radial.psf_bank import PsfBank
 from places import SHARED_DATA
 
 AZIMUTHS = (0.0, 0.3, np.pi / 4, np.pi / 2, 2.0, np.pi, -2.5)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from lensfield import cli
-from lensfield.engine.field.radial.distortion import LARGEST_FOOTPRINT_PX
+from lensfield.engine.field.footprints import LARGEST_FOOTPRINT_PX
 from lensfield.engine.kernels import build, library
 from lensfield.engine.kernels.declarations import NUMBERS
 from lensfield.engine.kernels.library import available, running

@@ -11,7 +11,7 @@ from lenses import comatic_lens, lopsided_lens
 from lensfield.engine.bake.diffraction import waves as numpy_waves
 from lensfield.engine.blur.halos import excess as numpy_excess
 from lensfield.engine.blur.section_needs import extremes as numpy_extremes
-from lensfield.engine.field.radial.distortion import RIM_PX
+from lensfield.engine.field.footprints import RIM_PX
 from lensfield.engine.field.radial.distortion import footprints as numpy_footprints
 from lensfield.engine.field.radial.psf_bank import PsfBank
 from lensfield.engine.field.radial.psf_table import PsfTable, TurnedPsfs
@@ -173,7 +173,7 @@ def random_psfs(heights, azimuths, side, random, quarter_turns=4):
 
 
 def packed_table(turned):
-    return PackedTable.of(turned.reached(), turned.azimuths, turned.taps)
+    return turned.pieces()
 
 
 def table_places(turned, centre_px, samples_per_px, heights):

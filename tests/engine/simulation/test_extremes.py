@@ -8,7 +8,7 @@ from scipy.special import ndtr
 
 from lenses import PIXEL_BY_PIXEL, comatic_lens, distance_of_light, gaussian_psf, make_lens, marked_psf
 from lensfield.engine import ImageError, LensError, Options, Report, SpectralImage, blur, load_lens, simulate
-from lensfield.engine.field.radial.psf_bank import psf_radius_px
+from lensfield.engine.field.psf_samples import psf_radius_px
 from places import SHARED_DATA
 
 E_AXIS = np.pi / 16

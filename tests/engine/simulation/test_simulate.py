@@ -18,7 +18,7 @@ from lenses import (
 )
 from lensfield.engine import ImageError, LensError, Options, Report, SpectralImage, load_lens, simulate
 from lensfield.engine.field.field_map import field_map
-from lensfield.engine.field.radial.psf_bank import psf_radius_px
+from lensfield.engine.field.psf_samples import psf_radius_px
 from lensfield.engine.image.pixel_grid import PixelGrid
 
 E_AXIS = np.pi / 16  # irradiance per radiance of the hand-made lens, N = 2

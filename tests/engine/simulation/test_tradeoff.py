@@ -10,7 +10,7 @@ from PIL import Image
 from lenses import comatic_lens, make_lens
 from lensfield import cli
 from lensfield.engine import Options, SpectralImage
-from lensfield.engine.field.radial.psf_bank import psf_radius_px
+from lensfield.engine.field.psf_samples import psf_radius_px
 from lensfield.engine.inspection import tradeoff_plot
 from lensfield.engine.lens_files.package import write_package
 from lensfield.engine.pictures.spectral_exr import write_exr

@@ -1,0 +1,1 @@
+"""The field map of lenses without rotational symmetry, in rows and columns of nodes on the sensor."""
