@@ -3,6 +3,8 @@
 import numpy as np
 import scipy
 
+from lensfield.engine.prescription.prescription import Pose
+
 STEP_MM = 1e-5
 
 
@@ -55,6 +57,11 @@ def gradient(implicit, place):
     return normal * np.sign(normal[2]) / np.sqrt(np.sum(normal**2, axis=0))
 
 
+def root_mm(implicit, start, along, first_mm, last_mm):
+    """Distance along a ray to a surface, between two others."""
+    return scipy.optimize.brentq(lambda way: implicit(*(start + way * along)), first_mm, last_mm, xtol=1e-13)
+
+
 def traced(prescription, indices, position, direction):
     """One ray, given in front of the first surface in the lens's frame, on the image plane: its place there and its
     direction, in the frame of the plane; its path from the start; and squared heights."""
@@ -64,7 +71,7 @@ def traced(prescription, indices, position, direction):
         implicit = implicit_of(surface)
         start, along = axes.T @ (position - origin), axes.T @ direction
         near = -start[2] / along[2]
-        way = scipy.optimize.brentq(lambda way: implicit(*(start + way * along)), near - 3, near + 3, xtol=1e-13)  # noqa: B023
+        way = root_mm(implicit, start, along, near - 3, near + 3)
         hit, normal = start + way * along, gradient(implicit, start + way * along)
         sideways = before / behind * (along - (along @ normal) * normal)
         along = sideways + np.sqrt(1 - sideways @ sideways) * normal
@@ -78,7 +85,6 @@ def traced(prescription, indices, position, direction):
 
 
 def _placed(pose, vertex_mm):
-    origin = np.array([0.0, 0.0, vertex_mm])
-    if pose is None:
-        return origin, np.eye(3)
-    return origin + pose.offset_mm, scipy.spatial.transform.Rotation.from_euler("xyz", pose.tilt_deg, degrees=True).as_matrix()
+    pose = pose or Pose()
+    tilt = scipy.spatial.transform.Rotation.from_euler("xyz", pose.tilt_deg, degrees=True)
+    return pose.offset_mm + np.array([0.0, 0.0, vertex_mm]), tilt.as_matrix()

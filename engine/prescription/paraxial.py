@@ -1,4 +1,7 @@
-"""First-order figures of a lens, by matrices of height and reduced angle (y, n u)."""
+"""First-order figures of a lens, by matrices of height and reduced angle (y, n u).
+
+They are those of the undisturbed design: poses, including turns about the axis, are ignored.
+"""
 
 from dataclasses import dataclass
 
@@ -11,7 +14,7 @@ from .surfaces import vertex_curvature
 
 @dataclass(frozen=True, eq=False)
 class FirstOrder:
-    """Paraxial figures at the reference wavelength.
+    """Paraxial figures of a section of the lens at the reference wavelength.
 
     Attributes
     ----------
@@ -48,14 +51,15 @@ class FirstOrder:
         return self.efl_mm / (2 * abs(self.marginal_heights_mm[0]))
 
 
-def first_order(prescription: Prescription, indices: np.ndarray) -> FirstOrder:
-    """Paraxial figures of a prescription.
+def first_order(prescription: Prescription, indices: np.ndarray, section: str = "y") -> FirstOrder:
+    """Paraxial figures of a prescription's section along "x" or "y".
 
     Parameters
     ----------
     prescription : Prescription
     indices : array (surface + 1,)
         In front of each surface, and behind the last.
+    section : str
 
     Raises
     ------
@@ -63,19 +67,20 @@ def first_order(prescription: Prescription, indices: np.ndarray) -> FirstOrder:
         A lens without positive power.
     """
     last, stop = len(prescription.surfaces) - 1, prescription.stop_index
-    total = _matrix(prescription, indices, 0, last)
+    total = _matrix(prescription, indices, section, 0, last)
     if not total[1, 0] < 0:
-        raise LensError(prescription.name, "focal length",
+        along = "" if prescription.radial else f" along {section}"
+        raise LensError(prescription.name, f"focal length{along}",
                         "infinite" if total[1, 0] == 0 else f"{-1 / total[1, 0]:g} mm", "expected a lens of positive "
                                                                                         "power")
     marginal = np.array([1.0, 0.0] if np.isinf(prescription.object_distance_mm)
                         else [prescription.object_distance_mm, 1.0])
     height, slope = total @ marginal
-    to_stop = _before(prescription, indices, stop)
+    to_stop = _before(prescription, indices, section, stop)
     stop_mm = _stop_semi_aperture_mm(prescription, to_stop, total, marginal)
     scale = stop_mm / abs((to_stop @ marginal)[0])
-    heights = [(_before(prescription, indices, number) @ marginal)[0] for number in range(last + 1)]
-    exit_height, exit_slope = _matrix(prescription, indices, stop, last) @ (0.0, 1.0)
+    heights = [(_before(prescription, indices, section, number) @ marginal)[0] for number in range(last + 1)]
+    exit_height, exit_slope = _matrix(prescription, indices, section, stop, last) @ (0.0, 1.0)
     return FirstOrder(
         efl_mm=-1 / total[1, 0], image_distance_mm=-height / slope if slope else np.inf,
         magnification=0.0 if np.isinf(prescription.object_distance_mm) else 1 / slope,
@@ -85,24 +90,24 @@ def first_order(prescription: Prescription, indices: np.ndarray) -> FirstOrder:
         marginal_heights_mm=scale * np.array(heights), marginal_slope=scale * slope)
 
 
-def _matrix(prescription, indices, first, last):
+def _matrix(prescription, indices, section, first, last):
     """Matrix from in front of surface `first` to behind surface `last`."""
     matrix = np.eye(2)
     for number in range(first, last + 1):
         surface = prescription.surfaces[number]
-        power = (indices[number + 1] - indices[number]) * vertex_curvature(surface)
+        power = (indices[number + 1] - indices[number]) * vertex_curvature(surface, section)
         matrix = np.array([[1.0, 0.0], [-power, 1.0]]) @ matrix
         if number < last:
             matrix = _gap(surface.thickness_mm, indices[number + 1]) @ matrix
     return matrix
 
 
-def _before(prescription, indices, number):
+def _before(prescription, indices, section, number):
     """Matrix from in front of the first surface to in front of another."""
     if number == 0:
         return np.eye(2)
     gap = _gap(prescription.surfaces[number - 1].thickness_mm, indices[number])
-    return gap @ _matrix(prescription, indices, 0, number - 1)
+    return gap @ _matrix(prescription, indices, section, 0, number - 1)
 
 
 def _gap(thickness_mm, index):

@@ -16,10 +16,12 @@ MOST_SYSTEMS = 64  # in the cache
 
 @dataclass(frozen=True, eq=False)
 class System(FirstOrder):
-    """A lens ready to trace: prescription, glasses and first-order figures.
+    """A lens ready to trace: prescription, glasses and first-order figures, of its section along y.
 
     Attributes
     ----------
+    across : FirstOrder
+        Figures of the section along x, for the same stop.
     prescription : Prescription
         Its aperture is the stop's size, its last thickness the distance to the image plane.
     glasses : tuple of Glass
@@ -28,9 +30,24 @@ class System(FirstOrder):
         Paraxial image height at the end of the field.
     """
 
+    across: FirstOrder
     prescription: Prescription
     glasses: tuple[Glass, ...]
     last_height_mm: float
+
+    @property
+    def paraxial_focus_mm(self) -> float:
+        """From the last surface to the image of the object: the mean of both sections."""
+        return (self.image_distance_mm + self.across.image_distance_mm) / 2
+
+    @property
+    def squeeze(self) -> float:
+        """`Lens.capture_focal_length_mm` of the section along y over the one along x: 1 for a radial lens."""
+        if self.object_at_infinity:
+            return self.efl_mm / self.across.efl_mm
+        along, across = (section.magnification * (self.prescription.object_distance_mm + section.entrance_pupil_mm)
+                         for section in (self, self.across))
+        return along / across
 
     @property
     def object_at_infinity(self) -> bool:
@@ -93,7 +110,8 @@ def system_of(prescription: Prescription) -> System:
     indices = _indices(prescription, glasses, [prescription.reference_wavelength_nm])
     figures = first_order(prescription, indices[:, 0])
     prescription = replace(prescription, aperture=("stop", figures.stop_semi_aperture_mm))
-    return System(**vars(figures), prescription=prescription, glasses=glasses,
+    across = figures if prescription.radial else first_order(prescription, indices[:, 0], "x")
+    return System(**vars(figures), across=across, prescription=prescription, glasses=glasses,
                   last_height_mm=_last_height_mm(prescription, figures))
 
 

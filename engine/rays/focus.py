@@ -40,11 +40,11 @@ def build_system(prescription: Prescription) -> System:
     if prescription.focus == "as given":
         _check_focus(system)
         return system
-    system = _focused_at(system, system.image_distance_mm)
+    system = _focused_at(system, system.paraxial_focus_mm)
     if prescription.focus == "paraxial":
         return system
     shift_mm = _sharpest_shift_mm(system) if prescription.focus == "best" else _field_shift_mm(system)
-    return _focused_at(system, system.image_distance_mm + shift_mm)
+    return _focused_at(system, system.paraxial_focus_mm + shift_mm)
 
 
 def focused(prescription: Prescription) -> Prescription:
@@ -69,7 +69,8 @@ def axial_contrast(system: System, lines_per_mm: float) -> float:
 
 def _check_aperture(system, kind, value):
     """Check that the surfaces pass the aperture's paraxial marginal ray, with some tolerance."""
-    passing = np.min(system.semi_apertures_mm / np.maximum(np.abs(system.marginal_heights_mm), 1e-12))
+    heights_mm = np.maximum(np.abs(system.marginal_heights_mm), np.abs(system.across.marginal_heights_mm))
+    passing = np.min(system.semi_apertures_mm / np.maximum(heights_mm, 1e-12))
     if passing < LEAST_PASSING:
         most = value / passing if kind.endswith("f_number") else value * passing
         raise LensError(system.prescription.name, f"aperture, {kind}", value,
@@ -79,20 +80,21 @@ def _check_aperture(system, kind, value):
 def _check_object(system):
     """Check that the lens forms a real image of its object, and sees it in perspective: the camera is at its entrance
     pupil."""
-    if system.magnification > 0 or not np.isfinite(system.magnification):
-        raise LensError(system.prescription.name, "object_distance_mm", system.prescription.object_distance_mm,
-                        "the lens forms no real image of this object: expected more than "
-                        f"{system.front_focus_mm:.4g} mm, its front focal point")
-    object_mm, pupil_mm = system.prescription.object_distance_mm, system.entrance_pupil_mm
-    if np.isfinite(object_mm) and not -object_mm < pupil_mm < FARTHEST_PUPIL * system.efl_mm:
-        raise LensError(system.prescription.name, "entrance pupil", f"{pupil_mm:.4g} mm behind the first surface",
-                        "the lens is telecentric towards its object, and pictures are rendered from the entrance "
-                        "pupil: move the stop")
+    for section in (system, system.across):
+        if section.magnification > 0 or not np.isfinite(section.magnification):
+            raise LensError(system.prescription.name, "object_distance_mm", system.prescription.object_distance_mm,
+                            "the lens forms no real image of this object: expected more than "
+                            f"{section.front_focus_mm:.4g} mm, its front focal point")
+        object_mm, pupil_mm = system.prescription.object_distance_mm, section.entrance_pupil_mm
+        if np.isfinite(object_mm) and not -object_mm < pupil_mm < FARTHEST_PUPIL * section.efl_mm:
+            raise LensError(system.prescription.name, "entrance pupil", f"{pupil_mm:.4g} mm behind the first surface",
+                            "the lens is telecentric towards its object, and pictures are rendered from the entrance "
+                            "pupil: move the stop")
 
 
 def _check_focus(system):
     """Check that the image plane is close enough to the paraxial image."""
-    shift_mm = system.image_distance_mm - system.prescription.surfaces[-1].thickness_mm
+    shift_mm = system.paraxial_focus_mm - system.prescription.surfaces[-1].thickness_mm
     blur_mm = 2 * abs(shift_mm * system.marginal_slope)
     if blur_mm > HOPELESS * system.last_height_mm:
         where = "focus" if system.object_at_infinity else "object_distance_mm"

@@ -213,9 +213,9 @@ def _with_image_plane(moved, lens):
     """Keep the distance of a given image plane from the paraxial image, the designer's choice; others are computed."""
     if lens.focus != "as given":
         return moved
-    shift_mm = lens.surfaces[-1].thickness_mm - system_of(lens).image_distance_mm
+    shift_mm = lens.surfaces[-1].thickness_mm - system_of(lens).paraxial_focus_mm
     *before, last = moved.surfaces
-    return replace(moved, surfaces=(*before, replace(last, thickness_mm=system_of(moved).image_distance_mm + shift_mm)))
+    return replace(moved, surfaces=(*before, replace(last, thickness_mm=system_of(moved).paraxial_focus_mm + shift_mm)))
 
 
 def _range_mm(lens, far):

@@ -13,7 +13,7 @@ from ...runtime.toml_fields import TomlTable, check_known, pairs, read_toml
 from ...spectral.dispersion import FORMULAS
 from ...spectral.refraction import Formula
 from ..glasses import Glass
-from ..prescription import APERTURES, FIELDS, ORIGINS, PARTS, Prescription, Surface
+from ..prescription import APERTURES, FIELDS, ORIGINS, PARTS, Pose, Prescription, Surface
 from .reading import AS_IT_IS, ReadingOptions, with_stop
 
 FORMAT, VERSION = "lensfield-prescription", 1
@@ -21,15 +21,16 @@ TEXTS = ("name", "title", "maker", "story", "source", "notes", "focus")
 NUMBERS = ("object_distance_mm", "reference_wavelength_nm", "highest_f_number")
 OF_THE_LENS = ("focal_length_mm", "closest_focus_mm")  # numbers that `scale` does not change; sensor_mm neither
 FIELDS_OF_FILE = ("format", "version", "scale", "aperture", "field", "sensor_mm", "surfaces", "year", "character",
-                  "focused_at_mm", "glasses", "provenance", *TEXTS, *NUMBERS, *OF_THE_LENS)
-SURFACE_NUMBERS = ("radius_mm", "semi_aperture_mm", "conic")
+                  "focused_at_mm", "glasses", "provenance", "image_pose", *TEXTS, *NUMBERS, *OF_THE_LENS)
+SURFACE_NUMBERS = ("radius_mm", "semi_aperture_mm", "conic", "radius_x_mm", "conic_x")
 FIELDS_OF_GLASS = ("formula", "coefficients", "range_nm")
 EVERYWHERE_NM = (0.0, np.inf)
-FIELDS_OF_SURFACE = (*SURFACE_NUMBERS, "thickness_mm", "glass", "aspheric", "stop")
+FIELDS_OF_SURFACE = (*SURFACE_NUMBERS, "thickness_mm", "glass", "aspheric", "stop", "profile", "skews", "pose")
+FIELDS_OF_POSE = ("offset_mm", "tilt_deg")
 HIGHEST_POWER = 40
 WRITTEN = ("name", "title", "maker", "year", "focal_length_mm", "character", "story", "source", "notes",
            "provenance", "aperture", "highest_f_number", "field", "sensor_mm", "focus", "object_distance_mm",
-           "focused_at_mm", "closest_focus_mm", "reference_wavelength_nm")
+           "focused_at_mm", "closest_focus_mm", "reference_wavelength_nm", "image_pose")
 DEFAULTS = {field.name: field.default for value in (Prescription, Surface) for field in fields(value)}
 SURFACES = re.compile(r"^(?:surfaces = |\[)", re.MULTILINE)  # the first line that is not about the lens as a whole
 
@@ -52,7 +53,7 @@ def read_lensfield(path: Path, options: ReadingOptions = AS_IT_IS) -> Prescripti
         **{"name": path.stem} | facts, surfaces=with_stop(path, _surfaces(table), options),
         aperture=_figure(table, "aperture", APERTURES), field=field or _figure(table, "field", FIELDS),
         year=_year(table), character=_character(table), glasses=_glasses(table),
-        provenance=_provenance(table))
+        provenance=_provenance(table), image_pose=_pose(table, "image_pose"))
     prescription = prescription if scale == 1 else prescription.scaled(scale)
     of_the_lens: dict[str, Any] = {name: table.number(name) for name in OF_THE_LENS if name in table}
     of_the_lens |= {"field": field} if field else {}  # the requested field is not scaled
@@ -149,24 +150,39 @@ def _surface(table):
         numbers["thickness_mm"] = numbers["gaps_mm"][0]
     elif "thickness_mm" in table:
         numbers["thickness_mm"] = table.number("thickness_mm")
-    even, odd = _aspheric(table)
-    return Surface(**numbers, glass=table.line("glass"), stop=table.flag("stop"), aspheric=even, odd_aspheric=odd)
+    even, odd = _by_power(table, "aspheric")
+    skews, odd_skews = _by_power(table, "skews")
+    if odd_skews:
+        raise table.refusal("skews", "expected even powers")
+    return Surface(**numbers, glass=table.line("glass"), stop=table.flag("stop"), aspheric=even, odd_aspheric=odd,
+                   profile=table.line("profile"), skews=skews, pose=_pose(table, "pose"))
 
 
-def _aspheric(table):
-    """Coefficients of r^2, r^4 ... and of r, r^3 ... from a table of powers."""
-    terms = table.values.get("aspheric", {})
+def _by_power(table, field):
+    """Figures for r^2, r^4 ... and for r, r^3 ... from a table of powers."""
+    terms = table.values.get(field, {})
     if not isinstance(terms, dict) or not all(key.isdecimal() and int(key) in range(1, HIGHEST_POWER + 1)
                                               for key in terms):
-        raise table.refusal("aspheric", "expected a table of powers, such as {4 = 1e-3, 6 = -2e-5}")
-    powers = TomlTable(table.path, terms, f"{table.place}aspheric, ")
-    coefficients = {int(key): powers.number(key) for key in terms}
+        raise table.refusal(field, "expected a table of powers, such as {4 = 1e-3, 6 = -2e-5}")
+    powers = TomlTable(table.path, terms, f"{table.place}{field}, ")
+    figures = {int(key): powers.number(key) for key in terms}
 
     def series(first):
-        last = max((power for power in coefficients if power % 2 == first % 2), default=0)
-        return tuple(coefficients.get(power, 0.0) for power in range(first, last + 1, 2))
+        last = max((power for power in figures if power % 2 == first % 2), default=0)
+        return tuple(figures.get(power, 0.0) for power in range(first, last + 1, 2))
 
     return series(2), series(1)
+
+
+def _pose(table, field):
+    """The displacement of a surface or of the image plane; None without one."""
+    if field not in table:
+        return None
+    if not isinstance(table.values[field], dict):
+        raise table.refusal(field, "expected a table such as { offset_mm = [0.1, 0, 0], tilt_deg = [0, 1.5, 0] }")
+    parts = TomlTable(table.path, table.values[field], f"{table.place}{field}, ")
+    check_known(parts, FIELDS_OF_POSE)
+    return Pose(**{part: tuple(parts.numbers(part, 3)) for part in FIELDS_OF_POSE if part in parts})
 
 
 def _figure(table, name, kinds):
@@ -186,7 +202,7 @@ def write_prescription(prescription: Prescription) -> str:
     """
     first_mm = prescription.focused_at_mm[0] if prescription.focused_at_mm else np.inf
     facts = vars(prescription) | {name: dict([getattr(prescription, name)]) for name in ("aperture", "field")}
-    facts |= {"provenance": dict(prescription.provenance) or ()}
+    facts |= {"provenance": dict(prescription.provenance) or (), "image_pose": _pose_table(prescription.image_pose)}
     lines = [f"# {MARK}", f'format = "{FORMAT}"', f"version = {VERSION}",
              *pairs({name: facts[name] for name in WRITTEN}, DEFAULTS | {"object_distance_mm": first_mm})]
     rows = (f"  {{ {', '.join(pairs(_fields_of(surface), DEFAULTS))} }}" for surface in prescription.surfaces)
@@ -196,12 +212,24 @@ def write_prescription(prescription: Prescription) -> str:
 
 def _fields_of(surface):
     """The fields of a surface's table."""
-    powers = sorted([*zip(range(2, HIGHEST_POWER + 1, 2), surface.aspheric, strict=False),
-                     *zip(range(1, HIGHEST_POWER, 2), surface.odd_aspheric, strict=False)])
-    last = (2 * len(surface.aspheric), 2 * len(surface.odd_aspheric) - 1)  # written even if 0: the terms are counted
-    return {"radius_mm": surface.radius_mm, "thickness_mm": surface.gaps_mm or surface.thickness_mm,
-            "glass": surface.glass, "semi_aperture_mm": surface.semi_aperture_mm, "stop": surface.stop,
-            "conic": surface.conic, "aspheric": {power: term for power, term in powers if term or power in last} or ()}
+    return {"radius_mm": surface.radius_mm, "radius_x_mm": surface.radius_x_mm,
+            "thickness_mm": surface.gaps_mm or surface.thickness_mm, "glass": surface.glass,
+            "semi_aperture_mm": surface.semi_aperture_mm, "stop": surface.stop, "conic": surface.conic,
+            "conic_x": surface.conic_x, "profile": surface.profile,
+            "aspheric": _powers(surface.aspheric, surface.odd_aspheric), "skews": _powers(surface.skews),
+            "pose": _pose_table(surface.pose)}
+
+
+def _powers(even, odd=()):
+    """A table of powers, for `_by_power`; () if it is empty."""
+    powers = sorted([*zip(range(2, HIGHEST_POWER + 1, 2), even, strict=False),
+                     *zip(range(1, HIGHEST_POWER, 2), odd, strict=False)])
+    last = (2 * len(even), 2 * len(odd) - 1)  # written even if 0: the terms are counted
+    return {power: term for power, term in powers if term or power in last} or ()
+
+
+def _pose_table(pose):
+    return pose and vars(pose)
 
 
 def _glass_lines(glass):

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 import scipy
 
+from crooked_lens import CROOKED
+from implicit_surfaces import biconic, gradient, root_mm, toroid
 from lensfield.engine import LensError
 from lensfield.engine.prescription.prescription import Pose, Prescription, Surface
 from lensfield.engine.prescription.surfaces import (
@@ -16,9 +18,11 @@ from lensfield.engine.prescription.surfaces import (
     unit_normal,
     vertex_curvature,
 )
-from implicit_surfaces import biconic, gradient, toroid
+from lensfield.engine.prescription.readers import ReadingOptions, read_prescription
+from lensfield.engine.prescription.readers.toml import write_prescription
+from lensfield.engine.prescription.system import system_of
 
-
+pytestmark = pytest.mark.one_blender
 SURFACES = {
     "biconic": (biconic, Surface(9.0, radius_x_mm=-14.0, conic=-0.6, conic_x=1.5)),
     "anamorphic asphere": (biconic, Surface(-11.0, radius_x_mm=30.0, conic_x=-2.0, aspheric=(0.0, 4e-4, -3e-6),
@@ -53,8 +57,7 @@ def test_rays_end_where_the_equation_has_its_root(implicit, surface, side):
     x, y, slope_x, slope_y = rng.uniform(-2.5, 2.5, (4, 30)) * np.array([[1], [1], [0.2], [0.2]])
     direction = side * np.stack([slope_x, slope_y, np.ones(30)]) / np.sqrt(1 + slope_x**2 + slope_y**2)
     start = np.stack([x, y, np.zeros(30)]) - 2 * direction
-    roots = [scipy.optimize.brentq(lambda way, ray=ray: implicit(*(start[:, ray] + way * direction[:, ray])), 0.5, 3.5,
-                                   xtol=1e-13) for ray in range(30)]
+    roots = [root_mm(implicit, *ray, 0.5, 3.5) for ray in zip(start.T, direction.T, strict=True)]
     np.testing.assert_allclose(distance_to(surface, start, direction), roots, rtol=0, atol=1e-12)
 
 
@@ -113,3 +116,70 @@ def test_a_pose_turns_about_x_then_y_then_z_and_moves_afterwards():
 def test_shapes_without_a_meaning_are_refused_in_a_line(surface, words):
     with pytest.raises(LensError, match=f"odd: surface 1, {words}"):
         Prescription("odd", (replace(surface, stop=True, thickness_mm=50.0),), ("stop", 1.0), ("angle_deg", 5.0))
+
+
+def crossed_cylinders(**changes):
+    """Two plano-cylinders of 2 and 3 mm of an index of 1.5, 10 mm apart, with the stop halfway: 20 mm along x, 30 mm
+    along y."""
+    surfaces = (Surface(radius_x_mm=10.0, thickness_mm=2.0, glass="1.5/1000"), Surface(thickness_mm=5.0),
+                Surface(thickness_mm=5.0, stop=True), Surface(15.0, 3.0, "1.5/1000", radius_x_mm=np.inf, profile="y"),
+                Surface(thickness_mm=9.0))
+    return Prescription("crossed", surfaces, ("f_number", 4.0), ("angle_deg", 10.0), **changes)
+
+
+def test_the_first_order_of_crossed_cylinders():
+    """By hand: glass of thickness t is t / n of air, and 1 / s' = 1 / s + 1 / f; pupils are images of the stop."""
+    system = system_of(crossed_cylinders())
+    along, across = system, system.across
+    assert (along.efl_mm, across.efl_mm, system.squeeze) == pytest.approx((30.0, 20.0, 1.5), rel=1e-12)
+    assert along.image_distance_mm == pytest.approx(30 - 3 / 1.5)
+    assert across.image_distance_mm == pytest.approx(20 - 2 / 1.5 - 10 - 3 / 1.5)
+    assert system.paraxial_focus_mm == pytest.approx((28 + 20 / 3) / 2)
+    assert along.entrance_pupil_mm == pytest.approx(2 / 1.5 + 5)
+    assert across.entrance_pupil_mm == pytest.approx(1 / (1 / (2 / 1.5 + 5) - 1 / 20))
+    assert along.exit_pupil_mm == pytest.approx(-(1 / (1 / 5 - 1 / 30) + 3 / 1.5))
+    assert across.exit_pupil_mm == pytest.approx(-(5 + 3 / 1.5))
+    assert along.stop_semi_aperture_mm == across.stop_semi_aperture_mm == pytest.approx(30 / 4 / 2)
+    assert across.marginal_heights_mm[0] == pytest.approx(30 / 4 / 2 / (1 - (2 / 1.5 + 5) / 20))
+
+
+def test_the_squeeze_of_near_objects():
+    """From each section's entrance pupil."""
+    near = system_of(crossed_cylinders(object_distance_mm=200.0))
+    from_lens_mm = 200 + 2 / 1.5 + 10  # of air, to the second cylinder
+    assert near.magnification == pytest.approx(-30 / (from_lens_mm - 30))
+    assert near.across.magnification == pytest.approx(-20 / (200 - 20))
+    view_mm = [-section.magnification * (200 + section.entrance_pupil_mm) for section in (near, near.across)]
+    assert near.squeeze == pytest.approx(view_mm[0] / view_mm[1])
+
+
+def test_a_section_without_power_is_named():
+    cylinder = replace(crossed_cylinders(), surfaces=crossed_cylinders().surfaces[1:])
+    with pytest.raises(LensError, match="crossed: focal length along x is infinite: expected a lens of positive power"):
+        system_of(cylinder)
+
+
+def read(text, path):
+    path.write_text(text, encoding="utf-8")
+    return read_prescription(path, ReadingOptions())
+
+
+def test_files_are_read_as_written(tmp_path):
+    lens = replace(CROOKED, surfaces=(*CROOKED.surfaces[:-1], replace(CROOKED.surfaces[-1], radius_x_mm=np.inf)))
+    assert read(write_prescription(lens), tmp_path / "lens.toml") == lens
+    assert read(write_prescription(lens.scaled(2.5)), tmp_path / "lens.toml").surfaces == lens.scaled(2.5).surfaces
+
+
+@pytest.mark.parametrize("old, new, words", [
+    ('profile = "y"', 'profile = 2', "surface 2, profile is 2: expected a string"),
+    ("skews = { 4 = 0.4 }", "skews = { 3 = 0.4 }", "surface 1, skews is .*: expected even powers"),
+    ("skews = { 4 = 0.4 }", "skews = [0.4]", "surface 1, skews is .*: expected a table of powers"),
+    (", pose = { offset_mm", ", pose = { shift_mm", "surface 1, pose, shift_mm is unknown: expected offset_mm, tilt_deg"),
+    ("[0.2, -0.1, 0.05]", "[0.2, -0.1]", "surface 1, pose, offset_mm is .*: expected 3 numbers"),
+    ("image_pose = {", "image_pose = 3 #", "image_pose is 3: expected a table such as"),
+])
+def test_mistakes_in_files_have_a_place(tmp_path, old, new, words):
+    text = write_prescription(CROOKED)
+    assert old in text
+    with pytest.raises(LensError, match=words):
+        read(text.replace(old, new, 1), tmp_path / "lens.toml")
