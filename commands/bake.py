@@ -6,9 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..engine import InputError
-from ..engine.bake.bake import LEAST_SAMPLES, MOST_SAMPLES
 from ..engine.bake.bake import bake as bake_lens
 from ..engine.bake.quality import QUALITIES
+from ..engine.bake.sampling import LEAST_SAMPLES, MOST_SAMPLES
 from ..engine.inspection.info import table_summary
 from ..engine.lens.conventions import WAVELENGTHS
 from ..engine.lens_files.package import write_package

@@ -9,7 +9,7 @@ from ..rays.field_heights import even_heights_mm
 from ..rays.rays import HalfPupil
 from .diffraction import Sums, point_spread
 from .spots import spot_diagram
-from .wavefront import trace_wavefronts
+from .wavefront import Wavefronts, trace_wavefronts
 from .window import needed_width_um
 
 LEAST = 9  # heights, at equal distances in the picture
@@ -45,9 +45,8 @@ def adaptive_heights_mm(system: System, wavelengths_nm: Sequence[float] | np.nda
     heights_mm = even_heights_mm(system, min(least, most))
     places_mm = np.sort(np.concatenate([heights_mm, (heights_mm[1:] + heights_mm[:-1]) / 2]))
     wavefronts = trace_wavefronts(system, places_mm, wavelengths_nm, PUPIL)
-    pitch_um = needed_width_um(wavefronts) / SAMPLES
-    by_rays = pitch_um > FRINGES * system.f_number * 1e-3 * max(wavelengths_nm)
-    psfs = _psfs(wavefronts, pitch_um, by_rays)
+    width_um = needed_width_um(wavefronts)
+    psfs = survey_psfs(system, wavefronts, width_um)
     while True:  # places alternate between heights and their midpoints
         errors = np.abs((psfs[:-2:2] + psfs[2::2]) / 2 - psfs[1::2]).sum(axis=(2, 3)).mean(axis=1)
         error = np.average(errors, weights=np.diff(places_mm[::2]))
@@ -60,12 +59,14 @@ def adaptive_heights_mm(system: System, wavelengths_nm: Sequence[float] | np.nda
         new_mm = (places_mm[edges + halves] + places_mm[edges + halves + 1]) / 2
         order = np.argsort(np.concatenate([places_mm, new_mm]))
         places_mm = np.concatenate([places_mm, new_mm])[order]
-        psfs = np.concatenate([psfs, _psfs(trace_wavefronts(system, new_mm, wavelengths_nm, PUPIL), pitch_um,
-                                            by_rays)])[order]
+        psfs = np.concatenate([psfs, survey_psfs(system, trace_wavefronts(system, new_mm, wavelengths_nm, PUPIL),
+                                                  width_um)])[order]
 
 
-def _psfs(wavefronts, pitch_um, by_rays):
-    """PSFs of unit sum: array (height, wavelength, v, u)."""
+def survey_psfs(system: System, wavefronts: Wavefronts, width_um: float) -> np.ndarray:
+    """PSFs of unit sum in a window of this width, for comparisons: array (height, wavelength, v, u)."""
+    pitch_um = width_um / SAMPLES
+    by_rays = pitch_um > FRINGES * system.f_number * 1e-3 * max(wavefronts.wavelengths_nm)
     shape = wavefronts.chief_height_mm.T.shape
     psfs = np.empty((*shape, SAMPLES, SAMPLES))
     for height, wavelength in np.ndindex(shape):

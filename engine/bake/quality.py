@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..rays.rays import HalfPupil
+from ..rays.rays import FullPupil, HalfPupil
 from .diffraction import Sums
 
 
@@ -19,6 +19,8 @@ class Quality:
         `most_heights` at equal distances in it.
     most_heights : int
         Limit of field heights, even if the error is larger; the lens's notes then state the error.
+    most_nodes : int
+        Limit of the nodes of a lens without rotational symmetry, as `most_heights`.
     picture_px : int
         PSF samples are no larger than the pixels of a picture of this width, within the limits of their number.
     pupil : HalfPupil
@@ -32,19 +34,26 @@ class Quality:
 
     between: float
     most_heights: int
+    most_nodes: int
     picture_px: int
     pupil: HalfPupil
     traced: int
     sums: Sums
     edges: tuple[int, int]
 
+    @property
+    def full_pupil(self) -> FullPupil:
+        """Rays of each wavefront across the complete stop, as close as those of `pupil`."""
+        radii, azimuths = self.pupil.shape
+        return FullPupil(radii, 2 * (azimuths - 1))
+
 
 QUALITIES = {
-    "preview": Quality(0.03, 41, 1920, HalfPupil(17, 21), 5,
+    "preview": Quality(0.03, 41, 150, 1920, HalfPupil(17, 21), 5,
                        Sums(degree=12, oversampling=0.9, repeat=1.1, fringes=11.5, beyond=0.02), (48, 64)),
-    "standard": Quality(0.01, 81, 2880, HalfPupil(25, 33), 6,
+    "standard": Quality(0.01, 81, 400, 2880, HalfPupil(25, 33), 6,
                         Sums(degree=16, oversampling=1.3, repeat=1.3, fringes=13.5, beyond=0.01), (96, 128)),
-    "reference": Quality(0.002, 161, 3840, HalfPupil(41, 65), 7,
+    "reference": Quality(0.002, 161, 1000, 3840, HalfPupil(41, 65), 7,
                          Sums(degree=20, oversampling=2.0, repeat=3.0, fringes=np.inf, beyond=0.001), (96, 128)),
 }
 

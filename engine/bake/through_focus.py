@@ -14,9 +14,9 @@ from ..rays.aiming import broyden_steps
 from ..rays.ray_table import RayTable
 from ..rays.rings import in_metres
 from ..runtime.errors import InputError
-from .bake import LEAST_SAMPLES
 from .diffraction import point_spread
 from .quality import QUALITIES, Quality
+from .sampling import LEAST_SAMPLES
 from .wavefront import Wavefront, continued, light_density
 from .window import pitch_for_um, width_um
 

@@ -9,12 +9,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..prescription.prescription import Pose, Prescription
+from ..prescription.prescription import Pose
 from ..prescription.system import System, system_of
 from .aiming import AIMED, PLACE_STEP, SLOPE_STEP, broyden_steps
 from .rays import Pupil, TracedRays
 from .trace import BothWays, trace_both_ways
-from .view import View, focus_lean, sensor_axes
+from .view import View, focus_lean, sensor_axes, sensor_vertex_mm
 
 STEPS = 12  # from the axis to a place
 CHIEF_STEP = 1e-4  # in slope, for derivatives of places and fields
@@ -46,6 +46,11 @@ class FieldPoints:
     change: np.ndarray
     lost: np.ndarray
 
+    def at(self, places: slice) -> "FieldPoints":
+        """Some of the places."""
+        return FieldPoints(self.wavelengths_nm, *(getattr(self, name)[..., places] for name in
+                                                  ("slope", "tangent", "nearness", "change", "lost")))
+
 
 def view_of(system: System) -> View:
     """The camera of a lens.
@@ -61,25 +66,26 @@ def view_of(system: System) -> View:
     prescription = system.prescription
     nearness = 1 / (prescription.object_distance_mm + system.entrance_pupil_mm)
     axes = sensor_axes(prescription)
-    view = View(axes, np.array([0.0, 0.0, system.entrance_pupil_mm]), np.zeros(2), nearness, focus_lean(system, axes))
+    view = View(axes, np.array([0.0, 0.0, system.entrance_pupil_mm]), np.zeros(2),
+                sensor_vertex_mm(prescription), nearness, focus_lean(system, axes))
     if prescription.image_pose is None:
         return view
-    design = system_of(_undisturbed(prescription))
+    design = undisturbed(system)
     media = design.indices_at([prescription.reference_wavelength_nm])[:, 0]
     slope, error = _searched(_missed_points(design, view, media), (axes[2][:, None], np.array([nearness])),
                              np.zeros((2, 1)))
-    landing = view.places_mm(design, _traced(design, media, 0.0, 0.0, *slope).position)
+    landing = view.places_mm(_traced(design, media, 0.0, 0.0, *slope).position)
     if not error[0] < AIMED:
         raise view.without_axis(prescription)
     return replace(view, origin_mm=landing[:, 0])
 
 
-def _undisturbed(prescription: Prescription) -> Prescription:
-    """The prescription with centred surfaces; turns about the axis remain."""
+def undisturbed(system: System) -> System:
+    """The lens with centred surfaces; turns about the axis remain."""
     surfaces = (surface if surface.pose is None else
                 replace(surface, pose=Pose(tilt_deg=(0.0, 0.0, surface.pose.tilt_deg[2])))
-                for surface in prescription.surfaces)
-    return replace(prescription, surfaces=tuple(surfaces))
+                for surface in system.prescription.surfaces)
+    return system_of(replace(system.prescription, surfaces=tuple(surfaces)))
 
 
 def find_fields(system: System, view: View, places_mm: np.ndarray, wavelengths_nm: Sequence[float] | np.ndarray
@@ -120,8 +126,8 @@ def _rays_of_fields(system, view, media, points, number, x_mm, y_mm):
     traced = _traced(system, media, x_mm, y_mm, *slope)
     to_entry_mm, source = view.object_space(direction[..., None], nearness[:, None], traced.entry)
     path_mm = to_entry_mm + traced.path_mm
-    return {"position_mm": view.places_mm(system, traced.position), "direction": view.turned(traced.direction),
-            "path_mm": path_mm, "source": source, "square_height_mm2": traced.square_mm2,
+    return {"position_mm": view.places_mm(traced.position), "direction": traced.direction, "path_mm": path_mm,
+            "source": source, "square_height_mm2": traced.square_mm2,
             "lost": ~((error < AIMED) & np.isfinite(path_mm))}
 
 
@@ -137,7 +143,7 @@ def _missed_places(system, view, media):
     """Function of (x, y) on the sensor and the ray: its error there, in focal lengths."""
     def missed(place_x, place_y, x_mm, y_mm, slope_x, slope_y):
         position = _traced(system, media, x_mm, y_mm, slope_x, slope_y).position
-        return (view.places_mm(system, position) - np.stack(np.broadcast_arrays(place_x, place_y))) / system.efl_mm
+        return (view.places_mm(position) - np.stack(np.broadcast_arrays(place_x, place_y))) / system.efl_mm
 
     return missed
 
@@ -159,7 +165,7 @@ def _fields(system, view, media, slope):
     step = CHIEF_STEP * np.array([[0, 1, -1, 0, 0], [0, 0, 0, 1, -1]])
     traced = _traced(system, media, 0.0, 0.0, *(slope[..., None] + step[:, None]))
     tangent, nearness = view.in_focus(traced.entry, traced.before)
-    place = view.places_mm(system, traced.position)
+    place = view.places_mm(traced.position)
     by_slope, place_by_slope = (np.stack([each[..., 1] - each[..., 2], each[..., 3] - each[..., 4]], axis=-1)
                                 for each in (tangent, place))  # (component, place, slope)
     change = np.moveaxis(by_slope, 1, 0) @ np.linalg.inv(np.moveaxis(place_by_slope, 1, 0))

@@ -27,7 +27,9 @@ class View:
     viewpoint_mm : array (3,)
         From the first vertex.
     origin_mm : array (2,)
-        Where places on the sensor count from: x and y from the point of the image plane that its pose turns about.
+        Where places on the sensor count from: x and y in the frame of the image plane.
+    vertex_mm : array (2,)
+        Where the axis of the lens meets the sensor, in the same frame.
     nearness : float
         The inverse depth in focus on the camera's axis, in 1/mm.
     lean : array (2,)
@@ -37,16 +39,18 @@ class View:
     axes: np.ndarray
     viewpoint_mm: np.ndarray
     origin_mm: np.ndarray
+    vertex_mm: np.ndarray
     nearness: float
     lean: np.ndarray
 
-    def places_mm(self, system: System, position: np.ndarray) -> np.ndarray:
-        """Places on the sensor of positions on the image plane (3, ...), from the last vertex: array (2, ...)."""
-        pose = system.prescription.image_pose or Pose()
-        middle = np.array([0.0, 0.0, system.prescription.surfaces[-1].thickness_mm]) + pose.offset_mm
-        across = (1,) * (position.ndim - 1)
-        return (np.tensordot(self.axes[:2], position - middle.reshape(3, *across), 1)
-                - self.origin_mm.reshape(2, *across))
+    @property
+    def axis_mm(self) -> np.ndarray:
+        """Where the axis of the lens meets the sensor: array (2,)."""
+        return self.vertex_mm - self.origin_mm
+
+    def places_mm(self, position: np.ndarray) -> np.ndarray:
+        """Places on the sensor of positions (3, ...) in the frame of the image plane: array (2, ...)."""
+        return position[:2] - self.origin_mm.reshape(2, *(1,) * (position.ndim - 1))
 
     def turned(self, direction: np.ndarray) -> np.ndarray:
         """Directions (3, ...) in coordinates of the sensor."""
@@ -95,11 +99,14 @@ class View:
 
 def sensor_axes(prescription: Prescription) -> np.ndarray:
     """x, y and normal of the sensor, in coordinates of the lens: one in each row."""
-    x, y, z = np.radians((prescription.image_pose or Pose()).tilt_deg)
-    about_x = np.array([[1, 0, 0], [0, np.cos(x), -np.sin(x)], [0, np.sin(x), np.cos(x)]])
-    about_y = np.array([[np.cos(y), 0, np.sin(y)], [0, 1, 0], [-np.sin(y), 0, np.cos(y)]])
-    about_z = np.array([[np.cos(z), -np.sin(z), 0], [np.sin(z), np.cos(z), 0], [0, 0, 1]])
-    return (about_z @ about_y @ about_x).T
+    return (prescription.image_pose or Pose()).rotation.T
+
+
+def sensor_vertex_mm(prescription: Prescription) -> np.ndarray:
+    """Where the axis of the lens meets the sensor, x and y in the sensor's frame."""
+    pose, axes = prescription.image_pose or Pose(), sensor_axes(prescription)
+    along_mm = axes[2] @ pose.offset_mm / axes[2, 2]
+    return axes[:2] @ ([0.0, 0.0, along_mm] - np.array(pose.offset_mm))
 
 
 def focus_lean(system: System, axes: np.ndarray) -> np.ndarray:

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from lensfield.engine.bake import bake as module
-from lensfield.engine.bake.bake import _samples, bake
+from lensfield.engine.bake import psfs as module
+from lensfield.engine.bake.bake import bake
 from lensfield.engine.bake.quality import QUALITIES, SKETCH
+from lensfield.engine.bake.sampling import picture_samples
 from lensfield.engine.field.field_map import field_map
 from lensfield.engine.library import BUNDLED, prescription_of
 from lensfield.engine.prescription.readers import read_prescription
@@ -69,4 +70,4 @@ def test_a_cancelled_bake_ends_after_the_psfs_in_progress(triplet, monkeypatch):
     (300.0, (36.0, 24.0), "standard", 65), (1000.0, (36.0, 24.0), "standard", 81), (300.0, (4.8, 3.6), "preview", 121),
     (300.0, (4.8, 3.6), "reference", 129), (1000.0, (36.0, 24.0), "preview", 65)])
 def test_samples_are_as_fine_as_pixels_up_to_a_limit(needed_um, sensor_mm, quality, number):
-    assert _samples(needed_um, sensor_mm, QUALITIES[quality]) == number
+    assert picture_samples(needed_um, sensor_mm, QUALITIES[quality]) == number
