@@ -17,7 +17,7 @@ COMPILED = "engine.kernels"
 OTHER_GEOMETRY = {
     "engine.image.pixel_grid": "the corner of a grid",
     "engine.field.lens_correction": "the farthest pixel, the unit of radii in raw files",
-    "engine.field.frame_planes": "the projection of a panoramic capture",
+    "engine.field.in_capture": "the projection of a panoramic capture",
     "engine.depth.depth_range": "the projection of a panoramic capture",
     "engine.depth.slabs": "the projection of a panoramic capture; distances from the frame",
     "engine.depth.iris": "blades around the stop",

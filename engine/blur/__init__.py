@@ -9,4 +9,4 @@ from .polar_sections import Sections
 METHODS: dict[str, type[Method]] = {method.name: method for method in (Sections, Pixels, Paper, Exact)}
 """The methods that users can choose, by name."""
 
-__all__ = ["METHODS", "Method", "OnePsf"]
+__all__ = ["METHODS", "Method", "OnePsf", "Paper"]

@@ -105,9 +105,11 @@ class Method(ABC):
         Whether it uses Fourier transforms, whose rounding errors are proportional to the brightest pixel of a section.
     section_size : int
         Side in pixels of the sections of the picture, or of portions of work.
-    azimuths : int
-        Steps of the table that its PSFs are mixed from, for a rotationally symmetric lens from 0 to 45 degrees; 0
-        if each PSF is computed separately.
+    tabulated : bool
+        Whether its PSFs are mixed from a table; otherwise each is computed separately.
+    azimuths : int or None
+        Steps of the table from 0 to 45 degrees, for a rotationally symmetric lens; None for a table of the nodes of the
+        lens data, and 0 without a table.
     """
 
     name: ClassVar[str]
@@ -116,6 +118,7 @@ class Method(ABC):
     by_accuracy: ClassVar[bool] = False
     yardstick: ClassVar[bool] = False
     transforms: ClassVar[bool] = True
+    tabulated: ClassVar[bool] = False
 
     section_size: int
     azimuths = 0  # not a dataclass field here, so that subclasses can make it their last
@@ -126,9 +129,14 @@ class Method(ABC):
         raise NotImplementedError(f"{cls.name} is available only for a target accuracy")
 
     @classmethod
-    def choices(cls, steps: int, psf_radius_px: int, most_px: int) -> Iterable["Method"]:
+    def choices(cls, steps: int | None, psf_radius_px: int, most_px: int) -> Iterable["Method"]:
         """The choices for a target accuracy that requires this number of steps."""
         return ()
+
+    @property
+    def nodes_text(self) -> str:
+        """The nodes of its table, in a few words."""
+        return "the nodes of the lens data" if self.azimuths is None else f"{self.azimuths} azimuths"
 
     @property
     @abstractmethod

@@ -1,6 +1,6 @@
-"""A PSF for every pixel, mixed from a table of azimuths, without interpolation in sections and without FFT.
+"""A PSF for every pixel, mixed from a table, without interpolation in sections and without FFT.
 
-The remaining error comes from the table's azimuths: a few tenths of a per cent of a point's light, or as little as
+The remaining error comes from the table's azimuths, for a lens that is rotationally symmetric: a few tenths of a per cent of a point's light, or as little as
 required with more azimuths. Light stays positive, and dim pixels next to bright ones keep the accuracy of single
 precision. The work is to multiply every pixel by every tap of its PSF: the best method for PSFs of some tens of pixels.
 """
@@ -30,21 +30,22 @@ class Pixels(Method):
     knobs = "azimuths", "psf_energy", "flat_tolerance", "precision"
     by_accuracy = True
     transforms = False
+    tabulated = True
 
     section_size: int
-    azimuths: int = AZIMUTHS
+    azimuths: int | None = AZIMUTHS
 
     @classmethod
     def by_knobs(cls, section_size: int | None, steps: int | None, psf_radius_px: int, most_px: int) -> Method:
         return cls(min(SECTION_SIZE, most_px), steps or AZIMUTHS)
 
     @classmethod
-    def choices(cls, steps: int, psf_radius_px: int, most_px: int) -> Iterable[Method]:
+    def choices(cls, steps: int | None, psf_radius_px: int, most_px: int) -> Iterable[Method]:
         return [cls(min(SECTION_SIZE, most_px), steps)]
 
     @property
     def text(self) -> str:
-        return f"a PSF for every pixel, from {self.azimuths} azimuths"
+        return f"a PSF for every pixel, from {self.nodes_text}"
 
     def counts(self, work: Workload) -> dict[str, float]:
         apart = work.pixels / work.planes.count

@@ -36,16 +36,17 @@ BATCH_VALUES = 1 << 18  # to fit in the processor's cache
 
 @dataclass(frozen=True)
 class Sections(Method):
-    """PSFs interpolated in sections, between the heights of the lens data and a number of azimuths."""
+    """PSFs interpolated in sections, between the nodes of a table."""
 
     name = "sections"
     summary = "PSFs that vary within each section, from a table"
     knobs = "section_size", "azimuths", "psf_energy", "flat_tolerance", "precision"
     by_accuracy = True
+    tabulated = True
 
     section_size: int
     space_px: int
-    azimuths: int = AZIMUTHS
+    azimuths: int | None = AZIMUTHS
 
     @classmethod
     def by_knobs(cls, section_size: int | None, steps: int | None, psf_radius_px: int, most_px: int) -> Method:
@@ -53,12 +54,12 @@ class Sections(Method):
         return cls(section, space_px(section, psf_radius_px), steps or AZIMUTHS)
 
     @classmethod
-    def choices(cls, steps: int, psf_radius_px: int, most_px: int) -> Iterable[Method]:
+    def choices(cls, steps: int | None, psf_radius_px: int, most_px: int) -> Iterable[Method]:
         return [cls(size, space_px(size, psf_radius_px), steps) for size in section_sizes(most_px)]
 
     @property
     def text(self) -> str:
-        return f"{self.section_size} px sections between {self.azimuths} azimuths"
+        return f"{self.section_size} px sections between {self.nodes_text}"
 
     def counts(self, work: Workload) -> dict[str, float]:
         down, across = work.sections(self.section_size)
@@ -71,7 +72,7 @@ class Sections(Method):
 
     def spreader(self, psfs: PlacedPsfs, table: Table | None, psf_radius_px: int,
                  memory: MemoryBudget) -> "PolarSections":
-        assert table is not None  # methods with azimuths always have a table
+        assert table is not None  # this method is tabulated
         return PolarSections(self.section_size, self.space_px, psf_radius_px, table, psfs.place, memory)
 
 

@@ -2,7 +2,8 @@
 
 Code outside this room asks a `FieldMap` where light lands, how bright it is, and for its PSF and rays, in x and y from
 the optical axis, x to the right and y upwards. The geometry behind it, such as the field heights and azimuths of a
-rotationally symmetric lens, is known to its implementation alone. There is one, in `radial`; `field_map` chooses.
+rotationally symmetric lens, is known to its implementation alone: in `radial`, or in `grid` for all other lenses.
+`field_map` chooses.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -12,9 +13,10 @@ import numpy as np
 
 from ..image.pixel_grid import PixelGrid
 from ..image.sampling import Sampling
-from ..lens import Lens, RadialLens
+from ..lens import GridLens, Lens, RadialLens
 from ..rays.ray_table import RayTable
 from ..runtime.memory import MemoryBudget
+from .grid.field import GridFieldMap
 from .mirror_symmetry import Planes
 from .radial.field import RadialFieldMap
 from .radial.pencils import Tiles, packed_values
@@ -24,7 +26,7 @@ Place = Any
 
 
 class Fit(Protocol):
-    """How well a smooth function fits the lens data."""
+    """How well a smooth function fits the lens data: a polynomial at the data, or a spline between them."""
 
     @property
     def order(self) -> int: ...
@@ -138,13 +140,13 @@ class TableLayout(Protocol):
     @property
     def sample_um(self) -> float: ...
 
-    def turned(self, steps: int) -> int:
+    def turned(self, steps: int | None) -> int:
         """How many times all PSFs of the lens data are turned for a table with this number of steps."""
 
-    def nodes(self, steps: int, planes: Planes) -> int:
+    def nodes(self, steps: int | None, planes: Planes) -> int:
         """Number of nodes of a table."""
 
-    def nodes_around(self, steps: int, planes: Planes, section_px: int) -> tuple[float, float]:
+    def nodes_around(self, steps: int | None, planes: Planes, section_px: int) -> tuple[float, float]:
         """Number of nodes around the sections of a plane: summed over the sections, and without duplicates."""
 
 
@@ -157,10 +159,10 @@ class PicturePsfs(Protocol):
     def mixing(self, energy: float, planes: Planes) -> Iterator[Any]:
         """The data for `mixing_error` of each wavelength, for PSFs trimmed to this energy."""
 
-    def mixing_error(self, wavelengths: list[Any], steps: int) -> float:
+    def mixing_error(self, wavelengths: list[Any], steps: int | None) -> float:
         """Largest error of trimmed PSFs mixed from a table with these steps."""
 
-    def mixing_estimate(self, wavelength: Any, steps: int) -> float:
+    def mixing_estimate(self, wavelength: Any, steps: int | None) -> float:
         """As `mixing_error` for one wavelength, approximate, and in a fraction of the time."""
 
     def one_psf_error(self, energy: float, planes: Planes, enough: float) -> float:
@@ -283,6 +285,10 @@ class FieldMap(Protocol):
     """A lens as a function of the place on its sensor and of the wavelength."""
 
     @property
+    def rotationally_symmetric(self) -> bool:
+        """Whether tables of PSFs have a number of steps; otherwise they contain the nodes of the lens data."""
+
+    @property
     def mirror_symmetric(self) -> bool:
         """Whether the four quadrants about the axis share all of the optics."""
 
@@ -310,9 +316,9 @@ class FieldMap(Protocol):
 
     def layout(self, pitch_um: float) -> TableLayout: ...
 
-    def node_psfs(self, sampling: Sampling, planes: Planes, part: Callable[[Any], Any], steps: int,
+    def node_psfs(self, sampling: Sampling, planes: Planes, part: Callable[[Any], Any], steps: int | None,
                   precision: str) -> NodePsfsByWavelength:
-        """The PSFs for tables with this number of steps."""
+        """The PSFs for tables with this number of steps; None unless the lens is rotationally symmetric."""
 
     def picture_psfs(self, sampling: Sampling, most_energy: float) -> PicturePsfs:
         """The PSFs on a picture's pixels, trimmed to `most_energy` at least."""
@@ -326,9 +332,10 @@ class FieldMap(Protocol):
 
 def field_map(lens: Lens) -> FieldMap:
     """The field map of a lens."""
-    if isinstance(lens, RadialLens):
-        return RadialFieldMap(lens)
-    raise NotImplementedError
+    if isinstance(lens, GridLens):
+        return GridFieldMap(lens)
+    assert isinstance(lens, RadialLens)
+    return RadialFieldMap(lens)
 
 
 def packed_ray_values(count: int, wavelengths: int) -> int:

@@ -7,6 +7,7 @@ import scipy
 from ..image.pixel_grid import PixelGrid
 from ..lens.lens import Lens
 from .field_map import field_map
+from .in_capture import in_capture
 
 
 def relative_illumination(lens: Lens, frame: PixelGrid, wavelength_nm: float) -> np.ndarray:
@@ -56,12 +57,12 @@ def pinhole_view(planes: np.ndarray, lens: Lens, capture: PixelGrid) -> np.ndarr
     array (plane, row, column) of the frame
         Beyond the capture, the values at its edge continue.
     """
-    focal_mm, frame = lens.capture_focal_length_mm, capture.frame()
-    if capture.projection.is_plane and capture.focal_mm in (None, focal_mm):
+    frame = capture.frame()
+    shows_ideal_image = capture.focal_mm in (None, lens.capture_focal_length_mm) and capture.squeeze == lens.squeeze
+    if capture.projection.is_plane and shows_ideal_image:
         (above, left), (rows, columns) = capture.overscan_px, frame.shape_px
         return planes[:, above:above + rows, left:left + columns]
     x_mm, y_mm = frame.axes_mm()
-    scale = capture.projection.shrinkage(np.hypot(x_mm[None, :], y_mm[:, None]) / focal_mm)
-    scale *= (capture.focal_mm or focal_mm) / focal_mm
-    place_px = capture.index_of(scale * x_mm[None, :], scale * y_mm[:, None])
+    shown_mm, _ = in_capture(*np.broadcast_arrays(x_mm[None, :], y_mm[:, None]), lens, capture)
+    place_px = capture.index_of(*shown_mm)
     return np.stack([scipy.ndimage.map_coordinates(plane, place_px, order=1, mode="nearest") for plane in planes])

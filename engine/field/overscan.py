@@ -22,8 +22,8 @@ FARTHEST = 4.0  # half diagonals of the frame: no capture extends farther
 
 def choose_capture(lens: Lens, frame: PixelGrid, wavelengths_nm: Sequence[float] | np.ndarray,
                    psf_radius_px: int) -> PixelGrid:
-    """The grid of a capture for this lens: a plane, or a panorama with its distortion if the plane would exceed
-    MOST_PLANE.
+    """The grid of a capture for this lens: a plane with its squeeze; or, without squeeze, a panorama with its distortion
+    if the plane would exceed MOST_PLANE.
 
     Parameters
     ----------
@@ -39,10 +39,16 @@ def choose_capture(lens: Lens, frame: PixelGrid, wavelengths_nm: Sequence[float]
     PixelGrid
         The frame with its overscan.
     """
-    plane, panorama = (
-        PixelGrid.around_frame(frame.frame_px, frame.pitch_um, field_map(lens).overscan_px(
-            replace(frame, projection=projection), wavelengths_nm, psf_radius_px), projection)
-        for projection in (PLANE, lens_projection(lens, frame.framed(psf_radius_px))))
+    def capture(projection):
+        grid = replace(frame, projection=projection, squeeze=lens.squeeze)
+        overscan_px = field_map(lens).overscan_px(grid, wavelengths_nm, psf_radius_px)
+        return replace(PixelGrid.around_frame(frame.frame_px, frame.pitch_um, overscan_px, projection),
+                       squeeze=lens.squeeze)
+
+    plane = capture(PLANE)
+    if lens.squeeze != 1:
+        return plane
+    panorama = capture(lens_projection(lens, frame.framed(psf_radius_px)))
     return plane if np.prod(plane.shape_px) <= MOST_PLANE * np.prod(panorama.shape_px) else panorama
 
 

@@ -1,5 +1,6 @@
 """PSFs as samples of light, to be turned and distributed over the sensor's pixels."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol, Self
@@ -7,13 +8,17 @@ from typing import Protocol, Self
 import numpy as np
 import scipy
 
+from ..image.sampling import Sampling
 from ..kernels.library import NUMPY, running
 from ..kernels.turning import TurnableSamples, turn
+from ..lens.lens import Lens
+from ..runtime.errors import ImageError
 from ..runtime.memory import check_room
 
 BATCH_SAMPLES = 1 << 16  # PSF samples that are processed together, to fit in the processor's cache
 COPIES = 3  # of the samples of all PSFs, while they are computed
 LITTLE_BYTES = 1 << 24  # always available: to ask for less takes a fifth of the time of a bank
+LARGEST_PSF_RADIUS_PX = 2048
 RINGS = 4  # circles for trimming between adjacent samples
 SLACK_PX = 1e-6  # for rounding
 
@@ -94,25 +99,24 @@ class PsfSamples:
     def support_px(self, energy: float) -> np.ndarray:
         """Radii of the smallest circles around the chief ray that contain this fraction of each complete PSF, or all of
         the PSF here: array (PSF,)."""
-        rings, inside = self._enclosed
-        return rings[np.argmax(inside >= np.minimum(energy, inside[:, -1:]) - 1e-9, axis=1)]
+        return self.enclosed.support_px(energy)
 
     def radius_within_px(self, support_px: np.ndarray) -> int:
         """Largest reach of PSFs in circles of these radii from the pixel of their chief ray."""
-        return min(self.radius_px, _reach_px(support_px.max(), self.sample_size_px))
+        return min(self.radius_px, samples_reach_px(support_px.max(), self.sample_size_px))
 
     @cached_property
     def _distance_px(self):
         return np.hypot(self.v_px, self.u_px)
 
     @cached_property
-    def _enclosed(self):
-        """Radii of circles, array (ring,), and the fraction of each complete PSF inside: array (PSF, ring)."""
+    def enclosed(self) -> "EnclosedLight":
+        """The light in circles around the chief ray."""
         ring = np.ceil(self._distance_px / self.sample_size_px * RINGS - 1e-6).astype(np.int32)
         outwards = np.argsort(ring, kind="stable")
         rings, first = np.unique(ring[outwards], return_index=True)
         inside = np.cumsum(np.add.reduceat(np.take(self.samples, outwards, axis=1), first, axis=1), axis=1)
-        return rings * (self.sample_size_px / RINGS), inside / inside[:, -1:] * (1 - self.lost[:, None])
+        return EnclosedLight(rings * (self.sample_size_px / RINGS), inside / inside[:, -1:] * (1 - self.lost[:, None]))
 
     def turned(self, azimuth_rad: np.ndarray) -> np.ndarray:
         """All PSFs turned to azimuths from the right upwards, at which v points: float64 array (azimuth, PSF, row,
@@ -173,6 +177,32 @@ class PsfSamples:
         return pixel, (first, 1 - first - last, last)
 
 
+@dataclass(frozen=True, eq=False)
+class EnclosedLight:
+    """The light of PSFs in circles around the chief ray.
+
+    Attributes
+    ----------
+    radii_px : array (circle,)
+    inside : array (PSF, circle)
+        Fraction of each complete PSF.
+    """
+
+    radii_px: np.ndarray
+    inside: np.ndarray
+
+    def support_px(self, energy: float) -> np.ndarray:
+        """See `PsfSamples.support_px`."""
+        return self.radii_px[self._circle(energy)]
+
+    def lost(self, energy: float) -> np.ndarray:
+        """The fraction of each PSF outside the smallest circle that contains this fraction: array (PSF,)."""
+        return 1 - self.inside[np.arange(len(self.inside)), self._circle(energy)]
+
+    def _circle(self, energy):
+        return np.argmax(self.inside >= np.minimum(energy, self.inside[:, -1:]) - 1e-9, axis=1)
+
+
 def samples_of(psf: np.ndarray, psf_pitch_um: float, pixel_pitch_um: float) -> PsfSamples:
     """PSFs (PSF, v, u) of the lens data, complete, for pixels of this pitch.
 
@@ -203,12 +233,27 @@ def psf_radius_px(optics: PsfData, pixel_pitch_um: float) -> int:
     return _complete_radius_px(optics.psf.shape[-1], optics.psf_pitch_um, pixel_pitch_um)
 
 
+def supported_radius_px(optics: PsfData, pixel_pitch_um: float) -> int:
+    """As `psf_radius_px`, for pixels on which the PSFs will be used.
+
+    Raises
+    ------
+    ImageError
+        If the pixel pitch is so small that PSFs exceed LARGEST_PSF_RADIUS_PX.
+    """
+    radius_px = psf_radius_px(optics, pixel_pitch_um)
+    if radius_px > LARGEST_PSF_RADIUS_PX:
+        raise ImageError("image", "pitch_um", pixel_pitch_um, f"a point spread function would reach {radius_px} px; "
+                         f"at most {LARGEST_PSF_RADIUS_PX} px are supported")
+    return radius_px
+
+
 def _complete_radius_px(window, psf_pitch_um, pixel_pitch_um):
     sample_px = psf_pitch_um / refinement(psf_pitch_um, pixel_pitch_um) / pixel_pitch_um
-    return _reach_px(np.hypot(1, 1) * (window // 2) * psf_pitch_um / pixel_pitch_um, sample_px)
+    return samples_reach_px(np.hypot(1, 1) * (window // 2) * psf_pitch_um / pixel_pitch_um, sample_px)
 
 
-def _reach_px(distance_px, sample_size_px):
+def samples_reach_px(distance_px, sample_size_px):
     """Largest reach of samples up to this distance from the chief ray, from the pixel of the chief ray."""
     return int(np.ceil(distance_px + sample_size_px / 2 + SLACK_PX))
 
@@ -233,3 +278,18 @@ def _refine(psf, steps):
             refined[..., step::steps] = psf[..., :-1] + step * rise
         psf = np.moveaxis(refined, -1, axis)
     return psf
+
+
+def telling_wavelengths(lens: Lens, sampling: Sampling) -> Sequence[float] | np.ndarray:
+    """The wavelengths that determine the largest error: the picture's, or adjacent ones of the lens data if fewer.
+
+    Between wavelengths of the lens data, PSFs are mixtures, and so are their errors.
+    """
+    around = lens.wavelengths_around(sampling.wavelengths_nm)
+    return around if len(around) < len(sampling.wavelengths_nm) else sampling.wavelengths_nm
+
+
+def covered_px(support_px: np.ndarray | float, sample_size_px: float) -> np.ndarray | float:
+    """Number of pixels that a PSF in a circle of this radius reaches from all of a pixel."""
+    side_px = 2 + sample_size_px  # of the square that each sample reaches
+    return np.pi * support_px**2 + 4 * side_px * support_px + side_px**2

@@ -77,8 +77,8 @@ class TablePlaces:
         structure = PLACES.from_buffer_copy(self._structure)
         structure.centre_row -= rows
         if structure.row_cell:
-            structure.row_cell += rows * np.dtype(np.int32).itemsize
-            structure.row_on += rows * np.dtype(np.float32).itemsize
+            structure.row_cell += int(rows) * np.dtype(np.int32).itemsize
+            structure.row_on += int(rows) * np.dtype(np.float32).itemsize
             structure.rows -= rows
         return TablePlaces(self._arrays, structure)
 

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..blur import METHODS, Method, OnePsf
+from ..blur import METHODS, Method, OnePsf, Paper
 from ..blur.method import Workload
 from ..field.field_map import field_map
 from ..field.mirror_symmetry import Planes
@@ -24,6 +24,7 @@ SINGLE_RANGE = 1e3  # the dimmest pixel stays accurate to about 1e-4
 PSF_ENERGY = 1 - 1e-6
 FLAT_SHARE, ROUNDING_SHARE = 1 / 16, 1 / 50  # of the accuracy
 TRIM_SHARES = 5 / 8, 3 / 4, 7 / 8  # of the remaining error, for trimming PSFs; the rest is for the table
+WITHOUT_STEPS_SHARE = 63 / 64  # with a table that has no error: all except rounding
 LESSER_TRIM_SHARES = 3 / 8, 1 / 8  # if no table is fine enough with the shares above
 HALO_SHARE = 1 / 16  # for trimming the PSFs of highlights, whose trimmed light would be visible
 ONE_PSF_TRIM_SHARE = 1 / 8  # of one PSF for the picture, whose width hardly affects the cost of its transform
@@ -66,17 +67,33 @@ def _knob_plan(options, lens, sampling):
     way = METHODS[BY_KNOBS if options.method == AUTO else options.method]
     energy = options.psf_energy or (1.0 if way.yardstick else PSF_ENERGY)
     precision = options.precision or ("float64" if way.yardstick else AUTO)
-    radius_px, taps = field_map(lens).picture_psfs(sampling, energy).reach(energy)
+    field = field_map(lens)
+    if not field.rotationally_symmetric:
+        _check_knobs(options, lens)
+    radius_px, taps = field.picture_psfs(sampling, energy).reach(energy)
     single_range = {AUTO: SINGLE_RANGE, "float32": np.inf, "float64": 0.0}[precision]
     most_px = max(sampling.grid.frame_px) + 2 * radius_px
+    method = way.by_knobs(options.section_size, options.azimuths, radius_px, most_px)
+    if method.tabulated and not field.rotationally_symmetric:
+        method = replace(method, azimuths=None)
     return Plan(
-        method=way.by_knobs(options.section_size, options.azimuths, radius_px, most_px),
+        method=method,
         psf_radius_px=radius_px, psf_energy=energy, taps=taps,
         precision="float64" if precision == "float64" else "float32",
         single_range=single_range if way.transforms or not single_range else np.inf,
         flat_tolerance=options.flat_tolerance or 0.0,
-        folded=not way.yardstick and sampling.grid.centred and field_map(lens).mirror_symmetric,
+        folded=not way.yardstick and sampling.grid.centred and field.mirror_symmetric,
         out_of_field=options.out_of_field)
+
+
+def _check_knobs(options, lens):
+    """Raise an InputError for knobs of rotationally symmetric lenses."""
+    if options.method == Paper.name:
+        raise InputError("options", "method", options.method,
+                         f"{lens.name} is not rotationally symmetric: choose another method")
+    if options.azimuths is not None:
+        raise InputError("options", "azimuths", options.azimuths,
+                         f"leave it out: {lens.name} is not rotationally symmetric")
 
 
 def workload(plan: Plan, lens: Lens, sampling: Sampling) -> Workload:
@@ -116,6 +133,7 @@ class _Planner:
         self._options, self._lens, self._sampling = options, lens, sampling
         self._psfs = field_map(lens).picture_psfs(sampling, self._energy(HALO_SHARE))
         self._folded = sampling.grid.centred and field_map(lens).mirror_symmetric
+        self._in_steps = field_map(lens).rotationally_symmetric
 
     def best(self) -> Plan:
         """The plan, with its errors; with the exact operator if no other method is accurate enough."""
@@ -128,6 +146,9 @@ class _Planner:
             if error <= self._enough:
                 return self._cheapest([OnePsf], ONE_PSF_TRIM_SHARE, 0, error)
         ways = [way for way in METHODS.values() if way.by_accuracy and method in (AUTO, way.name)]
+        if not self._in_steps:
+            error = self._psfs.mixing_error(list(self._mixing_errors(WITHOUT_STEPS_SHARE)), None)
+            return self._cheapest(ways, WITHOUT_STEPS_SHARE, None, error)
         too_much = 1.0
         for share in self._shares(ways):
             steps, error = self._steps(share) if share < too_much else (0, 0.0)
@@ -171,7 +192,7 @@ class _Planner:
         """The error that remains for mixing."""
         return (1 - share) * self._enough
 
-    def _cheapest(self, ways: Iterable[type[Method]], share: float, steps: int, error: float) -> Plan:
+    def _cheapest(self, ways: Iterable[type[Method]], share: float, steps: int | None, error: float) -> Plan:
         """The plan with the least predicted work by one of these methods, with this error of its PSFs."""
         _, plan = self._least_work(ways, share, steps)
         return replace(plan, error_bound=self._flat + self._rounding + error)
@@ -179,7 +200,7 @@ class _Planner:
     def _least_work(self, ways, share, steps):
         """The least predicted work by one of these methods, in nanoseconds, and its plan."""
         radius_px, taps = self._psfs.reach(self._energy(share))
-        widest = HALO_SHARE if steps else share  # a plan with one PSF is without halos
+        widest = share if steps == 0 else HALO_SHARE  # a plan with one PSF is without halos
         most_px = max(self._planes(widest).grid.shape_px)
         plans = [self._plan(method, share, radius_px, taps)
                  for way in ways for method in way.choices(steps, radius_px, most_px)]
@@ -195,11 +216,11 @@ class _Planner:
             single_range = 0.0
         elif method.transforms:
             single_range = self._rounding / (SINGLE_NOISE * (method.space_px / method.section_size) ** 2)
-        halo_energy = self._energy(HALO_SHARE) if method.azimuths else None
+        halo_energy = self._energy(HALO_SHARE) if method.tabulated else None
         return Plan(method=method, psf_radius_px=radius_px, psf_energy=self._energy(share), taps=taps,
                     halo_energy=halo_energy, halo_radius_px=self._psfs.reach(halo_energy)[0] if halo_energy else 0,
                     precision=self._precision, single_range=single_range,
-                    flat_tolerance=self._flat if method.azimuths else 0.0, folded=self._folded,
+                    flat_tolerance=self._flat if method.tabulated else 0.0, folded=self._folded,
                     out_of_field=self._options.out_of_field)
 
     def _isoplanatic_error(self):

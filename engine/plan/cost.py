@@ -82,11 +82,11 @@ def _look():
 
 def counts(work: Workload, plan: Plan) -> dict[str, float]:
     """The amount of each kind of work of a plan at one wavelength: a dict with names of NANOSECONDS."""
-    steps = plan.method.azimuths
-    turned, psfs = work.tables * work.layout.turned(steps), work.layout.psfs
+    steps, tabulated = plan.method.azimuths, plan.method.tabulated
+    turned, psfs = work.tables * work.layout.turned(steps) * tabulated, work.layout.psfs
     common = {"wavelength": 1, "picture pixel": work.pixels,
-              "window sample": psfs * work.window_samples * (1 + (work.tables if steps else 0)),
-              "table sample": turned * work.samples, "table tap": work.layout.nodes(steps, work.planes) * work.taps,
+              "window sample": psfs * work.window_samples * (1 + (work.tables if tabulated else 0)),
+              "table sample": turned * work.samples, "table tap": work.layout.nodes(steps, work.planes) * tabulated * work.taps,
               "table pixel": turned * psfs * (2 * work.psf_radius_px) ** 2}
     method_counts = plan.method.counts(work)
     slowness = DOUBLE_SLOWNESS if plan.single_range == 0 else 1.0
@@ -121,7 +121,7 @@ def _alone_and_shared(work, plan, loops, slowness=1.0):
 
 def memory_mb(work: Workload, plan: Plan) -> float:
     """Memory in addition to radiance and irradiance, with one wavelength processed at a time."""
-    table = work.layout.nodes(plan.method.azimuths, work.planes) * work.taps
+    table = work.layout.nodes(plan.method.azimuths, work.planes) * plan.method.tabulated * work.taps
     values = PICTURES * work.pixels + TABLES * table + plan.method.cached_values(work)
     return values * np.dtype(plan.precision).itemsize / MEGABYTE
 

@@ -98,7 +98,8 @@ class Plan:
     @property
     def halo_method(self) -> Pixels:
         """The method for halos. They are smooth and contain a hundredth of the light, so few steps are sufficient."""
-        return Pixels(self.method.section_size, max(HALO_STEPS, self.method.azimuths // 4))
+        steps = self.method.azimuths
+        return Pixels(self.method.section_size, None if steps is None else max(HALO_STEPS, steps // 4))
 
     @property
     def halo_density(self) -> float:

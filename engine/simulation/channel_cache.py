@@ -76,7 +76,7 @@ class ChannelCache:
         def tables(part, method):
             return field.node_psfs(fine, plan.planes(fine.grid), part, method.azimuths, plan.precision)
 
-        psfs = tables(plan.trimmed, plan.method) if plan.method.azimuths else None
+        psfs = tables(plan.trimmed, plan.method) if plan.method.tabulated else None
         halos = tables(plan.halo, plan.halo_method) if plan.halo_density else None
         for wavelength_nm in sampling.wavelengths_nm:
             yield self._channel(field, wavelength_nm, fine.grid, plan, psfs, halos, capture)

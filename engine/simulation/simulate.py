@@ -100,7 +100,7 @@ def simulate(radiance: Radiance, lens: Lens, options: Options = BY_RESULT, *,
         tally.add(channel.field, light, blurred, irradiance[index], out_of_focus, view.clamped)
         del view, channel, ideal, blurred, out_of_focus  # to free their memory before the next wavelength
     report.add(tally.facts(lens, plan))
-    sensor = replace(sampling.grid.frame(), projection=PLANE, focal_mm=None)
+    sensor = replace(sampling.grid.frame(), projection=PLANE, focal_mm=None, squeeze=1.0)
     return SpectralImage(irradiance, sampling.wavelengths_nm, sensor, quantity=IRRADIANCE, lens_name=lens.name,
                          f_number_effective=lens.f_number_effective, exposure=radiance.exposure,
                          arbitrary=radiance.arbitrary)

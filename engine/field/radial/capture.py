@@ -6,6 +6,7 @@ import numpy as np
 
 from ...image.pixel_grid import PixelGrid
 from ...lens import RadialLens
+from ...runtime.errors import ImageError
 from .distortion import CaptureRadius, FieldGeometry
 
 
@@ -17,7 +18,14 @@ def capture_radius(capture: PixelGrid, lens: RadialLens) -> CaptureRadius | None
     Returns
     -------
     callable (paraxial_height_mm) -> (radius_mm, slope), or None
+
+    Raises
+    ------
+    ImageError
+        The capture is squeezed.
     """
+    if capture.squeeze != lens.squeeze:
+        raise ImageError("image", "squeeze", capture.squeeze, f"expected {lens.squeeze:g}, as of {lens.name}")
     lens_focal_mm = lens.capture_focal_length_mm
     focal_mm = capture.focal_mm or lens_focal_mm
 

@@ -11,14 +11,14 @@ from ...lens.radial_lens import RadialLens
 from ...rays.ray_table import RayTable
 from ...runtime.memory import MemoryBudget
 from ..mirror_symmetry import Planes
-from ..psf_samples import psf_radius_px
+from ..psf_samples import psf_radius_px, telling_wavelengths
 from .capture import capture_radius, overscan_px, reach_px
 from .distortion import FieldGeometry, PolynomialFit, squeeze
 from .first_order import first_order_rays
 from .ideal_image import RadialIdealImage
 from .layout import RadialLayout
 from .pencils import PixelRays
-from .picture_psfs import PicturePsfs, telling_wavelengths
+from .picture_psfs import PicturePsfs
 from .psf_bank import PlacedPsfs, PsfBank
 from .psf_table import PsfTables
 from .uniform_light import picture_illumination
@@ -98,6 +98,10 @@ class RadialFieldMap:
     """A rotationally symmetric lens."""
 
     lens: RadialLens
+
+    @property
+    def rotationally_symmetric(self) -> bool:
+        return True
 
     @property
     def mirror_symmetric(self) -> bool:

@@ -1,22 +1,20 @@
 """The PSFs of a lens on a picture's pixels: their reach, the pixels that they cover, and their errors."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import cached_property, partial
 
 import numpy as np
 
 from ...image.sampling import Sampling
 from ...lens.radial_lens import RadialLens
-from ...runtime.errors import ImageError
 from ...runtime.threads import thread_pool
 from ..mirror_symmetry import Planes
-from ..psf_samples import psf_radius_px
+from ..psf_samples import covered_px, supported_radius_px, telling_wavelengths
 from .distortion import FieldGeometry
 from .error_bound import AzimuthErrors, azimuth_error, isoplanatic_error
 from .psf_bank import PlacedPsfs, PsfBank
 from .uniform_light import unevenness
 
-LARGEST_PSF_RADIUS_PX = 2048
 ISOPLANATIC_SAMPLES = 4  # azimuths to examine
 UNIFORM_WAVELENGTHS = 3  # to examine
 PLACES = 48  # samples along each side of a picture, for the shares of heights
@@ -41,10 +39,7 @@ class PicturePsfs:
     """
 
     def __init__(self, lens: RadialLens, sampling: Sampling, most_energy: float) -> None:
-        self.full_radius_px = psf_radius_px(lens, sampling.grid.pitch_um)
-        if self.full_radius_px > LARGEST_PSF_RADIUS_PX:
-            raise ImageError("image", "pitch_um", sampling.grid.pitch_um, f"a point spread function would reach "
-                             f"{self.full_radius_px} px; at most {LARGEST_PSF_RADIUS_PX} px are supported")
+        self.full_radius_px = supported_radius_px(lens, sampling.grid.pitch_um)
         self._optics = [lens.at_wavelength(nm) for nm in telling_wavelengths(lens, sampling)]
         self._fields = [FieldGeometry(each, lens.name) for each in self._optics]
         self._grid, self._most_energy, self._reaches = sampling.grid, most_energy, {}
@@ -59,7 +54,7 @@ class PicturePsfs:
     def reach(self, energy: float) -> tuple[int, float]:
         """Radius in pixels of PSFs trimmed to this energy, and the mean number of pixels that they cover."""
         if energy >= 1:
-            return self.full_radius_px, _covered(self.full_radius_px - 1, 0)
+            return self.full_radius_px, covered_px(self.full_radius_px - 1, 0)
         if energy not in self._reaches:
             self._reaches[energy] = self._reach(energy)
         return self._reaches[energy]
@@ -67,7 +62,7 @@ class PicturePsfs:
     def _reach(self, energy):
         supports = [bank.support_px(energy) for bank in self._banks]
         radius_px = max(bank.radius_within_px(support) for bank, support in zip(self._banks, supports, strict=True))
-        taps = np.mean([_covered(support, bank.sample_size_px)
+        taps = np.mean([covered_px(support, bank.sample_size_px)
                         for bank, support in zip(self._banks, supports, strict=True)], axis=0)
         return radius_px, float(self._height_shares @ np.maximum(taps[:-1], taps[1:]))
 
@@ -113,18 +108,3 @@ class PicturePsfs:
         heights_mm = self._optics[0].heights_mm
         interval = np.searchsorted(heights_mm[1:-1], self._fields[0].paraxial_height_mm(np.hypot(x_mm, y_mm)))
         return np.bincount(interval.ravel(), minlength=heights_mm.size - 1) / interval.size
-
-
-def telling_wavelengths(lens: RadialLens, sampling: Sampling) -> Sequence[float] | np.ndarray:
-    """The wavelengths that determine the largest error: the picture's, or adjacent ones of the lens data if fewer.
-
-    Between wavelengths of the lens data, PSFs are mixtures, and so are their errors.
-    """
-    around = lens.wavelengths_around(sampling.wavelengths_nm)
-    return around if len(around) < len(sampling.wavelengths_nm) else sampling.wavelengths_nm
-
-
-def _covered(support_px, sample_size_px):
-    """Number of pixels that a PSF in a circle of this radius reaches from all of a pixel."""
-    side_px = 2 + sample_size_px  # of the square that each sample reaches
-    return np.pi * support_px**2 + 4 * side_px * support_px + side_px**2

@@ -16,10 +16,10 @@ from ...kernels.spreading import PackedTable, TablePlaces, spread
 from ...lens.radial_lens import RadialLens
 from ...runtime.threads import thread_pool
 from ..mirror_symmetry import Planes
+from ..psf_table import PlainTable, TableCells, corners_between
 from .psf_bank import PlacedPsfs, PsfBank
 
 PORTION = 16  # azimuths
-BATCH_VALUES = 1 << 18  # to fit in the processor's cache
 CURVE_SAMPLES = 1 << 12  # linear interpolation between them is accurate to 1e-8 of the field
 
 Place = tuple[np.ndarray, np.ndarray]
@@ -121,7 +121,7 @@ class TurnedPsfs:
         return np.concatenate([every[:, turned, 2 * k:2 * k + 2] for k, (turned, _) in enumerate(self._parts)], axis=1)
 
 
-class PsfCells:
+class PsfCells(TableCells):
     """The cells between the heights and azimuths of a table.
 
     Attributes
@@ -131,21 +131,11 @@ class PsfCells:
         Number of azimuths, clockwise from 0, both ends included.
     quarter_turns : int
         Their range.
-    radius_px : int
-        Radius of the PSFs.
-    mean_distance_px : float
-        See `TurnedPsfs`.
     """
 
     def __init__(self, turned: TurnedPsfs) -> None:
-        self.heights_mm, self.azimuths, self.radius_px = turned.heights_mm, turned.azimuths, turned.side // 2
-        self.quarter_turns, self.mean_distance_px = turned.quarter_turns, turned.mean_distance_px()
-        self._offsets_px = turned.offsets_px().reshape(-1, 2)
-
-    @property
-    def nbytes(self) -> int:
-        """Memory of the PSFs."""
-        raise NotImplementedError
+        super().__init__(turned.side // 2, turned.mean_distance_px(), turned.offsets_px().reshape(-1, 2))
+        self.heights_mm, self.azimuths, self.quarter_turns = turned.heights_mm, turned.azimuths, turned.quarter_turns
 
     def corners(self, place: Place) -> tuple[np.ndarray, np.ndarray]:
         """The four nodes of the table around places, and their weights: int and float arrays (4, place).
@@ -153,83 +143,25 @@ class PsfCells:
         Nodes are numbered height by height. Weights are 0 to 1 and sum to 1.
         """
         paraxial_height_mm, azimuth_rad = place
-        heights, precision = self.heights_mm.size, self._offsets_px.dtype
+        heights = self.heights_mm.size
         height = np.interp(paraxial_height_mm, self.heights_mm, np.arange(heights))
         azimuth = (-azimuth_rad % (2 * np.pi)) * ((self.azimuths - 1) / (np.pi / 2 * self.quarter_turns))
-        below = np.minimum(height.astype(np.intp), heights - 2)
-        before = np.minimum(azimuth.astype(np.intp), self.azimuths - 2)
-        up, on = (height - below).astype(precision), (azimuth - before).astype(precision)
-        first = below * self.azimuths + before
-        return (np.stack([first, first + 1, first + self.azimuths, first + self.azimuths + 1]),
-                np.stack([(1 - up) * (1 - on), (1 - up) * on, up * (1 - on), up * on]))
-
-    def mean_offsets_px(self, place: Place) -> np.ndarray:
-        """Mean offset of light from the chief ray, downwards and to the right: array (2, place)."""
-        nodes, weights = self.corners(place)
-        return np.einsum("kp,kpd->dp", weights, self._offsets_px[nodes])
+        return corners_between(height, azimuth, (heights, self.azimuths), self.offsets_px.dtype)
 
 
-class PsfTable(PsfCells):
-    """PSFs at the heights of a lens and at evenly spaced azimuths, for one wavelength.
-
-    Attributes
-    ----------
-    table : array (height, azimuth, tap)
-    rows, columns : int arrays (tap,)
-        Positions of the taps in the square of 2 radius_px + 1: the pixels that any PSF reaches.
-    """
+class PsfTable(PlainTable, PsfCells):
+    """PSFs at the heights of a lens and at evenly spaced azimuths, for one wavelength."""
 
     def __init__(self, turned: TurnedPsfs) -> None:
-        super().__init__(turned)
+        PsfCells.__init__(self, turned)
         reached = turned.reached()
         taps = np.flatnonzero(reached.any(axis=0))
-        self.rows, self.columns = np.divmod(taps, turned.side)
-        self._reached = reached[:, taps]
-        self.table = turned.taps(slice(None), taps)
-        self._by_node = self.table.reshape(-1, taps.size)
-
-    @property
-    def nbytes(self) -> int:
-        """See `PsfCells`."""
-        return self.table.nbytes
-
-    def mixed(self, place: Place) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """PSFs at these places: rows and columns of taps, and array (tap, place), contiguous for each tap.
-
-        Taps that no PSF reaches between the lowest and the highest of the places are left out.
-        """
-        nodes, weights = self.corners(place)
-        first, last = nodes.min(), nodes.max()
-        taps = np.flatnonzero(self._reached[first // self.azimuths:last // self.azimuths + 1].any(axis=0))
-        by_node, places = np.take(self._by_node[first:last + 1], taps, axis=1), nodes.shape[1]
-        psfs = np.empty((taps.size, places), by_node.dtype)
-        step = max(1, BATCH_VALUES // max(1, taps.size))
-        mixture, part = (np.empty((min(step, places), taps.size), by_node.dtype) for _ in range(2))
-        for start in range(0, places, step):
-            some = slice(start, min(start + step, places))
-            into, one = (buffer[:some.stop - start] for buffer in (mixture, part))
-            into[:] = 0
-            for node, weight in zip(nodes - first, weights, strict=True):
-                np.take(by_node, node[some], axis=0, out=one, mode="clip")  # the mode that needs no copy
-                one *= weight[some, None]
-                into += one
-            psfs[:, some] = into.T
-        return self.rows[taps], self.columns[taps], psfs
-
-    def node_psfs(self, nodes: Sequence[int] | np.ndarray) -> np.ndarray:
-        """The PSFs of these nodes: array (node, row, column), odd square, the chief ray in the middle."""
-        return self._squares(self.rows, self.columns, self._by_node[nodes])
+        PlainTable.__init__(self, turned.taps(slice(None), taps), taps, reached[:, taps])
 
     def psfs(self, paraxial_height_mm: np.ndarray, azimuth_rad: np.ndarray) -> np.ndarray:
         """PSFs at these places: array (place, row, column), odd square, the chief ray in the middle."""
         rows, columns, taps = self.mixed((paraxial_height_mm, azimuth_rad))
-        return self._squares(rows, columns, taps.T)
-
-    def _squares(self, rows, columns, taps):
-        side = 2 * self.radius_px + 1
-        psfs = np.zeros((len(taps), side, side), self.table.dtype)
-        psfs[:, rows, columns] = taps
-        return psfs
+        return self.squares(rows, columns, taps.T)
 
 
 class PackedPsfs(PsfCells):

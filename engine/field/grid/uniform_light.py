@@ -1,0 +1,83 @@
+"""Uniform light on the sensor: what a white wall looks like after distortion, relative illumination and blur.
+
+PSFs move light away from the places where chief rays arrive, so a pixel's light is a sum over the pixels around it.
+"""
+
+import numpy as np
+
+from ...image.pixel_grid import PixelGrid
+from ...lens.grid_lens import MonochromaticGrid
+from ..mirror_symmetry import Planes
+from .geometry import GridGeometry
+from .node_psfs import NodePsfs, PlacedPsfs
+from .nodes import PlaneNodes
+
+ALONG_PX = 192  # of the picture of uniform light, along the longer side of the field
+KINK = 1 / 8  # largest mean over a pixel minus the value in its middle, relative to a change of slope in the pixel
+
+
+def picture_illumination(optics: MonochromaticGrid, geometry: GridGeometry) -> tuple[np.ndarray, PixelGrid]:
+    """Irradiance under uniform radiance over the field, relative to the axis: array (row, column), and its pixels.
+
+    It includes the light that PSFs move away from the places where chief rays arrive. The table in the lens data
+    describes the bundle around each chief ray instead.
+    """
+    pitch_mm = max(np.ptp(geometry.x_mm), np.ptp(geometry.y_mm)) / ALONG_PX
+    shape = [int(np.ceil(np.ptp(axis) / pitch_mm)) + 1 for axis in (geometry.y_mm, geometry.x_mm)]
+    grid = PixelGrid((shape[0], shape[1]), 1e3 * pitch_mm, (geometry.y_mm[-1] / pitch_mm, -geometry.x_mm[0] / pitch_mm))
+    psfs = NodePsfs(optics, grid.pitch_um)
+    nodes = PlaneNodes.of(optics, grid)
+    placed = PlacedPsfs(psfs, 0.0, nodes, Planes(grid, False))
+    table = np.stack([placed.row_of_nodes(row) for row in range(nodes.shape[0])])  # (row, column, down, right)
+    radius = table.shape[-1] // 2
+    wide = grid.framed(radius)
+    x_mm, y_mm = wide.axes_mm()
+    flux = geometry.relative_flux(x_mm[None, :], y_mm[:, None])
+    down, across = (_weights(axis, at_mm) for axis, at_mm in ((nodes.rows, -y_mm), (nodes.columns, x_mm)))
+    light = np.zeros(grid.shape_px)
+    for row, column in np.ndindex(table.shape[2:]):
+        spread = flux * (down @ table[:, :, row, column] @ across.T)
+        light += spread[2 * radius - row:][:shape[0], 2 * radius - column:][:, :shape[1]]
+    return light, grid
+
+
+def unevenness(psfs: NodePsfs, nodes: PlaneNodes) -> float:
+    """Upper limit of the relative error of pixels under uniform radiance, which is largest next to rows of nodes.
+
+    All light of a pixel has the PSF of its centre. Between nodes, PSFs change linearly along rows and columns, and this
+    makes no difference: their sums and mean offsets are the same. Only where their change has a kink, in the pixels
+    next to a row or column of nodes, is the mean over a pixel up to KINK times the kink off.
+
+    Parameters
+    ----------
+    psfs : NodePsfs
+        On the grid's pixels.
+    nodes : PlaneNodes
+        Those around the grid's pixels.
+    """
+    rows, columns = (np.unique(axis.indices) for axis in (nodes.rows, nodes.columns))
+    squares = [psfs.squares(row, columns) for row in rows]
+    profiles = [np.stack([square.sum(axis=axis) for square in squares]) for axis in (2, 1)]
+    pitch_mm = nodes.grid.pitch_um * 1e-3
+    kinks = [_largest_kink(nodes.at_nodes(profile), axis, number, pitch_mm)
+             for number, (axis, profile) in enumerate(zip((nodes.rows, nodes.columns), profiles, strict=True))]
+    return KINK * sum(kinks)
+
+
+def _largest_kink(profiles, axis, number, pitch_mm):
+    """Largest change of slope at nodes, in light per pixel, of (row, column, pixel) along an axis of nodes."""
+    profiles = np.moveaxis(profiles, number, 0)
+    profiles = np.where(axis.flipped[:, None, None], profiles[..., ::-1], profiles)
+    steps_px = np.diff(axis.places_mm) / pitch_mm
+    slopes = np.diff(profiles, axis=0) / steps_px[:, None, None]
+    slopes = np.pad(slopes, ((1, 1), (0, 0), (0, 0)))  # PSFs are constant beyond the nodes
+    return float(np.abs(np.diff(slopes, axis=0)).max())
+
+
+def _weights(axis, at_mm):
+    """Weights of nodes at places: array (place, node)."""
+    before, on = axis.cells(at_mm)
+    weights = np.zeros((at_mm.size, axis.size))
+    weights[np.arange(at_mm.size), before] = 1 - on
+    weights[np.arange(at_mm.size), before + 1] = on
+    return weights

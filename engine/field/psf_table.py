@@ -1,0 +1,128 @@
+"""Tables of PSFs on the pixel grid: the PSF of a pixel is mixed from the four nodes around it.
+
+The nodes are in rows: of the heights of a lens at some azimuths, or of its places on the sensor.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike
+
+BATCH_VALUES = 1 << 18  # to fit in the processor's cache
+
+
+def corners_between(row: np.ndarray, column: np.ndarray, shape: tuple[int, int],
+                    precision: DTypeLike) -> tuple[np.ndarray, np.ndarray]:
+    """The four nodes around places, numbered row by row, and their weights: int and float arrays (4, place).
+
+    Parameters
+    ----------
+    row, column : arrays (place,)
+        Positions among the table's rows of nodes, and among the nodes of a row.
+    shape : (int, int)
+        Number of rows, and of nodes in a row.
+    precision : dtype
+        Of the weights, which are 0 to 1 and sum to 1.
+    """
+    below = np.minimum(row.astype(np.intp), shape[0] - 2)
+    before = np.minimum(column.astype(np.intp), shape[1] - 2)
+    up, on = (row - below).astype(precision), (column - before).astype(precision)
+    first = below * shape[1] + before
+    return (np.stack([first, first + 1, first + shape[1], first + shape[1] + 1]),
+            np.stack([(1 - up) * (1 - on), (1 - up) * on, up * (1 - on), up * on]))
+
+
+class TableCells(ABC):
+    """The cells between the nodes of a table of PSFs.
+
+    Attributes
+    ----------
+    radius_px : int
+        Radius of the PSFs.
+    mean_distance_px : float
+        Mean distance of light from the chief ray, where it is largest.
+    offsets_px : array (node, 2)
+        Mean offset of the light of each node from the chief ray, downwards and to the right.
+    """
+
+    def __init__(self, radius_px: int, mean_distance_px: float, offsets_px: np.ndarray) -> None:
+        self.radius_px, self.mean_distance_px, self.offsets_px = radius_px, mean_distance_px, offsets_px
+
+    @property
+    @abstractmethod
+    def nbytes(self) -> int:
+        """Memory of the PSFs."""
+
+    @abstractmethod
+    def corners(self, place: Any) -> tuple[np.ndarray, np.ndarray]:
+        """The four nodes of the table around places, and their weights, as by `corners_between`."""
+
+    def mean_offsets_px(self, place: Any) -> np.ndarray:
+        """Mean offset of light from the chief ray, downwards and to the right: array (2, place)."""
+        nodes, weights = self.corners(place)
+        return np.einsum("kp,kpd->dp", weights, self.offsets_px[nodes])
+
+
+class PlainTable(TableCells):
+    """A table of PSFs in plain arrays.
+
+    Parameters
+    ----------
+    table : array (row, node, tap)
+    taps : int array (tap,)
+        Indices of the taps in the square of 2 radius_px + 1: the pixels that any PSF reaches.
+    reached : bool array (row, tap)
+        Whether the PSFs of a row of nodes reach a tap.
+
+    Attributes
+    ----------
+    table
+    rows, columns : int arrays (tap,)
+        Positions of the taps in the square.
+    """
+
+    def __init__(self, table: np.ndarray, taps: np.ndarray, reached: np.ndarray) -> None:
+        self.table, self._reached = table, reached
+        self.rows, self.columns = np.divmod(taps, 2 * self.radius_px + 1)
+        self._in_row, self._by_node = table.shape[1], table.reshape(-1, taps.size)
+
+    @property
+    def nbytes(self) -> int:
+        """See `TableCells`."""
+        return self.table.nbytes
+
+    def mixed(self, place: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """PSFs at these places: rows and columns of taps, and array (tap, place), contiguous for each tap.
+
+        Taps that no PSF reaches between the first and the last row of nodes around the places are left out.
+        """
+        nodes, weights = self.corners(place)
+        first, last = nodes.min(), nodes.max()
+        taps = np.flatnonzero(self._reached[first // self._in_row:last // self._in_row + 1].any(axis=0))
+        by_node, places = np.take(self._by_node[first:last + 1], taps, axis=1), nodes.shape[1]
+        psfs = np.empty((taps.size, places), by_node.dtype)
+        step = max(1, BATCH_VALUES // max(1, taps.size))
+        mixture, part = (np.empty((min(step, places), taps.size), by_node.dtype) for _ in range(2))
+        for start in range(0, places, step):
+            some = slice(start, min(start + step, places))
+            into, one = (buffer[:some.stop - start] for buffer in (mixture, part))
+            into[:] = 0
+            for node, weight in zip(nodes - first, weights, strict=True):
+                np.take(by_node, node[some], axis=0, out=one, mode="clip")  # the mode that needs no copy
+                one *= weight[some, None]
+                into += one
+            psfs[:, some] = into.T
+        return self.rows[taps], self.columns[taps], psfs
+
+    def node_psfs(self, nodes: Sequence[int] | np.ndarray) -> np.ndarray:
+        """The PSFs of these nodes: array (node, row, column), odd square, the chief ray in the middle."""
+        return self.squares(self.rows, self.columns, self._by_node[nodes])
+
+    def squares(self, rows: np.ndarray, columns: np.ndarray, taps: np.ndarray) -> np.ndarray:
+        """PSFs in squares from taps (PSF, tap) at these rows and columns: array (PSF, row, column)."""
+        side = 2 * self.radius_px + 1
+        psfs = np.zeros((len(taps), side, side), self.table.dtype)
+        psfs[:, rows, columns] = taps
+        return psfs
