@@ -1,4 +1,4 @@
-"""Only the field map uses the geometry of a rotationally symmetric lens, checked in the source code."""
+"""Only the field map uses the geometry of a lens's field, checked in the source code."""
 
 import ast
 import re
@@ -8,7 +8,7 @@ import pytest
 from test_architecture import MODULES, imports
 
 GEOMETRY = re.compile("height_mm|heights_mm|azimuth|hypot", re.IGNORECASE)
-BEHIND_THE_FIELD_MAP = "engine.field.radial"
+BEHIND_THE_FIELD_MAP = "engine.field.radial", "engine.field.grid"
 TABLES_OVER_HEIGHTS = ("engine.prescription", "engine.lens", "engine.lens_files", "engine.rays", "engine.bake",
                        "engine.inspection")
 """Modules that make, read or check the data of rotationally symmetric lenses, which are tables over heights."""
@@ -17,6 +17,7 @@ COMPILED = "engine.kernels"
 OTHER_GEOMETRY = {
     "engine.image.pixel_grid": "the corner of a grid",
     "engine.field.lens_correction": "the farthest pixel, the unit of radii in raw files",
+    "engine.field.psf_samples": "circles around the chief ray",
     "engine.field.in_capture": "the projection of a panoramic capture",
     "engine.depth.depth_range": "the projection of a panoramic capture",
     "engine.depth.slabs": "the projection of a panoramic capture; distances from the frame",
@@ -45,7 +46,7 @@ def within(module, rooms):
 
 
 def may_name(module, identifier):
-    return (within(module, (BEHIND_THE_FIELD_MAP, *TABLES_OVER_HEIGHTS, COMPILED)) or module in OTHER_GEOMETRY
+    return (within(module, (*BEHIND_THE_FIELD_MAP, *TABLES_OVER_HEIGHTS, COMPILED)) or module in OTHER_GEOMETRY
             or bool(KNOB.fullmatch(identifier) and within(module, KNOB_ROOMS)))
 
 
@@ -60,9 +61,9 @@ def test_only_modules_behind_the_field_map_name_heights_and_azimuths():
     assert not outside
 
 
-def test_only_the_field_map_and_lens_data_checks_import_the_radial_field():
+def test_only_the_field_map_and_lens_data_checks_import_its_implementations():
     outside = [f"{module} imports {other}" for module in MODULES for other, relative in imports(module)
-               if relative and within(other, [BEHIND_THE_FIELD_MAP])
+               if relative and within(other, BEHIND_THE_FIELD_MAP)
                and not within(module, ("engine.field", "engine.inspection"))]
     assert not outside
 

@@ -68,7 +68,7 @@ class OnePsf(Method):
     space_px: int
 
     @classmethod
-    def choices(cls, steps: int | None, psf_radius_px: int, most_px: int) -> Iterable[Method]:
+    def choices(cls, steps: int, psf_radius_px: int, most_px: int) -> Iterable[Method]:
         return [cls(size, space_px(size, psf_radius_px)) for size in section_sizes(most_px)]
 
     @property

@@ -107,9 +107,9 @@ class Method(ABC):
         Side in pixels of the sections of the picture, or of portions of work.
     tabulated : bool
         Whether its PSFs are mixed from a table; otherwise each is computed separately.
-    azimuths : int or None
-        Steps of the table from 0 to 45 degrees, for a rotationally symmetric lens; None for a table of the nodes of the
-        lens data, and 0 without a table.
+    azimuths : int
+        Steps of the table from 0 to 45 degrees; 0 without a table, and for a table of the nodes of the lens data, if
+        the lens is not rotationally symmetric.
     """
 
     name: ClassVar[str]
@@ -129,14 +129,14 @@ class Method(ABC):
         raise NotImplementedError(f"{cls.name} is available only for a target accuracy")
 
     @classmethod
-    def choices(cls, steps: int | None, psf_radius_px: int, most_px: int) -> Iterable["Method"]:
+    def choices(cls, steps: int, psf_radius_px: int, most_px: int) -> Iterable["Method"]:
         """The choices for a target accuracy that requires this number of steps."""
         return ()
 
     @property
     def nodes_text(self) -> str:
         """The nodes of its table, in a few words."""
-        return "the nodes of the lens data" if self.azimuths is None else f"{self.azimuths} azimuths"
+        return f"{self.azimuths} azimuths" if self.azimuths else "the nodes of the lens data"
 
     @property
     @abstractmethod

@@ -1,8 +1,9 @@
 """A PSF for every pixel, mixed from a table, without interpolation in sections and without FFT.
 
-The remaining error comes from the table's azimuths, for a lens that is rotationally symmetric: a few tenths of a per cent of a point's light, or as little as
-required with more azimuths. Light stays positive, and dim pixels next to bright ones keep the accuracy of single
-precision. The work is to multiply every pixel by every tap of its PSF: the best method for PSFs of some tens of pixels.
+For a rotationally symmetric lens, the remaining error comes from the table's azimuths: a few tenths of a per cent of a
+point's light, or as little as required with more azimuths. Light stays positive, and dim pixels next to bright ones
+keep the accuracy of single precision. The work is to multiply every pixel by every tap of its PSF: the best method for
+PSFs of some tens of pixels.
 """
 
 from collections.abc import Iterable, Iterator
@@ -33,14 +34,14 @@ class Pixels(Method):
     tabulated = True
 
     section_size: int
-    azimuths: int | None = AZIMUTHS
+    azimuths: int = AZIMUTHS
 
     @classmethod
     def by_knobs(cls, section_size: int | None, steps: int | None, psf_radius_px: int, most_px: int) -> Method:
         return cls(min(SECTION_SIZE, most_px), steps or AZIMUTHS)
 
     @classmethod
-    def choices(cls, steps: int | None, psf_radius_px: int, most_px: int) -> Iterable[Method]:
+    def choices(cls, steps: int, psf_radius_px: int, most_px: int) -> Iterable[Method]:
         return [cls(min(SECTION_SIZE, most_px), steps)]
 
     @property

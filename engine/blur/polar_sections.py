@@ -46,7 +46,7 @@ class Sections(Method):
 
     section_size: int
     space_px: int
-    azimuths: int | None = AZIMUTHS
+    azimuths: int = AZIMUTHS
 
     @classmethod
     def by_knobs(cls, section_size: int | None, steps: int | None, psf_radius_px: int, most_px: int) -> Method:
@@ -54,7 +54,7 @@ class Sections(Method):
         return cls(section, space_px(section, psf_radius_px), steps or AZIMUTHS)
 
     @classmethod
-    def choices(cls, steps: int | None, psf_radius_px: int, most_px: int) -> Iterable[Method]:
+    def choices(cls, steps: int, psf_radius_px: int, most_px: int) -> Iterable[Method]:
         return [cls(size, space_px(size, psf_radius_px), steps) for size in section_sizes(most_px)]
 
     @property

@@ -140,13 +140,13 @@ class TableLayout(Protocol):
     @property
     def sample_um(self) -> float: ...
 
-    def turned(self, steps: int | None) -> int:
+    def turned(self, steps: int) -> int:
         """How many times all PSFs of the lens data are turned for a table with this number of steps."""
 
-    def nodes(self, steps: int | None, planes: Planes) -> int:
+    def nodes(self, steps: int, planes: Planes) -> int:
         """Number of nodes of a table."""
 
-    def nodes_around(self, steps: int | None, planes: Planes, section_px: int) -> tuple[float, float]:
+    def nodes_around(self, steps: int, planes: Planes, section_px: int) -> tuple[float, float]:
         """Number of nodes around the sections of a plane: summed over the sections, and without duplicates."""
 
 
@@ -159,10 +159,10 @@ class PicturePsfs(Protocol):
     def mixing(self, energy: float, planes: Planes) -> Iterator[Any]:
         """The data for `mixing_error` of each wavelength, for PSFs trimmed to this energy."""
 
-    def mixing_error(self, wavelengths: list[Any], steps: int | None) -> float:
+    def mixing_error(self, wavelengths: list[Any], steps: int) -> float:
         """Largest error of trimmed PSFs mixed from a table with these steps."""
 
-    def mixing_estimate(self, wavelength: Any, steps: int | None) -> float:
+    def mixing_estimate(self, wavelength: Any, steps: int) -> float:
         """As `mixing_error` for one wavelength, approximate, and in a fraction of the time."""
 
     def one_psf_error(self, energy: float, planes: Planes, enough: float) -> float:
@@ -316,9 +316,9 @@ class FieldMap(Protocol):
 
     def layout(self, pitch_um: float) -> TableLayout: ...
 
-    def node_psfs(self, sampling: Sampling, planes: Planes, part: Callable[[Any], Any], steps: int | None,
+    def node_psfs(self, sampling: Sampling, planes: Planes, part: Callable[[Any], Any], steps: int,
                   precision: str) -> NodePsfsByWavelength:
-        """The PSFs for tables with this number of steps; None unless the lens is rotationally symmetric."""
+        """The PSFs for tables with this number of steps; 0 unless the lens is rotationally symmetric."""
 
     def picture_psfs(self, sampling: Sampling, most_energy: float) -> PicturePsfs:
         """The PSFs on a picture's pixels, trimmed to `most_energy` at least."""

@@ -63,6 +63,6 @@ def pinhole_view(planes: np.ndarray, lens: Lens, capture: PixelGrid) -> np.ndarr
         (above, left), (rows, columns) = capture.overscan_px, frame.shape_px
         return planes[:, above:above + rows, left:left + columns]
     x_mm, y_mm = frame.axes_mm()
-    shown_mm, _ = in_capture(*np.broadcast_arrays(x_mm[None, :], y_mm[:, None]), lens, capture)
-    place_px = capture.index_of(*shown_mm)
+    (x_mm, y_mm), _ = in_capture(tuple(np.meshgrid(x_mm, y_mm)), lens, capture)
+    place_px = capture.index_of(x_mm, y_mm)
     return np.stack([scipy.ndimage.map_coordinates(plane, place_px, order=1, mode="nearest") for plane in planes])

@@ -6,7 +6,7 @@ from ..image.pixel_grid import PixelGrid
 from ..lens.lens import Lens
 
 
-def in_capture(x_mm: np.ndarray, y_mm: np.ndarray, lens: Lens,
+def in_capture(ideal_mm: tuple[np.ndarray, np.ndarray], lens: Lens,
                capture: PixelGrid) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
     """Positions in a capture of light at positions in a lens's ideal image.
 
@@ -14,7 +14,8 @@ def in_capture(x_mm: np.ndarray, y_mm: np.ndarray, lens: Lens,
 
     Parameters
     ----------
-    x_mm, y_mm : arrays (...), of the same shape
+    ideal_mm : (x_mm, y_mm)
+        Arrays (...) of the same shape.
     lens : Lens
     capture : PixelGrid
 
@@ -28,8 +29,8 @@ def in_capture(x_mm: np.ndarray, y_mm: np.ndarray, lens: Lens,
     focal_mm = capture.focal_mm or lens_focal_mm
     along = np.array([lens.squeeze, 1.0]) / lens_focal_mm  # tangents per mm of the ideal image
     across = np.array([focal_mm / capture.squeeze, focal_mm])  # mm of a plane capture per tangent
-    tangents = np.stack([x_mm * along[0], y_mm * along[1]])
-    identity = np.eye(2).reshape(2, 2, *np.ones(np.ndim(x_mm), int))
+    tangents = np.stack([at_mm * per_mm for at_mm, per_mm in zip(ideal_mm, along, strict=True)])
+    identity = np.eye(2).reshape(2, 2, *np.ones(tangents.ndim - 1, int))
     if capture.projection.is_plane:
         shown, slopes = tangents, identity
     else:
@@ -39,5 +40,4 @@ def in_capture(x_mm: np.ndarray, y_mm: np.ndarray, lens: Lens,
         shown = shrinkage * tangents
         slopes = shrinkage * identity + (slope - shrinkage) * outwards[:, None] * outwards
     scale = np.outer(across, along).reshape(identity.shape)
-    x_mm, y_mm = (across[axis] * shown[axis] for axis in (0, 1))
-    return (x_mm, y_mm), scale * slopes
+    return (across[0] * shown[0], across[1] * shown[1]), scale * slopes

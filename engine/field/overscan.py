@@ -22,8 +22,8 @@ FARTHEST = 4.0  # half diagonals of the frame: no capture extends farther
 
 def choose_capture(lens: Lens, frame: PixelGrid, wavelengths_nm: Sequence[float] | np.ndarray,
                    psf_radius_px: int) -> PixelGrid:
-    """The grid of a capture for this lens: a plane with its squeeze; or, without squeeze, a panorama with its distortion
-    if the plane would exceed MOST_PLANE.
+    """The grid of a capture for this lens: a plane with its squeeze; or, for a lens that does not squeeze, a panorama
+    with its distortion if the plane would exceed MOST_PLANE.
 
     Parameters
     ----------

@@ -118,18 +118,18 @@ class PsfSamples:
         inside = np.cumsum(np.add.reduceat(np.take(self.samples, outwards, axis=1), first, axis=1), axis=1)
         return EnclosedLight(rings * (self.sample_size_px / RINGS), inside / inside[:, -1:] * (1 - self.lost[:, None]))
 
-    def turned(self, azimuth_rad: np.ndarray) -> np.ndarray:
-        """All PSFs turned to azimuths from the right upwards, at which v points: float64 array (azimuth, PSF, row,
+    def turned(self, angle_rad: np.ndarray) -> np.ndarray:
+        """All PSFs turned so that v points to these angles, from the right upwards: float64 array (angle, PSF, row,
         column), odd square, unit sums, the chief ray in the middle, row 0 at the top."""
         size, samples = 2 * self.radius_px + 1, self.v_px.size
         if running() != NUMPY:
-            return np.moveaxis(turn(self._turnable, azimuth_rad, size), 3, 1)
-        result = np.empty((azimuth_rad.size, len(self.samples), size * size))
+            return np.moveaxis(turn(self._turnable, angle_rad, size), 3, 1)
+        result = np.empty((angle_rad.size, len(self.samples), size * size))
         step = max(1, BATCH_SAMPLES // 9 // samples)  # nine pixels for each sample
-        for start in range(0, azimuth_rad.size, step):
+        for start in range(0, angle_rad.size, step):
             part = result[start:start + step]
             pixels, shares = (np.stack(nine, axis=2).transpose(1, 0, 2)
-                              for nine in self._shares(azimuth_rad[start:start + step]))
+                              for nine in self._shares(angle_rad[start:start + step]))
             pixels = pixels + np.arange(len(part))[:, None] * size * size
             onto_pixels = scipy.sparse.csc_matrix(
                 (shares.ravel(), pixels.ravel(), np.arange(samples + 1) * 9 * len(part)),
@@ -141,18 +141,18 @@ class PsfSamples:
     def _turnable(self):
         return TurnableSamples.of(self.samples, self.v_px, self.u_px, self.sample_size_px)
 
-    def share_out(self, energy: np.ndarray, azimuth_rad: np.ndarray) -> np.ndarray:
-        """Distribute other light of the samples, array (n, sample), over the pixels that it reaches, at n azimuths."""
+    def share_out(self, energy: np.ndarray, angle_rad: np.ndarray) -> np.ndarray:
+        """Distribute other light of the samples, array (n, sample), over the pixels that it reaches, at n angles."""
         size = 2 * self.radius_px + 1
         stack = np.arange(len(energy))[:, None] * size * size
         pixels = np.zeros(len(energy) * size * size)
-        for index, share in zip(*self._shares(azimuth_rad), strict=True):
+        for index, share in zip(*self._shares(angle_rad), strict=True):
             pixels += np.bincount((stack + index).ravel(), (energy * share).ravel(), minlength=pixels.size)
         return pixels.reshape(-1, size, size)
 
-    def _shares(self, azimuth_rad):
-        """The nine pixels that each sample reaches, and its share in each of them: 9 arrays (azimuth, sample)."""
-        cos, sin = np.cos(azimuth_rad)[:, None], np.sin(azimuth_rad)[:, None]
+    def _shares(self, angle_rad):
+        """The nine pixels that each sample reaches, and its share in each of them: 9 arrays (angle, sample)."""
+        cos, sin = np.cos(angle_rad)[:, None], np.sin(angle_rad)[:, None]
         right = self.v_px * cos + self.u_px * sin  # v runs outwards, along (cos, sin); u along (sin, -cos)
         down = -self.v_px * sin + self.u_px * cos
         row, in_rows = self._split(down)
@@ -253,7 +253,7 @@ def _complete_radius_px(window, psf_pitch_um, pixel_pitch_um):
     return samples_reach_px(np.hypot(1, 1) * (window // 2) * psf_pitch_um / pixel_pitch_um, sample_px)
 
 
-def samples_reach_px(distance_px, sample_size_px):
+def samples_reach_px(distance_px: float, sample_size_px: float) -> int:
     """Largest reach of samples up to this distance from the chief ray, from the pixel of the chief ray."""
     return int(np.ceil(distance_px + sample_size_px / 2 + SLACK_PX))
 
@@ -289,7 +289,7 @@ def telling_wavelengths(lens: Lens, sampling: Sampling) -> Sequence[float] | np.
     return around if len(around) < len(sampling.wavelengths_nm) else sampling.wavelengths_nm
 
 
-def covered_px(support_px: np.ndarray | float, sample_size_px: float) -> np.ndarray | float:
+def covered_px(support_px: np.ndarray, sample_size_px: float) -> np.ndarray:
     """Number of pixels that a PSF in a circle of this radius reaches from all of a pixel."""
     side_px = 2 + sample_size_px  # of the square that each sample reaches
     return np.pi * support_px**2 + 4 * side_px * support_px + side_px**2

@@ -67,8 +67,8 @@ class MeshGeometry:
         return self._mesh.nbytes
 
 
-def footprints(geometry: RadialGeometry | MeshGeometry, capture: np.ndarray, centre_px: tuple[float, float], rows: slice,
-               out: np.ndarray) -> None:
+def footprints(geometry: RadialGeometry | MeshGeometry, capture: np.ndarray, centre_px: tuple[float, float],
+               rows: slice, out: np.ndarray) -> None:
     """Write these rows of a picture, by index of `out`.
 
     Parameters

@@ -64,9 +64,9 @@ def write_exr(image: SpectralImage, path: str | os.PathLike, other_planes: dict[
     The channels of a `Detail` are in `detail_channels.py`. Both have attributes with the prefix `lensfield:`: quantity,
     units (which may be "arbitrary"), pitchUm, and centrePx, the point where the optical axis meets the picture, as row
     and column, in this order and in the pixel coordinates of the windows.
-    Captured radiance has focalMm, the squeeze as pixelAspectRatio, and a panorama's also projection and anglePerRadius,
-    as in `Projection`; irradiance has lens and fNumberEffective. If R, G and B are exposed, exposure is the factor; the spectral channels are never
-    exposed.
+    Captured radiance has focalMm, its squeeze as pixelAspectRatio, and a panorama's also projection and anglePerRadius,
+    as in `Projection`; irradiance has lens and fNumberEffective. If R, G and B are exposed, exposure is the factor; the
+    spectral channels are never exposed.
 
     Parameters
     ----------

@@ -75,7 +75,7 @@ def _knob_plan(options, lens, sampling):
     most_px = max(sampling.grid.frame_px) + 2 * radius_px
     method = way.by_knobs(options.section_size, options.azimuths, radius_px, most_px)
     if method.tabulated and not field.rotationally_symmetric:
-        method = replace(method, azimuths=None)
+        method = replace(method, azimuths=0)
     return Plan(
         method=method,
         psf_radius_px=radius_px, psf_energy=energy, taps=taps,
@@ -147,8 +147,8 @@ class _Planner:
                 return self._cheapest([OnePsf], ONE_PSF_TRIM_SHARE, 0, error)
         ways = [way for way in METHODS.values() if way.by_accuracy and method in (AUTO, way.name)]
         if not self._in_steps:
-            error = self._psfs.mixing_error(list(self._mixing_errors(WITHOUT_STEPS_SHARE)), None)
-            return self._cheapest(ways, WITHOUT_STEPS_SHARE, None, error)
+            error = self._psfs.mixing_error(list(self._mixing_errors(WITHOUT_STEPS_SHARE)), 0)
+            return self._cheapest(ways, WITHOUT_STEPS_SHARE, 0, error)
         too_much = 1.0
         for share in self._shares(ways):
             steps, error = self._steps(share) if share < too_much else (0, 0.0)
@@ -192,7 +192,7 @@ class _Planner:
         """The error that remains for mixing."""
         return (1 - share) * self._enough
 
-    def _cheapest(self, ways: Iterable[type[Method]], share: float, steps: int | None, error: float) -> Plan:
+    def _cheapest(self, ways: Iterable[type[Method]], share: float, steps: int, error: float) -> Plan:
         """The plan with the least predicted work by one of these methods, with this error of its PSFs."""
         _, plan = self._least_work(ways, share, steps)
         return replace(plan, error_bound=self._flat + self._rounding + error)
@@ -200,7 +200,7 @@ class _Planner:
     def _least_work(self, ways, share, steps):
         """The least predicted work by one of these methods, in nanoseconds, and its plan."""
         radius_px, taps = self._psfs.reach(self._energy(share))
-        widest = share if steps == 0 else HALO_SHARE  # a plan with one PSF is without halos
+        widest = HALO_SHARE if any(way.tabulated for way in ways) else share  # one PSF is without halos
         most_px = max(self._planes(widest).grid.shape_px)
         plans = [self._plan(method, share, radius_px, taps)
                  for way in ways for method in way.choices(steps, radius_px, most_px)]

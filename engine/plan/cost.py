@@ -84,9 +84,10 @@ def counts(work: Workload, plan: Plan) -> dict[str, float]:
     """The amount of each kind of work of a plan at one wavelength: a dict with names of NANOSECONDS."""
     steps, tabulated = plan.method.azimuths, plan.method.tabulated
     turned, psfs = work.tables * work.layout.turned(steps) * tabulated, work.layout.psfs
+    nodes = work.layout.nodes(steps, work.planes) * tabulated
     common = {"wavelength": 1, "picture pixel": work.pixels,
               "window sample": psfs * work.window_samples * (1 + (work.tables if tabulated else 0)),
-              "table sample": turned * work.samples, "table tap": work.layout.nodes(steps, work.planes) * tabulated * work.taps,
+              "table sample": turned * work.samples, "table tap": nodes * work.taps,
               "table pixel": turned * psfs * (2 * work.psf_radius_px) ** 2}
     method_counts = plan.method.counts(work)
     slowness = DOUBLE_SLOWNESS if plan.single_range == 0 else 1.0

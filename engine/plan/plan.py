@@ -99,7 +99,7 @@ class Plan:
     def halo_method(self) -> Pixels:
         """The method for halos. They are smooth and contain a hundredth of the light, so few steps are sufficient."""
         steps = self.method.azimuths
-        return Pixels(self.method.section_size, None if steps is None else max(HALO_STEPS, steps // 4))
+        return Pixels(self.method.section_size, max(HALO_STEPS, steps // 4) if steps else 0)
 
     @property
     def halo_density(self) -> float:

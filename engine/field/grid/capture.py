@@ -31,7 +31,8 @@ def reach_px(lens: GridLens, capture: PixelGrid, wavelengths_nm: Sequence[float]
              psf_radius_px: int) -> int:
     """See `overscan.reach_px`."""
     frame = capture.frame()
-    rows, columns = (axis.ravel() for axis in np.meshgrid(*(np.linspace(-0.5, n - 0.5, ACROSS) for n in frame.shape_px)))
+    sides = (np.linspace(-0.5, n - 0.5, ACROSS) for n in frame.shape_px)
+    rows, columns = (axis.ravel() for axis in np.meshgrid(*sides))
     moved = max(float(np.hypot(row - rows, column - columns).max())
                 for row, column in _shown_px(lens, capture, frame, wavelengths_nm, rows, columns))
     return int(np.ceil(moved)) + psf_radius_px + 1
@@ -42,5 +43,5 @@ def _shown_px(lens, capture, frame, wavelengths_nm, rows, columns):
     x_mm, y_mm = frame.position_mm(rows, columns)
     for wavelength_nm in wavelengths_nm:
         geometry = GridGeometry(lens.at_wavelength(wavelength_nm), lens.name)
-        at_mm, _ = in_capture(*geometry.source_mm(x_mm, y_mm), lens, capture)
+        at_mm, _ = in_capture(geometry.source_mm(x_mm, y_mm), lens, capture)
         yield frame.index_of(*at_mm)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NoReturn
 
 import numpy as np
 import scipy
@@ -61,7 +62,7 @@ class GridField:
     def source_mm(self, x_mm: np.ndarray, y_mm: np.ndarray,
                   capture: PixelGrid | None = None) -> tuple[np.ndarray, np.ndarray]:
         ideal_mm = self._geometry.source_mm(x_mm, y_mm)
-        return in_capture(*ideal_mm, self._lens, capture)[0] if capture else ideal_mm
+        return in_capture(ideal_mm, self._lens, capture)[0] if capture else ideal_mm
 
     def landing_mm(self, x_mm: np.ndarray, y_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return self._geometry.landing_mm(x_mm, y_mm)
@@ -133,17 +134,17 @@ class GridFieldMap:
     def layout(self, pitch_um: float) -> GridLayout:
         return GridLayout.of(self.lens, pitch_um)
 
-    def node_psfs(self, sampling: Sampling, planes: Planes, part: Part, steps: int | None,
+    def node_psfs(self, sampling: Sampling, planes: Planes, part: Part, steps: int,
                   precision: str) -> PsfTables:
         return PsfTables(self.lens, sampling.wavelengths_nm, planes, part, precision)
 
     def picture_psfs(self, sampling: Sampling, most_energy: float) -> PicturePsfs:
         return PicturePsfs(self.lens, sampling, most_energy)
 
-    def first_order_rays(self, reach: float) -> RayTable:
+    def first_order_rays(self, reach: float) -> NoReturn:
         raise NotImplementedError
 
-    def pixel_rays(self, table: RayTable, sensor: PixelGrid):
+    def pixel_rays(self, table: RayTable, sensor: PixelGrid) -> NoReturn:
         raise NotImplementedError
 
 

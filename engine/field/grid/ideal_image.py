@@ -64,7 +64,7 @@ class GridIdealImage(IdealImage):
         """Rows and columns from the axis to footprints in the capture, in pixels; their heights and widths; their
         irradiance per radiance; and their distances relative to the end of the field: six arrays (row, column)."""
         x_mm, y_mm = x_mm[None, :], y_mm[:, None]
-        (capture_x_mm, capture_y_mm), by_capture = in_capture(*self._of_lens.source_mm(x_mm, y_mm), self._lens,
+        (capture_x_mm, capture_y_mm), by_capture = in_capture(self._of_lens.source_mm(x_mm, y_mm), self._lens,
                                                               self._capture.picture)
         slopes = np.einsum("ij...,jk...->ik...", by_capture, self._of_lens.source_slopes(x_mm, y_mm))
         width, height = (self._parts * extent for extent in _stretch(slopes))

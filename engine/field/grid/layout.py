@@ -37,16 +37,16 @@ class GridLayout:
         return cls(lens, lens.y_mm.size * lens.x_mm.size, lens.psf.shape[-1] * lens.psf_pitch_um,
                    lens.psf_pitch_um / refinement(lens.psf_pitch_um, pitch_um))
 
-    def turned(self, steps: int | None) -> int:
+    def turned(self, steps: int) -> int:
         """The work of computing all PSFs, in units of the PSFs of a rotationally symmetric lens at one azimuth."""
         return -(-self.psfs // HEIGHTS)
 
-    def nodes(self, steps: int | None, planes: Planes) -> int:
+    def nodes(self, steps: int, planes: Planes) -> int:
         """Number of nodes: four for each cell, which has them next to each other."""
         rows, columns = PlaneNodes.of(self.lens, planes.grid).shape
         return 4 * (rows - 1) * (columns - 1)
 
-    def nodes_around(self, steps: int | None, planes: Planes, section_px: int) -> tuple[float, float]:
+    def nodes_around(self, steps: int, planes: Planes, section_px: int) -> tuple[float, float]:
         """Number of nodes around the sections of a plane: summed over the sections, and without duplicates."""
         nodes, around = PlaneNodes.of(self.lens, planes.grid), 1.0
         for axis, side_px in zip((nodes.rows, nodes.columns), planes.grid.shape_px, strict=True):

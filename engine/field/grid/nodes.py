@@ -47,8 +47,8 @@ class NodeAxis:
             flipped = np.append(flipped, np.ones(indices.size - 1, bool))
             indices = np.append(indices, indices[1:])
         order = np.argsort(places_mm)
-        first = np.searchsorted(places_mm[order], ends_mm[0], side="right") - 1
-        last = np.searchsorted(places_mm[order], ends_mm[1])
+        first = int(np.searchsorted(places_mm[order], ends_mm[0], side="right")) - 1
+        last = int(np.searchsorted(places_mm[order], ends_mm[1]))
         first = min(max(first, 0), order.size - 2)
         used = order[first:max(min(last, order.size - 1), first + 1) + 1]
         return cls(places_mm[used], indices[used], flipped[used])

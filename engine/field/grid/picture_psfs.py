@@ -1,9 +1,8 @@
 """The PSFs of a lens on a picture's pixels: their reach, the pixels that they cover, and their errors.
 
-The PSF of every pixel is a mixture of those of the nodes around it, and a table contains these. The only error is the
-light that is trimmed, which is missing outside and, because the rest is normalised, in excess by the same amount inside.
-An error of mixtures is at most the largest of their parts', so it is sufficient to examine the nodes: all bounds here
-are exact.
+The PSF of every pixel is a mixture of those of the nodes around it, and a table contains these. The only error is
+trimmed light, which is missing outside and, because the rest is normalised, in excess by the same amount inside. The
+error of a mixture is at most the largest error of its parts: it is sufficient to examine the nodes.
 """
 
 from collections.abc import Iterator
@@ -63,7 +62,7 @@ class PicturePsfs:
     def reach(self, energy: float) -> tuple[int, float]:
         """Radius in pixels of PSFs trimmed to this energy, and the mean number of pixels that they cover."""
         if energy >= 1:
-            return self.full_radius_px, covered_px(self.full_radius_px - 1, 0)
+            return self.full_radius_px, float(covered_px(np.array(self.full_radius_px - 1), 0))
         sample_px = self._enclosed[0][0][0][1]
         supports = np.array([self._by_node(of, lambda light: light.support_px(energy)) for of in self._enclosed])
         radius_px = min(self.full_radius_px, samples_reach_px(supports.max(), sample_px))
@@ -76,11 +75,11 @@ class PicturePsfs:
         for enclosed in self._enclosed:
             yield 0.0 if energy >= 1 else 2 * float(self._by_node(enclosed, lambda light: light.lost(energy)).max())
 
-    def mixing_error(self, wavelengths: list[float], steps: int | None) -> float:
+    def mixing_error(self, wavelengths: list[float], steps: int) -> float:
         """Largest error of trimmed PSFs mixed from a table."""
         return max(wavelengths)
 
-    def mixing_estimate(self, wavelength: float, steps: int | None) -> float:
+    def mixing_estimate(self, wavelength: float, steps: int) -> float:
         """As `mixing_error` for one wavelength."""
         return wavelength
 

@@ -26,7 +26,8 @@ class PsfsOfNodes:
     Attributes
     ----------
     psfs : array (row, column, pixel)
-        PSFs of the lens data from the first to the last of these nodes, in squares of 2 radius_px + 1, each followed by a black pixel.
+        PSFs of the lens data from the first to the last of these nodes, in squares of 2 radius_px + 1, each followed by
+        a black pixel.
     nodes : PlaneNodes
     """
 
@@ -53,8 +54,9 @@ class PsfsOfNodes:
         flips = [[square, square[:, ::-1]], [square[::-1], square[::-1, ::-1]]]
         return np.array([[np.append(pixels, square.size) for pixels in row] for row in flips])
 
-    def taps(self, row: int, column: int, pixels: np.ndarray, out: np.ndarray) -> None:
-        """Write these pixels of the PSF of a node of the plane."""
+    def taps(self, node: tuple[int, int], pixels: np.ndarray, out: np.ndarray) -> None:
+        """Write these pixels of the PSF of a node of the plane: its row and column."""
+        row, column = node
         rows, columns = self.nodes.rows, self.nodes.columns
         psf = self.psfs[rows.indices[row] - rows.indices.min(), columns.indices[column] - columns.indices.min()]
         np.take(psf, self._flips[int(rows.flipped[row]), int(columns.flipped[column])][pixels], out=out, mode="clip")
@@ -62,10 +64,10 @@ class PsfsOfNodes:
     def reached(self) -> np.ndarray:
         """Whether the PSF of a node of the plane reaches a pixel: bool array (row, column, pixel)."""
         lit = np.empty((*self.nodes.shape, self.side**2), bool)
-        for row, column in np.ndindex(self.nodes.shape):
-            psf = np.empty(self.side**2, self.psfs.dtype)
-            self.taps(row, column, np.arange(self.side**2), psf)
-            lit[row, column] = psf != 0
+        psf = np.empty(self.side**2, self.psfs.dtype)
+        for node in np.ndindex(self.nodes.shape):
+            self.taps(node, np.arange(psf.size), psf)
+            lit[node] = psf != 0
         return lit
 
     def mean_distance_px(self) -> float:
@@ -108,11 +110,11 @@ class GridTable(PlainTable, GridCells):
 
     def __init__(self, psfs: PsfsOfNodes) -> None:
         GridCells.__init__(self, psfs)
-        reached = psfs.reached().any(axis=1)
-        taps = np.flatnonzero(reached.any(axis=0))
+        reached = np.any(psfs.reached(), axis=1)
+        taps = np.flatnonzero(np.any(reached, axis=0))
         table = np.empty((*self.nodes.shape, taps.size), psfs.psfs.dtype)
         for node in np.ndindex(self.nodes.shape):
-            psfs.taps(*node, taps, table[node])
+            psfs.taps(node, taps, table[node])
         PlainTable.__init__(self, table, taps, reached[:, taps])
 
 
@@ -134,7 +136,7 @@ class PackedGrid(GridCells):
         def fill(cell, pixels, out):
             row, column = divmod(cell, cells_across)
             for down, right in np.ndindex(2, 2):
-                psfs.taps(row + down, column + right, pixels, out[down, right])
+                psfs.taps((row + down, column + right), pixels, out[down, right])
 
         self.pieces = PackedTable.of(lit.reshape(-1, lit.shape[-1]), 2, fill)
 

@@ -50,7 +50,7 @@ class RadialIdealImage(IdealImage):
         return RadialGeometry.of(
             self._planes.grid.centre_px, per_px, self._parts * tangential, self._parts * radial,
             self._per_radiance * self._field.relative_flux(height_mm),
-            self._field.real_height_mm(self._last_height_mm) / pitch_mm)
+            float(self._field.real_height_mm(np.array(self._last_height_mm))) / pitch_mm)
 
     def footprints(self, x_mm: np.ndarray, y_mm: np.ndarray) -> tuple[Footprints, np.ndarray]:
         """See `IdealImage`."""

@@ -54,7 +54,7 @@ class PicturePsfs:
     def reach(self, energy: float) -> tuple[int, float]:
         """Radius in pixels of PSFs trimmed to this energy, and the mean number of pixels that they cover."""
         if energy >= 1:
-            return self.full_radius_px, covered_px(self.full_radius_px - 1, 0)
+            return self.full_radius_px, float(covered_px(np.array(self.full_radius_px - 1), 0))
         if energy not in self._reaches:
             self._reaches[energy] = self._reach(energy)
         return self._reaches[energy]

@@ -9,8 +9,8 @@ from lenses import PIXEL_BY_PIXEL, gaussian_psf, lit_pixels, make_lens
 from lensfield.engine import Options, SpectralImage, load_lens, simulate
 from lensfield.engine.field.field_map import field_map
 from lensfield.engine.field.overscan import MOST_PLANE, choose_capture, lens_projection
-from lensfield.engine.field.radial.capture import capture_radius
 from lensfield.engine.field.psf_samples import psf_radius_px
+from lensfield.engine.field.radial.capture import capture_radius
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.image.projection import FISHEYE, PLANE, Projection
 

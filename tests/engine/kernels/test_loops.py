@@ -24,7 +24,7 @@ from lensfield.engine.kernels.library import NUMPY, available
 from lensfield.engine.kernels.numpy_reading import random_words
 from lensfield.engine.kernels.reading import Pixels, key, read
 from lensfield.engine.kernels.spots import spots
-from lensfield.engine.kernels.spreading import PackedTable, TablePlaces, spread
+from lensfield.engine.kernels.spreading import TablePlaces, spread
 from lensfield.engine.kernels.tracing import ANGLE, TracedSurfaces, aim, trace
 from lensfield.engine.kernels.turning import TurnableSamples, turn
 from lensfield.engine.kernels.waves import waves
