@@ -5,6 +5,7 @@ aspheric terms. Newer files have a seventh column, the type of the surface: the 
 `cyl_y` is curved along x. A toroid has the radius along x first, and that of its profile along y in an eighth column.
 """
 
+import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +16,7 @@ from ...runtime.errors import LensError
 from ...runtime.text import read_text
 from ...runtime.unread import unread_names
 from ..prescription import LEAST_F_NUMBER, Prescription, Surface
+from .ghostlight import read_ghostlight
 from .lines import Line, numbered
 from .reading import Reading, ReadingOptions, with_stop
 
@@ -32,10 +34,12 @@ NOTE = "Apertures are read as diameters, and surfaces without aspheric terms: th
 
 def read_dot_lens(path: Path, options: ReadingOptions) -> Reading:
     """Read a .lens. The image plane is at the best focus, because patents round thicknesses."""
+    text = read_text(path)
+    if text.lstrip().startswith("{"):
+        return read_ghostlight(path, json.loads(text), options)
     if options.field is None:
         raise LensError(path, "field", "missing",
                         "a .lens does not state the end of the field: give --field-angle or --field-height")
-    text = read_text(path)
     heads = {name.strip(): " ".join(value.split()) for name, value in
              (line.split("#")[0].split(":", 1) for line in text.splitlines() if ":" in line.split("#")[0])}
     rows = numbered(path, (line.split("#")[0] for line in text.splitlines()))

@@ -15,11 +15,15 @@ ROUNDING = 1e-10  # of distances between surfaces, as a share of the distance fr
 
 
 class Frame(NamedTuple):
-    """A coordinate system: its origin, and its axes as columns; both in the coordinates of the object."""
+    """A coordinate system: its origin, and its axes as columns; both in the coordinates of the object.
+
+    Infinite lengths and angles lead to NaN, which prescriptions reject.
+    """
 
     origin: np.ndarray
     axes: np.ndarray
 
+    @np.errstate(invalid="ignore")
     def moved(self, x: float, y: float, z: float) -> "Frame":
         """The frame moved along its own axes."""
         return Frame(self.origin + self.axes @ np.array([x, y, z]), self.axes)
@@ -39,6 +43,7 @@ class Frame(NamedTuple):
 START = Frame(np.zeros(3), np.eye(3))
 
 
+@np.errstate(invalid="ignore")
 def posed(surfaces: Sequence[Surface], frames: Sequence[Frame]) -> tuple[list[Surface], Pose | None]:
     """Surfaces on one axis, with poses and the thicknesses between them; and the pose of the image plane.
 
@@ -62,6 +67,7 @@ def check_return(path: Path, image_pose: Pose | None) -> None:
                         "expected tilts and decentres that return, or that apply to the image plane only")
 
 
+@np.errstate(invalid="ignore")
 def _rotation(axis, degrees):
     """Matrix of a right-handed turn: about x, +y goes towards +z."""
     first, second = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
@@ -88,9 +94,9 @@ def _pose(frame):
 
 def _reaching(surface, place, behind):
     """The surface with its thickness along the axis: the file's, unless tilts and decentres change it."""
-    if abs(behind - place - surface.thickness_mm) <= ROUNDING * (1 + abs(place)):
-        return surface
-    return replace(surface, thickness_mm=_rounded(behind - place))
+    if abs(behind - place - surface.thickness_mm) > ROUNDING * (1 + abs(place)):
+        return replace(surface, thickness_mm=_rounded(behind - place))
+    return surface
 
 
 def _in_pose(surface, frame):

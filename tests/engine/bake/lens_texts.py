@@ -201,6 +201,32 @@ surface = 2
 thickness_close = 3.5
 """
 
+GHOSTLIGHT = {
+    "format": "ghostlight-optical", "version": {"major": 1, "minor": 0},
+    "metadata": {"name": "singlet", "source": "US1234567", "focal_length_mm": 49.0, "nominal_f_number": 9.8},
+    "glass_catalogue": {
+        "N-BK7": {"name": "N-BK7", "catalogue_ref": "Schott:N-BK7", "dispersion": {
+            "model": "sellmeier", "B": [1.03961212, 0.231792344, 1.01046945],
+            "C": [0.00600069867, 0.0200179144, 103.560653]}},
+        "weak": {"name": "weak", "dispersion": {"model": "abbe", "nd": 1.6, "Vd": 60.0}}},
+    "optical_system": [
+        {"type": "element", "transform": {"position": {"mode": "absolute", "z": -56.5}}, "materials": [],
+         "surfaces": [{"semi_aperture": 2.5, "is_stop": True, "form": {"type": "sphere", "radius": 0.0}}]},
+        {"type": "element", "name": "lens", "materials": [{"glass": "N-BK7"}],
+         "transform": {"position": {"mode": "relative_to_preceding", "x": 0.0, "y": 0.0, "z": 2.0},
+                       "rotation": {"tilt_x": 0.0, "tilt_y": 0.0, "roll": 0.0}},
+         "surfaces": [{"semi_aperture": 8.0, "form": {"type": "sphere", "radius": 50.0}, "thickness": 4.0,
+                       "modifiers": [{"type": "coating", "model": "simple", "ar_layers": 1}]},
+                      {"semi_aperture": 8.0, "thickness": 9.9, "form": {
+                          "type": "asphere", "radius": -50.0, "conic_constant": -0.5, "terms": [1e-6, -2e-9]}}]},
+        {"type": "element", "name": "cylinder", "materials": [{"glass": "weak"}],
+         "transform": {"position": {"x": 0.3, "y": -0.2, "z": -49.0}, "pivot": {"x": 0.0, "y": 0.0, "z": 0.5},
+                       "rotation": {"tilt_x": 2.0, "tilt_y": 0.0, "roll": 0.0}},
+         "surfaces": [{"semi_aperture": 8.5, "form": {"type": "cylindrical", "radius": 80.0, "axis": "y"},
+                       "thickness": 1.0},
+                      {"semi_aperture": 8.5, "form": {"type": "sphere", "radius": 0.0}, "thickness": 48.0}]}],
+    "pivots": []}
+
 DEEPLENS = {
     "info": "a singlet", "foclen": 49.0, "fnum": 9.8, "r_sensor": 12.2, "d_sensor": 53.5, "sensor_size": [20.0, 14.0],
     "surfaces": [
@@ -285,8 +311,9 @@ ANAMORPHIC_CODEV = changed(CODEV, ("  CIR EDG 9.0\n", "  CYL\n  CUX 0.0\n  CIR E
 
 SAMPLES = {".toml": TOML, ".zmx": ZEMAX, ".seq": CODEV, ".dat": PBRT, ".txt": OPTBENCH, ".lens": DOT_LENS,
            "physical-camera.toml": PHYSICAL_CAMERA, "anamorphic.zmx": ANAMORPHIC_ZEMAX,
-           "anamorphic.seq": ANAMORPHIC_CODEV, "Optiland.json": json.dumps(optiland(), indent=1),
-           "DeepLens.json": json.dumps(DEEPLENS, indent=1), "lentil.json": json.dumps(LENTIL, indent=1)}
+           "anamorphic.seq": ANAMORPHIC_CODEV, "Ghostlight.lens": json.dumps(GHOSTLIGHT, indent=1),
+           "Optiland.json": json.dumps(optiland(), indent=1), "DeepLens.json": json.dumps(DEEPLENS, indent=1),
+           "lentil.json": json.dumps(LENTIL, indent=1)}
 """A valid file of each kind, by its suffix; if several have the same suffix, with the program or the lens before it."""
 
 
