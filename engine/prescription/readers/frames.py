@@ -28,11 +28,13 @@ class Frame(NamedTuple):
         """The frame moved along its own axes."""
         return Frame(self.origin + self.axes @ np.array([x, y, z]), self.axes)
 
+    @np.errstate(invalid="ignore")
     def turned(self, *turns: tuple[str, float]) -> "Frame":
-        """The frame turned about its own axes, one after the other: pairs of axis and degrees, right-handed."""
+        """The frame turned about its own axes, one after the other: pairs of axis and degrees, as in `Pose`."""
         axes = self.axes
         for axis, degrees in turns:
-            axes = axes @ _rotation(axis, degrees)
+            if degrees:
+                axes = axes @ Pose(tilt_deg=tuple(degrees if axis == name else 0.0 for name in "xyz")).rotation
         return Frame(self.origin, axes)
 
     def centred(self) -> "Frame":
@@ -65,16 +67,6 @@ def check_return(path: Path, image_pose: Pose | None) -> None:
     if image_pose:
         raise LensError(path, "image", "tilted or decentred with the surfaces in front of it",
                         "expected tilts and decentres that return, or that apply to the image plane only")
-
-
-@np.errstate(invalid="ignore")
-def _rotation(axis, degrees):
-    """Matrix of a right-handed turn: about x, +y goes towards +z."""
-    first, second = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
-    matrix, angle = np.eye(3), np.radians(degrees)
-    matrix[first, first] = matrix[second, second] = np.cos(angle)
-    matrix[second, first], matrix[first, second] = np.sin(angle), -np.sin(angle)
-    return matrix
 
 
 def _rounded(value):

@@ -5,6 +5,9 @@ import pytest
 
 pytest.importorskip("rayoptics", reason="the second witness of baking is rayoptics: make test-bake")
 
+from rayoptics.elem.surface import DecenterData  # noqa: E402
+
+from lens_texts import CODEV, changed  # noqa: E402
 from lensfield.engine.library import BUNDLED  # noqa: E402
 from lensfield.engine.prescription.readers import read_prescription  # noqa: E402
 from lensfield.engine.rays.focus import build_system  # noqa: E402
@@ -41,3 +44,14 @@ def test_chief_rays_and_path_differences(name, share, wavelength_nm):
     np.testing.assert_allclose(ours.position_mm[:, 0, 0], [x, y], rtol=0, atol=1e-8)
     difference_mm = ours.path_mm[0, 0] - ours.path_mm[0, 0, 0, 0]
     np.testing.assert_allclose(difference_mm, path_mm - path_mm[0, 0], rtol=0, atol=1e-6 * wavelength_nm * 1e-6)
+
+
+def test_angles_of_code_v(tmp_path):
+    """rayoptics has the conventions of Code V: about turned axes, left-handed about x and y."""
+    angles = 3.0, -5.0, 7.0
+    lines = "  YTO; RDX -80.0; DAR; ADE {}; BDE {}; CDE {}\n".format(*angles)
+    (tmp_path / "lens.seq").write_text(changed(CODEV, ("  CON\n", lines)))
+    theirs = DecenterData("dec and return", 0.0, 0.0, *angles)
+    theirs.update()
+    pose = read_prescription(tmp_path / "lens.seq").surfaces[2].pose
+    np.testing.assert_allclose(pose.rotation, theirs.rot_mat, atol=1e-11)

@@ -5,11 +5,14 @@ import pytest
 
 pytest.importorskip("optiland", reason="the witness of baking is Optiland: make test-bake")
 
+from optiland.fileio import save_optiland_file  # noqa: E402
 from optiland.materials import AbbeMaterial, MaterialFile  # noqa: E402
+from optiland.optic import Optic  # noqa: E402
 
 from lensfield.engine.library import PRESCRIPTIONS  # noqa: E402
 from lensfield.engine.prescription.glasses import find_glass  # noqa: E402
 from lensfield.engine.prescription.readers import read_prescription  # noqa: E402
+from lensfield.engine.prescription.surfaces import sag_and_gradient  # noqa: E402
 from lensfield.engine.rays.focus import build_system  # noqa: E402
 from lensfield.engine.rays.rays import HalfPupil, trace_pupil  # noqa: E402
 from optiland_witness import optic_of, witness_rays  # noqa: E402
@@ -77,3 +80,29 @@ def test_glasses_of_index_and_abbe_number(index, abbe):
     theirs, ours = AbbeMaterial(index, abbe, model="buchdahl"), find_glass(f"{index}/{abbe}", "lens", "glass")
     for nm in (400.0, 550.0, 700.0):
         assert float(ours.index_at(nm)) == pytest.approx(number(theirs.n(nm * 1e-3)), abs=1e-14)
+
+
+def test_toroids_and_poses_in_files_of_optiland(tmp_path):
+    """Sags, off both axes, and rotations, by Optiland's own geometries."""
+    optic = Optic(name="anamorphic")
+    optic.surfaces.add(index=0, thickness=np.inf)
+    optic.surfaces.add(index=1, z=0.0, is_stop=True)
+    optic.surfaces.add(index=2, z=2.0, surface_type="toroidal", radius_x=-80.0, radius_y=50.0, conic=-0.5,
+                       toroidal_coeffs_poly_y=[1e-4, 2e-6], material=AbbeMaterial(1.62, 60.3, model="buchdahl"),
+                       x=0.3, y=-0.2, rx=0.05, ry=-0.1, rz=0.2)
+    optic.surfaces.add(index=3, z=6.0, surface_type="biconic", radius_x=-80.0, radius_y=np.inf, conic_x=0.7)
+    optic.surfaces.add(index=4, z=50.0, rx=0.03)
+    optic.set_aperture("EPD", 5.0)
+    optic.fields.set_type("angle")
+    optic.fields.add(y=14)
+    optic.wavelengths.add(0.55, is_primary=True)
+    save_optiland_file(optic, str(tmp_path / "lens.json"))
+    lens = read_prescription(tmp_path / "lens.json")
+    x_mm, y_mm = np.array([1.0, -3.0, 4.0]), np.array([-2.0, 2.5, 5.0])
+    *_, toroid, cylinder, image = optic.surfaces.surfaces
+    for surface, theirs in zip(lens.surfaces[1:], (toroid, cylinder), strict=True):
+        sag_mm, *_ = sag_and_gradient(surface, x_mm, y_mm)
+        np.testing.assert_allclose(sag_mm, theirs.geometry.sag(x_mm, y_mm), atol=1e-12)
+    for pose, theirs in ((lens.surfaces[1].pose, toroid), (lens.image_pose, image)):
+        np.testing.assert_allclose(pose.rotation, theirs.geometry.cs.get_rotation_matrix(), atol=1e-11)
+    assert lens.surfaces[1].pose.offset_mm == (0.3, -0.2, 0.0)
