@@ -1,4 +1,7 @@
-"""Curves of a lens over the field: angles, distortion, relative illumination, lateral colour, MTF."""
+"""Curves of a lens over the heights of its field: angles, distortion, relative illumination, lateral colour, MTF.
+
+`transfer` and the functions from `white_contrast` on serve all lenses.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..field.radial.distortion import FieldGeometry
 from ..field.radial.uniform_light import picture_illumination
+from ..lens import Lens
 from ..lens.radial_lens import MonochromaticLens, RadialLens
 from ..runtime.errors import LensError
 from ..spectral.spectra import BAND_NM, colour_matching, linear_weights
@@ -51,7 +55,7 @@ def field_of(lens: RadialLens) -> Field:
     return Field(optics, geometry, float(edge_mm), reaches_corner)
 
 
-def reference_nm(lens: RadialLens) -> float:
+def reference_nm(lens: Lens) -> float:
     """The reference wavelength, or the nearest within the lens data."""
     return float(lens.nearest_nm(lens.reference_wavelength_nm))
 
@@ -122,6 +126,12 @@ def lateral_colour_um(lens: RadialLens, wavelengths_nm: ArrayLike) -> np.ndarray
     return 1e3 * (lens.real_height_at(lens.nearest_nm(wavelengths_nm)) - lens.real_height_at(reference_nm(lens)))
 
 
+def radial_colour_um(lens: RadialLens) -> np.ndarray:
+    """Lateral colour along v and u of the PSFs: array (wavelength of WHITE_NM, height, 2)."""
+    outwards_um = lateral_colour_um(lens, WHITE_NM)
+    return np.stack([outwards_um, np.zeros_like(outwards_um)], axis=-1)
+
+
 def transfer(psf: np.ndarray, pitch_um: float,
              frequencies_per_mm: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
     """Optical transfer function of PSFs, by direct summation over their samples; its magnitude is the MTF.
@@ -145,14 +155,40 @@ def transfer(psf: np.ndarray, pitch_um: float,
 
 
 def white_mtf(lens: RadialLens, frequencies_per_mm: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
-    """MTF over the field in equal-energy white light, weighted by CIE 1931 Y, including lateral colour.
-
-    PSFs are interpolated between the wavelengths of the lens data as in `Lens.at_wavelength`, and constant beyond them.
-    Light outside the PSF window and the size of pixels are not taken into account.
+    """MTF at the field heights in white light, as by `white_contrast`.
 
     Returns
     -------
     tangential, sagittal : arrays (height, frequency)
+
+    Raises
+    ------
+    LensError
+        The PSFs are sampled too coarsely for a frequency.
+    """
+    return white_contrast(lens, lens.psf, radial_colour_um(lens), frequencies_per_mm)
+
+
+def white_contrast(lens: Lens, psf: np.ndarray, moved_um: np.ndarray,
+                   frequencies_per_mm: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+    """MTF in equal-energy white light, weighted by CIE 1931 Y, including lateral colour.
+
+    PSFs are interpolated between the wavelengths of the lens data as in `Lens.at_wavelength`, and constant beyond them.
+    Light outside the PSF window and the size of pixels are not taken into account.
+
+    Parameters
+    ----------
+    lens : Lens
+    psf : array (wavelength, place, v, u)
+    moved_um : array (wavelength of WHITE_NM, place, 2)
+        Lateral colour along v and u.
+    frequencies_per_mm : sequence of float
+        Cycles per mm in the image.
+
+    Returns
+    -------
+    along_v, along_u : arrays (place, frequency)
+        For gratings that vary along v, and along u.
 
     Raises
     ------
@@ -166,29 +202,28 @@ def white_mtf(lens: RadialLens, frequencies_per_mm: Sequence[float]) -> tuple[np
                             f"{finest:g}, because the PSFs are sampled every {lens.psf_pitch_um:g} um")
     weights = colour_matching(WHITE_NM)[:, 1] / colour_matching(WHITE_NM)[:, 1].sum()
     by_wavelength = weights[:, None] * linear_weights(lens.wavelengths_nm, WHITE_NM)
-    moved_mm = 1e-3 * lateral_colour_um(lens, WHITE_NM)
-    moves = np.exp(-2j * np.pi * moved_mm[..., None] * np.asarray(frequencies_per_mm))
-    tangential, sagittal = transfer(lens.psf, lens.psf_pitch_um, frequencies_per_mm)
-    return (np.abs(np.einsum("nl,nhf,lhf->hf", by_wavelength, moves, tangential, optimize=True)),
-            np.abs(np.einsum("nl,lhf->hf", by_wavelength, sagittal)))
+    moves = np.exp(-2j * np.pi * 1e-3 * moved_um[..., None] * np.asarray(frequencies_per_mm))
+    along_v, along_u = (np.abs(np.einsum("nl,npf,lpf->pf", by_wavelength, moves[:, :, axis], part, optimize=True))
+                        for axis, part in enumerate(transfer(psf, lens.psf_pitch_um, frequencies_per_mm)))
+    return along_v, along_u
 
 
-def diffraction_cutoff_per_mm(lens: RadialLens) -> float:
+def diffraction_cutoff_per_mm(lens: Lens) -> float:
     """Frequency from which the transfer of any lens with this aperture is 0, at the reference wavelength."""
     return 1e6 / (lens.reference_wavelength_nm * lens.f_number_effective)
 
 
-def airy_radius_um(lens: RadialLens, wavelength_nm: float) -> float:
+def airy_radius_um(lens: Lens, wavelength_nm: float) -> float:
     """Radius of the first dark ring of the diffraction pattern: 1.22 times wavelength and f-number."""
     return 1.22e-3 * wavelength_nm * lens.f_number_effective
 
 
-def finest_frequency_per_mm(lens: RadialLens) -> float:
+def finest_frequency_per_mm(lens: Lens) -> float:
     """The finest grating that the PSF samples resolve: half their number per mm."""
     return 500 / lens.psf_pitch_um
 
 
-def preferred_frequencies_per_mm(lens: RadialLens) -> list[float]:
+def preferred_frequencies_per_mm(lens: Lens) -> list[float]:
     """Three frequencies of the series 1, 2, 5 for this lens, ascending to about a tenth of the diffraction cutoff."""
     finest = min(FINEST_FREQUENCY * diffraction_cutoff_per_mm(lens), finest_frequency_per_mm(lens) / 2)
     last = int(np.argmin(np.abs(np.log(FREQUENCY_SERIES / finest))))

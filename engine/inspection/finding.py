@@ -5,9 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..lens.radial_lens import RadialLens
+from ..lens import Lens, RadialLens
 
 SEVERITIES = ("error", "warning", "note")
+UNIT_FACTOR = 5  # below the smallest mistake in units, a factor of 10
+AXIS_SCALE_TOLERANCE = 0.05  # the image scale of real lenses varies by less than 2 % with colour; wrong units by more
+FIELD_ANGLES_DEG = (0.1, 88)  # less than a telescope's field; f tan(88 degrees) is 29 focal lengths
 
 
 @dataclass(frozen=True)
@@ -19,9 +22,9 @@ class LensFinding:
     severity : str
         error: pictures are wrong or impossible; warning: they may be, check the data; note: a limit of the data.
     field : str
-        The field of `RadialLens` at fault.
+        The field of the lens at fault.
     value : str
-        The value, with its wavelength and paraxial height.
+        The value, with its wavelength and its place in the field.
     remedy : str
         The expected value, or what to do.
     """
@@ -42,9 +45,13 @@ def graded(measure: float, note_above: float, warning_above: float, field: str, 
         yield LensFinding("warning" if measure > warning_above else "note", field, value, remedy)
 
 
-def place(lens: RadialLens, wave: int, height: int) -> str:
-    """Wavelength and paraxial height at these indices, as text."""
-    return f"at {lens.wavelengths_nm[wave]:g} nm and a height of {lens.heights_mm[height]:g} mm"
+def place(lens: Lens, wave: int, *at: int) -> str:
+    """Wavelength and place in the field at these indices, as text."""
+    nm = f"at {lens.wavelengths_nm[wave]:g} nm"
+    if isinstance(lens, RadialLens):
+        return f"{nm} and a height of {lens.heights_mm[at[0]]:g} mm"
+    y_mm, x_mm = (getattr(lens, axis)[index] for axis, index in zip(lens.AXES, at, strict=True))
+    return f"{nm}, x = {x_mm:g} and y = {y_mm:g} mm"
 
 
 def greatest(table: np.ndarray) -> tuple[int, ...]:

@@ -1,28 +1,19 @@
-"""The panels of a lens sheet: distortion, MTF, relative illumination and lateral colour over the field."""
+"""The panels of a lens sheet: distortion, and MTF, illumination and lateral colour along lines of the field."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..lens.radial_lens import RadialLens
-from .curves import (
-    Field,
-    airy_radius_um,
-    cosine_fourth,
-    distortion_grid,
-    distortion_percent,
-    field_angle_rad,
-    lateral_colour_um,
-    relative_illumination,
-    white_mtf,
-)
-from .psf_map import even_indices, shown_wavelengths
+from ..lens import Lens
+from .curves import airy_radius_um
 from .style import GRID_COLOUR, INK, PALE_INK, SMALL, TITLE, degree_labels
 from .white_light import wavelength_colours
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.patches import Patch
 
 REAL_COLOUR, IDEAL_COLOUR, AIRY_COLOUR = "#0072B2", "#B5B5B5", "#E6E6E6"
 FREQUENCY_COLOURS = "#08306B", "#2F7EBC", "#8FC1E3", "#5A5A5A", "#A5A5A5"
@@ -31,94 +22,149 @@ MOST_TICKS, MOST_ILLUMINATIONS = 6, 3
 LABEL_SPACING, HEADROOM = 0.09, 1.03  # in heights of a panel
 
 
-def draw_distortion(panel: "Axes", lens: RadialLens, field: Field) -> None:
-    """Draw the ideal grid in grey, and in colour its image by the chief rays."""
-    from matplotlib.collections import LineCollection
-    from matplotlib.patches import Circle, Rectangle
+@dataclass(frozen=True, eq=False)
+class Line:
+    """A line from the middle of the picture, or through it, along which panels show curves.
 
-    half_mm, edge_mm = np.array(lens.sensor_mm) / 2, field.geometry.distortion(field.edge_mm)
+    Attributes
+    ----------
+    places_mm : array (place,), ascending
+        Of the curves' points, relative to the middle.
+    start_mm : float
+        Left end of the panels.
+    angle_rad : callable
+        Field angles at places.
+    label : str
+    corner_mm : float or None
+        The sensor's corner, to be marked.
+    ticks : int
+        Most labels on it.
+    """
+
+    places_mm: np.ndarray
+    start_mm: float
+    angle_rad: Callable[[np.ndarray], np.ndarray]
+    label: str
+    corner_mm: float | None = None
+    ticks: int = MOST_TICKS
+
+
+def draw_distortion(panel: "Axes", lens: Lens, lines_mm: Sequence[np.ndarray], corners_mm: np.ndarray, title: str,
+                    end: "Patch | None") -> None:
+    """Draw the ideal grid in grey, and in colour its image by the chief rays.
+
+    Parameters
+    ----------
+    panel : matplotlib Axes
+    lens : Lens
+    lines_mm : arrays (line, point, 2)
+        The ideal grid, and its image.
+    corners_mm : array (2, corner)
+        x and y of the places that the title refers to.
+    title : str
+    end : matplotlib Patch or None
+        The outline of the lens data, if they end before the sensor's corners.
+    """
+    from matplotlib.collections import LineCollection
+    from matplotlib.patches import Rectangle
+
+    half_mm = np.array(lens.sensor_mm) / 2
     sensor = panel.add_patch(Rectangle(-half_mm, *lens.sensor_mm, facecolor="none", edgecolor=INK, zorder=3))
-    for lines, colour, width in zip(distortion_grid(lens, field), (IDEAL_COLOUR, REAL_COLOUR), (0.9, 1.5),
-                                    strict=True):
+    for lines, colour, width in zip(lines_mm, (IDEAL_COLOUR, REAL_COLOUR), (0.9, 1.5), strict=True):
         panel.add_collection(LineCollection(lines, colors=colour, linewidths=width)).set_clip_path(sensor)
     key = "grey: ideal picture   blue: through the lens"
-    if not field.reaches_corner:
-        end = Circle((0, 0), edge_mm, facecolor="none", edgecolor=PALE_INK, linestyle=DASHES, zorder=3)
+    if end is not None:
+        end.set(facecolor="none", edgecolor=PALE_INK, linestyle=DASHES, zorder=3)
         panel.add_patch(end).set_clip_path(sensor)
         key += "   dashed: end of the lens data"
-    panel.plot(*edge_mm * half_mm / np.hypot(*half_mm), "o", color=REAL_COLOUR, markersize=6, zorder=4, clip_on=False)
+    panel.plot(*corners_mm, "o", color=REAL_COLOUR, markersize=6, zorder=4, clip_on=False)
     panel.set_aspect("equal", anchor="NW")
     panel.set(xlim=(-half_mm[0], half_mm[0]), ylim=(-half_mm[1], half_mm[1]))
     panel.axis("off")
-    _entitle(panel, _distortion_title(lens, field))
+    _entitle(panel, title)
     panel.text(0, -0.02, key, fontsize=SMALL, color=INK, va="top", transform=panel.transAxes)
 
 
-def _distortion_title(lens, field):
-    percent = f"{round(distortion_percent(field, field.edge_mm), 1) + 0.0:+.1f} %".replace("-", "−")
-    place = "in the corner" if field.reaches_corner else "where the lens data end"
-    return f"Distortion {percent} {place}, ±{np.degrees(field_angle_rad(lens, field.edge_mm)):.3g}°"
+def distortion_title(percents: Sequence[float], reaches_corner: bool) -> str:
+    """The title of the panel: distortion in the corners, or at the end of the lens data."""
+    least, most = (f"{round(extreme, 1) + 0.0:+.1f}".replace("-", "−") for extreme in (min(percents), max(percents)))
+    place = "in the corner" if reaches_corner else "where the lens data end"
+    if least == most:
+        return f"Distortion {least} % {place}"
+    return f"Distortion {least} to {most} % {place}{'s' * reaches_corner}"
 
 
-def draw_mtf(panel: "Axes", lens: RadialLens, field: Field, frequencies_per_mm: Sequence[float]) -> None:
-    """Draw the sagittal and tangential MTF in white light over image height."""
-    tangential, sagittal = white_mtf(lens, frequencies_per_mm)
-    for colour, along, across in zip(FREQUENCY_COLOURS, tangential.T, sagittal.T, strict=False):  # of five
-        panel.plot(field.optics.real_height_mm, across, color=colour, linewidth=2)
-        panel.plot(field.optics.real_height_mm, along, "--", color=colour, linewidth=2)
+def draw_mtf(panel: "Axes", line: Line, frequencies_per_mm: Sequence[float], solid: np.ndarray, dashed: np.ndarray,
+             title: str) -> None:
+    """Draw two MTFs, arrays (place, frequency), in white light along a line."""
+    for colour, one, other in zip(FREQUENCY_COLOURS, solid.T, dashed.T, strict=False):  # of five
+        panel.plot(line.places_mm, one, color=colour, linewidth=2)
+        panel.plot(line.places_mm, other, "--", color=colour, linewidth=2)
     panel.set_ylim(0, HEADROOM)
-    _dress(panel, lens, field, "MTF in white light")
-    panel.set_title("solid: sagittal   dashed: tangential", fontsize=SMALL, loc="right", color=INK)
-    _label_ends(panel, sagittal[-1], [f"{frequency:g}/mm" for frequency in frequencies_per_mm], FREQUENCY_COLOURS)
+    _dress(panel, line, title)
 
 
-def draw_illumination(panel: "Axes", lens: RadialLens, field: Field) -> None:
-    """Draw the relative illumination at a few wavelengths over image height, and the cosine fourth law."""
-    chosen = even_indices(lens.wavelengths_nm.size, MOST_ILLUMINATIONS)
-    nm = lens.wavelengths_nm[chosen]
-    curves = relative_illumination(lens, nm)
-    for one, colour, curve in zip(nm, wavelength_colours(nm), curves, strict=True):
-        panel.plot(field.optics.real_height_mm, curve, color=colour, linewidth=1.8, label=f"{one:.4g} nm")
-    panel.plot(field.optics.real_height_mm, cosine_fourth(lens, lens.heights_mm), ":", color="black", linewidth=1.8,
-               label="cos⁴ of the field angle")
-    panel.set_ylim(0, HEADROOM * max(1, curves.max()))
-    _dress(panel, lens, field, "Relative illumination")
-    panel.legend(loc="lower left", fontsize=SMALL, frameon=False, labelspacing=0.25)
-    if field.reaches_corner:
-        panel.text(np.hypot(*lens.sensor_mm) / 2, 0.98, "corner ", fontsize=SMALL - 1, color=PALE_INK,
-                   ha="right", va="top", rotation=90, transform=panel.get_xaxis_transform())
+def label_mtf(panel: "Axes", frequencies_per_mm: Sequence[float], solid: np.ndarray, key: str) -> None:
+    """Label the curves of `draw_mtf`."""
+    panel.set_title(key, fontsize=SMALL, loc="right", color=INK)
+    _label_ends(panel, solid[-1], [f"{frequency:g}/mm" for frequency in frequencies_per_mm], FREQUENCY_COLOURS)
 
 
-def draw_lateral_colour(panel: "Axes", lens: RadialLens, field: Field) -> None:
-    """Draw the lateral colour of each wavelength relative to the reference, and the size of the Airy disk."""
-    nm = lens.wavelengths_nm[shown_wavelengths(lens)]
-    curves, colours = lateral_colour_um(lens, nm), wavelength_colours(nm)
+def draw_illumination(panel: "Axes", line: Line, wavelengths_nm: np.ndarray, curves: np.ndarray, cosine: np.ndarray,
+                      most: float, title: str) -> None:
+    """Draw the relative illumination (wavelength, place), of up to `most`, along a line, and the cosine fourth law
+    (place,)."""
+    for one, colour, curve in zip(wavelengths_nm, wavelength_colours(wavelengths_nm), curves, strict=True):
+        panel.plot(line.places_mm, curve, color=colour, linewidth=1.8, label=f"{one:.4g} nm")
+    panel.plot(line.places_mm, cosine, ":", color="black", linewidth=1.8, label="cos⁴ of the field angle")
+    panel.set_ylim(0, HEADROOM * max(1, most))
+    _dress(panel, line, title)
+
+
+def draw_lateral_colour(panel: "Axes", line: Line, lens: Lens, wavelengths_nm: np.ndarray, curves: np.ndarray,
+                        title: str) -> None:
+    """Draw the lateral colour (wavelength, place) in um along a line, and the size of the Airy disk."""
     airy_um = airy_radius_um(lens, lens.reference_wavelength_nm)
     panel.axhspan(-airy_um, airy_um, color=AIRY_COLOUR, linewidth=0, zorder=0, label="Airy disk")
-    for colour, curve in zip(colours, curves, strict=True):
-        panel.plot(field.optics.real_height_mm, curve, color=colour, linewidth=1.8)
-    _dress(panel, lens, field, f"Lateral colour in µm, relative to {lens.reference_wavelength_nm:.4g} nm")
-    panel.legend(loc="lower left", fontsize=SMALL, frameon=False)
-    _label_ends(panel, curves[:, -1], [f"{one:.4g} nm" for one in nm], colours)
+    for colour, curve in zip(wavelength_colours(wavelengths_nm), curves, strict=True):
+        panel.plot(line.places_mm, curve, color=colour, linewidth=1.8)
+    _dress(panel, line, title)
 
 
-def _dress(panel, lens, field, title):
-    """Draw a light grid and axis labels: image heights with their field angles; mark the sensor's corner."""
+def lateral_colour_title(lens: Lens) -> str:
+    """The title of the panel."""
+    return f"Lateral colour in µm, relative to {lens.reference_wavelength_nm:.4g} nm"
+
+
+def label_wavelengths(panel: "Axes", wavelengths_nm: np.ndarray, ends: np.ndarray) -> None:
+    """Label curves at their right ends with wavelengths."""
+    _label_ends(panel, ends, [f"{one:.4g} nm" for one in wavelengths_nm], wavelength_colours(wavelengths_nm))
+
+
+def draw_legend(panel: "Axes", place: str = "lower left", **style: float) -> None:
+    """Draw the names of the curves."""
+    panel.legend(loc=place, fontsize=SMALL, frameon=False, **style)
+
+
+def _dress(panel, line, title):
+    """Draw a light grid and axis labels: places with their field angles; mark the sensor's corner."""
     from matplotlib.ticker import MaxNLocator
 
-    heights_mm = field.optics.real_height_mm
-    panel.set_xlim(0, heights_mm[-1])
-    ticks_mm = MaxNLocator(MOST_TICKS).tick_values(0, heights_mm[-1])
-    ticks_mm = ticks_mm[ticks_mm <= heights_mm[-1] * (1 + 1e-9)]
-    degrees = np.degrees(field_angle_rad(lens, field.geometry.paraxial_height_mm(ticks_mm)))
-    panel.set_xticks(ticks_mm, [f"{mm:g}\n{angle}" for mm, angle in zip(ticks_mm, degree_labels(degrees), strict=True)])
-    panel.set_xlabel("image height in mm, field angle", fontsize=SMALL, color=INK, labelpad=1)
+    start_mm, end_mm = line.start_mm, line.places_mm[-1]
+    panel.set_xlim(start_mm, end_mm)
+    ticks_mm = MaxNLocator(line.ticks).tick_values(start_mm, end_mm)
+    slack_mm = 1e-9 * end_mm
+    ticks_mm = ticks_mm[(ticks_mm >= start_mm - slack_mm) & (ticks_mm <= end_mm + slack_mm)]
+    degrees = np.degrees(line.angle_rad(ticks_mm))
+    panel.set_xticks(ticks_mm, [f"{mm:g}\n{angle}".replace("-", "−") for mm, angle in
+                                zip(ticks_mm, degree_labels(degrees), strict=True)])
+    panel.set_xlabel(line.label, fontsize=SMALL, color=INK, labelpad=1)
     panel.grid(color=GRID_COLOUR, linewidth=0.6)
     panel.set_axisbelow(True)
     panel.spines[["top", "right"]].set_visible(False)
     panel.tick_params(labelsize=SMALL, colors=INK)
-    if field.reaches_corner:
-        panel.axvline(np.hypot(*lens.sensor_mm) / 2, color=PALE_INK, linewidth=1.2, linestyle=DASHES)
+    if line.corner_mm is not None:
+        panel.axvline(line.corner_mm, color=PALE_INK, linewidth=1.2, linestyle=DASHES)
     _entitle(panel, title)
 
 

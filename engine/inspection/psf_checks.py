@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..lens import RadialLens
 from ..lens.symmetry import SYMMETRY_TOLERANCE
 from .curves import airy_radius_um
 from .finding import LensFinding, graded, greatest, place
@@ -18,6 +19,7 @@ RISE = 1.2  # measured: at most 0.97 if nine tenths of the light are within the 
 SEAM_LEAK = 1e-3
 SMALLEST_WINDOW = 8  # in smaller windows, samples at the border do not indicate light beyond
 SOFT, OUT_OF_FOCUS = 1 / 300, 1 / 150  # of the sensor's diagonal; the softest bundled lens, f/1.1, has 1 / 740
+LINES = {"heights_mm": "heights", "y_mm": "rows", "x_mm": "columns"}  # of places in the field
 GAP_NOTE, GAP_WARNING = 0.4, 1.0  # L1 distances: a fifth, and half, of the light is misplaced
 
 
@@ -42,10 +44,11 @@ def _centring(lens):
     worst = greatest(distance)
     remedy = f"expected the chief ray at [{n // 2}, {n // 2}]: recentre the PSF, or widen its window"
     if distance[worst] > FARTHEST_CENTROID * n:
-        yield LensFinding("warning", "psf", f"centroid {v[worst]:.1f} samples outwards and {u[worst]:.1f} sideways "
+        along_v, along_u = _directions(lens)
+        yield LensFinding("warning", "psf", f"centroid {v[worst]:.1f} samples {along_v} and {u[worst]:.1f} {along_u} "
                           f"{place(lens, *worst)}", remedy)
-    inner = lens.psf[..., 1:-1, 1:-1].max(axis=(2, 3), initial=0)
-    excess = lens.psf.max(axis=(2, 3)) - inner
+    inner = lens.psf[..., 1:-1, 1:-1].max(axis=(-2, -1), initial=0)
+    excess = lens.psf.max(axis=(-2, -1)) - inner
     worst = greatest(excess)
     if excess[worst] > 0 and n >= 3:
         yield LensFinding("warning", "psf", f"brightest at its window's border {place(lens, *worst)}", remedy)
@@ -54,7 +57,7 @@ def _centring(lens):
 def _focus(lens):
     """Diameter of the disc with half the light, on the axis, where every lens should be sharp."""
     wave = int(np.abs(lens.wavelengths_nm - lens.reference_wavelength_nm).argmin())
-    psf = lens.psf[wave, 0].astype(float)
+    psf = lens.psf[wave, *lens.middle].astype(float)
     offset = np.arange(psf.shape[-1]) - psf.shape[-1] // 2
     distance = np.hypot(offset[:, None], offset).ravel()
     outwards = np.argsort(distance)
@@ -62,23 +65,44 @@ def _focus(lens):
     disc_um = 2 * lens.psf_pitch_um * distance[outwards[np.searchsorted(inside, inside[-1] / 2)]]
     share = disc_um / (1e3 * np.hypot(*lens.sensor_mm))
     yield from graded(share, SOFT, OUT_OF_FOCUS, "psf", f"half the light in a disc of {disc_um:.3g} um, {share:.2%} of "
-                      f"the sensor's diagonal, {place(lens, wave, 0)}",
+                      f"the sensor's diagonal, {place(lens, wave, *lens.middle)}",
                       "out of focus, or not a sharp lens: check the image plane, the object distance and psf_pitch_um")
 
 
 def _mirror(lens):
-    """Symmetry about the meridional plane, which sharing optics between quadrants requires."""
-    distance = np.stack([_distance(psf, psf[..., ::-1]) for psf in map(_odd, lens.psf)])
-    worst = greatest(distance)
-    yield from graded(distance[worst], SYMMETRY_TOLERANCE, LOPSIDED, "psf",
-                      f"{distance[worst]:.3g} in L1 from its mirror image in u, centroid "
-                      f"{_centroids(lens)[1][worst]:.2f} samples sideways, {place(lens, *worst)}",
-                      f"expected symmetry about [{lens.psf.shape[-1] // 2}], which an offset of half a sample "
-                      "destroys; filtering takes longer without it")
+    """Symmetry of PSFs on planes of symmetry, which sharing optics between halves or quadrants requires."""
+    for part, axis, reason in _symmetric_parts(lens):
+        distance = np.stack([_distance(psf, np.flip(psf, axis)) for psf in map(_odd, lens.psf[:, *part])])
+        worst = greatest(distance)
+        yield from graded(distance[worst], SYMMETRY_TOLERANCE, LOPSIDED, "psf",
+                          f"{distance[worst]:.3g} in L1 from its mirror image in {'vu'[axis]}, centroid "
+                          f"{_centroids(lens)[axis][worst]:.2f} samples {_directions(lens)[axis]}, "
+                          f"{place(lens, *worst)}",
+                          f"expected symmetry about [{lens.psf.shape[-1] // 2}], which an offset of half a sample "
+                          f"destroys; {reason}")
+
+
+def _symmetric_parts(lens):
+    """Places whose PSFs should be their own mirror images, as slices from 0; the axis that is mirrored; and why."""
+    if isinstance(lens, RadialLens):
+        yield (slice(None),), -1, "filtering takes longer without it"
+        return
+    for number, axis in enumerate((-2, -1)):
+        if lens.mirrored[number]:
+            part = [slice(None), slice(None)]
+            part[number] = slice(1)
+            yield part, axis, f"the two halves of the field are mirror images about {lens.AXES[number][0]} = 0"
+
+
+def _directions(lens):
+    """The directions of +v and +u of PSFs."""
+    return ("outwards", "sideways") if isinstance(lens, RadialLens) else ("upwards", "to the right")
 
 
 def _axis_symmetry(lens):
-    """Symmetries on the axis: those that a circle has on a square grid."""
+    """Symmetries on the axis of a rotationally symmetric lens: those that a circle has on a square grid."""
+    if not isinstance(lens, RadialLens):
+        return
     unpaired = 1 - lens.psf.shape[-1] % 2
     axis = lens.psf[:, 0, unpaired:, unpaired:]
     distance = np.maximum(_distance(axis, axis[:, ::-1]), _distance(axis, axis.swapaxes(1, 2)))
@@ -92,7 +116,7 @@ def _axis_symmetry(lens):
 def _odd(psf):
     """PSFs with a partner for the row and the column at -n/2 of an even window."""
     even = 1 - psf.shape[-1] % 2
-    return np.pad(psf, ((0, 0), (0, even), (0, even)))
+    return np.pad(psf, (*((0, 0),) * (psf.ndim - 2), (0, even), (0, even)))
 
 
 def _distance(psf, other):
@@ -100,9 +124,9 @@ def _distance(psf, other):
 
 
 def _centroids(lens):
-    """Centroids along v and u, in samples from the chief ray: two arrays (wavelength, height)."""
+    """Centroids along v and u, in samples from the chief ray: two arrays (wavelength, *place)."""
     offset = np.arange(lens.psf.shape[-1]) - lens.psf.shape[-1] // 2
-    return lens.psf.sum(axis=3) @ offset, lens.psf.sum(axis=2) @ offset
+    return lens.psf.sum(axis=-1) @ offset, lens.psf.sum(axis=-2) @ offset
 
 
 def _enclosed_energy(lens):
@@ -131,7 +155,9 @@ def _border(lens):
     if lens.psf.shape[-1] < SMALLEST_WINDOW:
         return
     unexplained = ~(lens.enclosed_energy < ENCLOSED_LIGHT)
-    seamless, rise, ring = (np.stack([measure(psf) for psf in lens.psf]) for measure in (_seamless, _rise, _ring))
+    windows = [psf.reshape(-1, *psf.shape[-2:]) for psf in lens.psf]
+    seamless, rise, ring = (np.reshape([measure(psf) for psf in windows], lens.psf.shape[:-2])
+                            for measure in (_seamless, _rise, _ring))
     worst = greatest(seamless)
     if seamless[worst] > BORDER_LIGHT:
         yield LensFinding("warning", "psf", f"{seamless[worst]:.1%} of its light at two opposite borders, across which "
@@ -155,7 +181,7 @@ def _border(lens):
 def _seamless(psf):
     """Light in two opposite border lines, if the PSF continues from one to the other like a periodic function.
 
-    Like the next two, it is computed for each of PSFs (height, v, u).
+    Like the next two, it is computed for each of PSFs (place, v, u).
 
     The intensity is band-limited. If the window was its period, it has no power at the grid's highest frequency, except
     for the lowest frequencies along the borders, where the support of a transfer function that the pitch only just
@@ -193,25 +219,30 @@ def _ring(psf):
     return psf.sum(axis=(1, 2)) - psf[:, 1:-1, 1:-1].sum(axis=(1, 2))
 
 
-def _height_gaps(lens):
-    errors = np.stack([_interpolation_errors(table.astype(float), lens.heights_mm) for table in lens.psf])
-    yield from _gaps(lens, errors, (0, 1), "heights")
+def _place_gaps(lens):
+    for number, name in enumerate(lens.AXES):
+        errors = np.stack([np.moveaxis(_interpolation_errors(np.moveaxis(table.astype(float), number, 0),
+                                                             getattr(lens, name)), 0, number) for table in lens.psf])
+        first = np.zeros(errors.ndim, int)
+        first[number + 1] = 1
+        yield from _gaps(lens, errors, first, LINES[name])
 
 
 def _wavelength_gaps(lens):
-    errors = np.stack([_interpolation_errors(lens.psf[:, height].astype(float), lens.wavelengths_nm)
-                       for height in range(lens.heights_mm.size)], axis=1)
-    yield from _gaps(lens, errors, (1, 0), "wavelengths")
+    places = lens.psf.shape[1:-2]
+    errors = np.stack([_interpolation_errors(lens.psf[:, *at].astype(float), lens.wavelengths_nm)
+                       for at in np.ndindex(places)], axis=1)
+    yield from _gaps(lens, errors.reshape(-1, *places), (1, *(0,) * len(places)), "wavelengths")
 
 
 def _interpolation_errors(psf, at):
     """L1 distance of each PSF, except the first and last, from a linear interpolation between its neighbours."""
-    weight = ((at[1:-1] - at[:-2]) / (at[2:] - at[:-2]))[:, None, None]
+    weight = ((at[1:-1] - at[:-2]) / (at[2:] - at[:-2])).reshape(-1, *(1,) * (psf.ndim - 1))
     return _distance(psf[1:-1], (1 - weight) * psf[:-2] + weight * psf[2:])
 
 
 def _gaps(lens, errors, first, axis):
-    """The largest error of a table without one height or wavelength; half the steps divide the median by 2 to 3."""
+    """The largest error of a table without one place or wavelength; half the steps divide the median by 2 to 3."""
     if errors.size == 0:
         return
     worst = greatest(errors)
@@ -222,5 +253,5 @@ def _gaps(lens, errors, first, axis):
                       f"{axis} near it")
 
 
-PSF_CHECKS = (_pitch, _focus, _centring, _mirror, _axis_symmetry, _enclosed_energy, _border, _height_gaps,
+PSF_CHECKS = (_pitch, _focus, _centring, _mirror, _axis_symmetry, _enclosed_energy, _border, _place_gaps,
               _wavelength_gaps)

@@ -1,16 +1,21 @@
-"""The PSFs of a lens in one picture: field heights across, wavelengths down, and a row in white light."""
+"""The PSFs of a lens in one picture: field heights across, wavelengths down, and a row in white light.
+
+The functions that draw tiles serve maps of other arrangements, too.
+"""
 
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..lens.radial_lens import RadialLens
+from ..lens import Lens, RadialLens
 from ..spectral.colour import encode_srgb
 from .curves import Field, field_angle_rad
-from .style import INK, SMALL, degree_labels
+from .page import LEFT, add_panel, write
+from .style import INK, PALE_INK, SMALL, degree_labels
 from .white_light import wavelength_colours, white_psfs
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
 
@@ -23,6 +28,7 @@ FRAMED_SHARE = 90  # per cent of the PSFs to which this applies: a few wide PSFs
 BURNT_OUT = 6.0  # exposure of the peaks in the white row, relative to white, because lateral colour is faint
 COLOUR_MAP, COLOUR_STEPS = "inferno", 24
 SCALE_BAR_SHARE = 0.5  # of a tile, at most
+WORTH_REPORTING = 0.005  # of the light
 
 
 def draw_psf_map(figure: "Figure", corner: tuple[float, float], largest: tuple[float, float], lens: RadialLens,
@@ -51,11 +57,11 @@ def draw_psf_map(figure: "Figure", corner: tuple[float, float], largest: tuple[f
     side_px = int(figure.dpi * min(largest[0] / MOST_HEIGHTS, largest[1] / (rows + 1 + WHITE_ROW_GAP)))
     side = side_px / figure.dpi  # makes samples of the tiles coincide with pixels of the figure
     left, top = corner
-    single = _add_axes(figure, left, top, columns * side, rows * side)
-    white = _add_axes(figure, left, top - (rows + WHITE_ROW_GAP) * side, columns * side, side)
+    single = add_map(figure, left, top, columns * side, rows * side)
+    white = add_map(figure, left, top - (rows + WHITE_ROW_GAP) * side, columns * side, side)
     psfs = lens.psf[np.ix_(wavelengths, heights)]
-    shown = _draw_single(single, psfs, lens.psf_pitch_um, side_px)
-    _draw_white(white, white_psfs(lens, heights), lens.psf_pitch_um, side_px)
+    shown = draw_single(single, psfs, lens.psf_pitch_um, side_px)
+    draw_white(white, white_psfs(lens, heights)[None], lens.psf_pitch_um, side_px)
     _label_columns(single, lens, field, heights)
     _label_rows(single, white, lens.wavelengths_nm[wavelengths])
     return (shown, left + columns * side, top - (rows + 1 + WHITE_ROW_GAP) * side,
@@ -68,7 +74,7 @@ def shown_heights(lens: RadialLens, field: Field) -> np.ndarray:
     return np.unique(np.abs(field.optics.real_height_mm[:, None] - places_mm).argmin(axis=0))
 
 
-def shown_wavelengths(lens: RadialLens) -> np.ndarray:
+def shown_wavelengths(lens: Lens) -> np.ndarray:
     """Indices of up to MOST_WAVELENGTHS wavelengths, evenly spaced from the first to the last."""
     return even_indices(lens.wavelengths_nm.size, MOST_WAVELENGTHS)
 
@@ -78,7 +84,7 @@ def even_indices(number: int, most: int) -> np.ndarray:
     return np.rint(np.linspace(0, number - 1, min(number, most))).astype(int)
 
 
-def _add_axes(figure, left, top, width, height):
+def add_map(figure: "Figure", left: float, top: float, width: float, height: float) -> "Axes":
     """Axes without ticks or frame, with their upper left corner at a point in inches."""
     size = figure.get_size_inches()
     axes = figure.add_axes((left / size[0], (top - height) / size[1], width / size[0], height / size[1]))
@@ -89,8 +95,8 @@ def _add_axes(figure, left, top, width, height):
     return axes
 
 
-def _draw_single(axes, psfs, pitch_um, side_px):
-    """Draw PSFs (wavelength, height, v, u), each relative to its peak, on a logarithmic scale."""
+def draw_single(axes: "Axes", psfs: np.ndarray, pitch_um: float, side_px: int) -> "AxesImage":
+    """Draw PSFs (row, column, v, u), each relative to its peak, on a logarithmic scale."""
     from matplotlib import colormaps
 
     half_um = _half_width_um(psfs / psfs.max(axis=(2, 3), keepdims=True), pitch_um)
@@ -103,16 +109,34 @@ def _draw_single(axes, psfs, pitch_um, side_px):
     return shown
 
 
-def _draw_white(axes, psfs, pitch_um, side_px):
-    """Draw PSFs (height, v, u, colour) in white light, exposed to make lateral colour visible."""
+def draw_white(axes: "Axes", psfs: np.ndarray, pitch_um: float, side_px: int) -> None:
+    """Draw PSFs (row, column, v, u, colour) in white light, exposed to make lateral colour visible."""
     brightest = psfs.max(axis=-1)
-    half_um = _half_width_um(BURNT_OUT * brightest / brightest.max(axis=(1, 2), keepdims=True), pitch_um)
-    tiles = np.stack([np.stack([tile(psf[..., colour], pitch_um, half_um, side_px - 2 * GAP_PX)
-                                for colour in range(3)], axis=-1) for psf in psfs])
-    tiles *= BURNT_OUT / tiles.max(axis=(1, 2, 3), keepdims=True)
-    axes.imshow(_montage(encode_srgb(tiles)[None], 1.0), aspect="auto", interpolation="nearest",
-                extent=(0, len(psfs), 1, 0))
+    half_um = _half_width_um(BURNT_OUT * brightest / brightest.max(axis=(2, 3), keepdims=True), pitch_um)
+    tiles = np.stack([[np.stack([tile(psf[..., colour], pitch_um, half_um, side_px - 2 * GAP_PX)
+                                 for colour in range(3)], axis=-1) for psf in row] for row in psfs])
+    tiles *= BURNT_OUT / tiles.max(axis=(2, 3, 4), keepdims=True)
+    axes.imshow(_montage(encode_srgb(tiles), 1.0), aspect="auto", interpolation="nearest",
+                extent=(0, psfs.shape[1], psfs.shape[0], 0))
     _draw_scale_bar(axes, half_um, side_px)
+
+
+def draw_colour_bar(figure: "Figure", shown: "AxesImage", right: float, top: float) -> None:
+    """Draw the colour bar of a map of single wavelengths to the right of it."""
+    bar = add_panel(figure, right + 0.08, top - 1.6, 0.1, 1.55)
+    figure.colorbar(shown, cax=bar, ticks=range(-DECADES, 1))
+    bar.set_yticklabels([f"{10.0**decade:g}" for decade in range(-DECADES, 1)])
+    bar.tick_params(labelsize=SMALL - 1, colors=INK, length=2, pad=2)
+    bar.set_title("of peak", fontsize=SMALL - 1, color=INK, loc="left", pad=6)
+
+
+def draw_note(figure: "Figure", bottom: float, hidden: float) -> None:
+    """Write below a map how its tiles are exposed, and the share of light that they do not show."""
+    note = f"White light has equal energy; peaks are overexposed {BURNT_OUT:g} times."
+    if hidden >= WORTH_REPORTING:
+        note += (f"\nUp to {100 * hidden:.2g} % of a point's light is not shown: dimmer than 1/{10**DECADES} of its "
+                 "peak, or beyond its tile.")
+    write(figure, LEFT, bottom - 0.04, note, SMALL - 1, PALE_INK)
 
 
 def _half_width_um(psfs, pitch_um):

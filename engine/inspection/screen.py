@@ -15,8 +15,8 @@ from ..rays.focus import axial_contrast, build_system
 from ..rays.rays import HalfPupil, trace_pupil
 from ..rays.rings import at_position, widest_f_number, widest_notes
 from ..runtime.errors import LensError
-from .checks import beyond_the_field
 from .finding import SEVERITIES, LensFinding
+from .radial_checks import beyond_the_field
 
 FOCAL_LENGTH_TOLERANCE = 0.01
 NAME_TOLERANCE = 0.02  # of the engraved focal length and f-number, which are rounded

@@ -6,10 +6,10 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from ..lens.radial_lens import RadialLens
+from ..lens import Lens, RadialLens
 from ..spectral.colour import REC709_LUMINANCE, XYZ_TO_REC709, encode_srgb
 from ..spectral.spectra import colour_matching, linear_weights
-from .curves import WHITE_NM, lateral_colour_um
+from .curves import WHITE_NM, radial_colour_um
 
 DIMMING = 0.4  # power of the eye's sensitivity, which darkens the ends of the spectrum to make them distinguishable
 DARKEST, LIGHTEST = 0.1, 0.3  # linear light and luminance that remain distinguishable and legible on white paper
@@ -30,30 +30,37 @@ def wavelength_colours(wavelengths_nm: ArrayLike) -> np.ndarray:
 
 
 def white_psfs(lens: RadialLens, heights: Sequence[int] | np.ndarray) -> np.ndarray:
+    """PSFs at field heights, by their indices, in white light: array (height, v, u, 3), as by `in_white_light`."""
+    return in_white_light(lens, lens.psf[:, heights], radial_colour_um(lens)[:, heights])
+
+
+def in_white_light(lens: Lens, psf: np.ndarray, moved_um: np.ndarray) -> np.ndarray:
     """PSFs in equal-energy white light, with lateral colour: each wavelength is at its chief ray.
 
     Parameters
     ----------
-    lens : RadialLens
-    heights : sequence of int
-        Indices of field heights.
+    lens : Lens
+    psf : array (wavelength, place, v, u)
+    moved_um : array (wavelength of WHITE_NM, place, 2)
+        Lateral colour along v and u.
 
     Returns
     -------
-    float64 array (height, v, u, 3)
+    float64 array (place, v, u, 3)
         Linear Rec. 709, with (1, 1, 1) as the total light of a PSF. The chief ray of the reference wavelength is at
         `[n // 2, n // 2]` along v and u, with a different n for each.
     """
-    moved = lateral_colour_um(lens, WHITE_NM)[:, heights] / lens.psf_pitch_um
-    reach = int(np.ceil(np.abs(moved).max())) + 1
+    moved = moved_um / lens.psf_pitch_um
+    steps = [np.arange(-reach, reach + 1) for reach in np.ceil(np.abs(moved).max(axis=(0, 1))).astype(int)]
     rec709 = colour_matching(WHITE_NM) @ XYZ_TO_REC709.T
     weights = linear_weights(lens.wavelengths_nm, WHITE_NM)[:, :, None] * (rec709 / rec709.sum(axis=0))[:, None]
-    steps = np.arange(-reach, reach + 1)
+    lengths = [n + step.size - 1 for n, step in zip(psf.shape[-2:], steps, strict=True)]
     colours = []
-    for height, shifts in zip(heights, moved.T, strict=True):
-        shares = np.maximum(0, 1 - np.abs(steps[:, None] - shifts))  # of each wavelength, by its shift outwards
-        kernel = np.einsum("sn,nlc->lsc", shares, weights)
-        psf, length = lens.psf[:, height].astype(np.float64), lens.psf.shape[2] + len(steps) - 1
-        spread = np.einsum("lvu,lvc->vuc", scipy.fft.rfft(psf, length, axis=1), scipy.fft.rfft(kernel, length, axis=1))
-        colours.append(scipy.fft.irfft(spread, length, axis=0))
+    for place, shifts in enumerate(np.moveaxis(moved, 1, 0)):
+        shares = [np.maximum(0, 1 - np.abs(step[:, None] - along))  # of each wavelength, by its shift
+                  for step, along in zip(steps, shifts.T, strict=True)]
+        kernel = np.einsum("vn,un,nlc->lvuc", *shares, weights, optimize=True)
+        spread = np.einsum("lvu,lvuc->vuc", scipy.fft.rfft2(psf[:, place].astype(np.float64), lengths),
+                           scipy.fft.rfft2(kernel, lengths, axes=(1, 2)))
+        colours.append(scipy.fft.irfft2(spread, lengths, axes=(0, 1)))
     return np.stack(colours)
