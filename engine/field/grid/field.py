@@ -70,7 +70,7 @@ class GridField:
     def relative_illumination(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
         light, grid = picture_illumination(self._optics, self._geometry)
         on_axis, light = (scipy.ndimage.map_coordinates(light, np.broadcast_arrays(*grid.index_of(*at)), order=1,
-                                                        mode="nearest") for at in ((0.0, 0.0), (x_mm, y_mm)))
+                                                        mode="nearest") for at in ((np.zeros(1), np.zeros(1)), (x_mm, y_mm)))
         return light / on_axis
 
     def within(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:

@@ -125,7 +125,7 @@ class GridGeometry:
             missing = wanted[:, left] - self.source_mm(*at)
             (a, b), (c, d) = self.source_slopes(*at)
             step = np.stack([d * missing[0] - b * missing[1], a * missing[1] - c * missing[0]]) / (a * d - b * c)
-            step *= np.minimum(1, LONGEST_STEP * extent_mm / np.maximum(np.hypot(*step), np.finfo(float).tiny))
+            step *= np.minimum(1, LONGEST_STEP * extent_mm / np.maximum(np.hypot(*step), NEWTON_TOLERANCE * extent_mm))
             found[:, left] += step
             left = left[np.abs(step).max(axis=0) > NEWTON_TOLERANCE * extent_mm]
             if not left.size:
