@@ -54,14 +54,6 @@ def _path(lens, name, side_mm, mirrored):
     return replace(whole, along_mm=whole.along_mm[known])
 
 
-def covered_share(lens: GridLens) -> float:
-    """How far the lens data reach along the half diagonals to all corners of the sensor, up to 1."""
-    share = np.linspace(0, 1, SEARCHED)
-    corners_mm = np.multiply.outer([(1, 1), (1, -1), (-1, 1), (-1, -1)], share) * np.reshape(lens.sensor_mm, (2, 1)) / 2
-    known = reference_field(lens).within(corners_mm[:, 0], corners_mm[:, 1]).all(axis=0)
-    return float(share[known].max(initial=0.0))
-
-
 def reference_field(lens: GridLens) -> MonochromaticField:
     """The lens at its reference wavelength, as a function of the place."""
     return field_map(lens).at_wavelength(reference_nm(lens))

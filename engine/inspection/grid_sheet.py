@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..field.field_map import field_map
 from ..lens import GridLens
 from .curves import WHITE_NM, reference_nm, white_contrast
 from .grid_curves import (
     Path,
     angle_rad,
-    covered_share,
     displacement_um,
     distortion_lines,
     distortion_percent,
@@ -81,7 +81,7 @@ def grid_facts(lens: GridLens) -> tuple[str, str]:
 def draw_grid_panels(figure: "Figure", lens: GridLens, frequencies_per_mm: Sequence[float]) -> None:
     """Draw the PSFs of a lens over its picture, and its curves along x, y and diagonals."""
     lines = paths(lens)
-    reach = covered_share(lens)
+    reach = field_map(lens).covered_diagonal(lens.sensor_mm)
     _draw_psfs(figure, lens, reach)
     _draw_distortion(add_panel(figure, *DISTORTION), lens, reach)
     _draw_mtf(figure, lens, lines, frequencies_per_mm)
