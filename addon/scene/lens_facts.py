@@ -6,6 +6,8 @@ from functools import lru_cache
 import numpy as np
 
 from ...engine.inspection.curves import field_angle_rad, reference_nm
+from ...engine.inspection.grid_curves import half_angles_rad, paths
+from ...engine.lens import RadialLens
 from ...engine.lens.conventions import four_by_three
 from ...engine.library import LensSource, has_rings, prescription_of
 from ...engine.prescription.system import system_of
@@ -32,8 +34,11 @@ class LensFacts:
         The widest and the highest f-number, and the closest focus in mm; None for a package, which has no rings.
     words : tuple of str
         A line for each requested setting that its rings do not have.
-    field : tuple of (float, float)
-        From the axis to the end of the field: distances in the picture in mm, and their angles to the axis in radians.
+    fields : three tuples of (float, float)
+        Along the width, the height and the diagonal of the picture, from the axis to the end of the field: distances in
+        mm, and their angles to the axis in radians.
+    radial : bool
+        Whether the lens is rotationally symmetric.
     """
 
     rings: Rings
@@ -44,15 +49,16 @@ class LensFacts:
     focus_mm: float
     reach: tuple[float, float, float] | None
     words: tuple[str, ...]
-    field: tuple[tuple[float, float], ...]
+    fields: tuple[tuple[tuple[float, float], ...], ...]
+    radial: bool
 
     def field_on(self, sides_mm):
         """Angles of view in degrees across and up a picture of these sides in mm, and the share of its diagonal that
         the field covers."""
-        radius_mm, angle_rad = np.array(self.field).T
-        half_mm = np.array([*sides_mm, np.hypot(*sides_mm)]) / 2
-        across_deg, up_deg, _ = 2 * np.degrees(np.interp(half_mm, radius_mm, angle_rad))
-        return across_deg, up_deg, min(1.0, radius_mm[-1] / half_mm[-1])
+        across_deg, up_deg = (2 * np.degrees(np.interp(side_mm / 2, *np.transpose(field)))
+                              for side_mm, field in zip(sides_mm, self.fields, strict=False))
+        (end_mm, _) = self.fields[-1][-1]
+        return across_deg, up_deg, min(1.0, 2 * end_mm / np.hypot(*sides_mm))
 
 
 def lens_facts(source: LensSource, rings: Rings = AT_REST, focal_mm: float | None = None) -> LensFacts:
@@ -88,7 +94,7 @@ def _facts(source, changed, rings, focal_mm):
     return LensFacts(
         rings, system.efl_mm, system.efl_mm if system.object_at_infinity else abs(system.magnification) * pupil_mm,
         lens.prescription.sensor_mm or four_by_three(radii_mm[-1]), lens.f_number, lens.focus_mm,
-        _reach(source, changed), lens.words, _pairs(radii_mm, angles_rad))
+        _reach(source, changed), lens.words, 3 * (_pairs(radii_mm, angles_rad),), True)
 
 
 @lru_cache(maxsize=MOST_FACTS)
@@ -98,9 +104,13 @@ def _reach(source, changed):
 
 
 def _of_package(lens):
+    radial = isinstance(lens, RadialLens)
+    if radial:
+        fields = 3 * (_pairs(lens.real_height_at(reference_nm(lens)), field_angle_rad(lens, lens.heights_mm)),)
+    else:
+        fields = tuple(_pairs(*half_angles_rad(lens, path)) for path in paths(lens)[:3])
     return LensFacts(AT_REST, lens.efl_mm, lens.capture_focal_length_mm, lens.sensor_mm, lens.f_number_effective,
-                     lens.object_distance_mm + lens.entrance_pupil_mm, None, (),
-                     _pairs(lens.real_height_at(reference_nm(lens)), field_angle_rad(lens, lens.heights_mm)))
+                     lens.object_distance_mm + lens.entrance_pupil_mm, None, (), fields, radial)
 
 
 def _pairs(*columns):

@@ -1,4 +1,7 @@
-"""An asset library of the bundled lenses: a Quick Look node group for each, at rest, for the asset browser."""
+"""An asset library of the bundled lenses: a Quick Look node group for each, at rest, for the asset browser.
+
+Quick Look shows rotationally symmetric lenses only; others are left out.
+"""
 
 from pathlib import Path
 
@@ -18,17 +21,21 @@ from .previews import asset_preview
 
 FILE, CATALOGUES = "lensfield_lenses.blend", "blender_assets.cats.txt"
 CATALOGUE, CATALOGUE_ID = "Lensfield", "6a3a9f0e-5f0b-4b0e-9c53-3f9b6a1d7c42"
+ONLY_RADIAL = "Quick Look shows rotationally symmetric lenses only"
 UNIT_MM = 1000.0  # of a new file
 STEP_S = 0.01
 
 
 def lens_asset_steps(folder: Path):
-    """Write the asset library into a folder, in steps: yields the finished fraction."""
+    """Write the asset library into a folder, in steps: yields the finished fraction, and returns the titles of lenses
+    that Quick Look does not show."""
     lenses, curves = described_lenses(), {}
-    for name in lenses:
-        lens = frame_lens(name, AT_REST, None, None)
-        curves[name] = lens_curves(lens, lens_facts(name).f_number), focus_nearness(lens) * UNIT_MM
-        yield len(curves) / (len(lenses) + 1)
+    for number, name in enumerate(lenses, 1):
+        facts = lens_facts(name)
+        if facts.radial:
+            lens = frame_lens(name, AT_REST, None, None)
+            curves[name] = lens_curves(lens, facts.f_number), focus_nearness(lens) * UNIT_MM
+        yield number / (len(lenses) + 1)
     groups = []
     try:
         for name, (of_lens, nearness) in curves.items():
@@ -38,6 +45,7 @@ def lens_asset_steps(folder: Path):
         images = [node.image for group in groups for node in group.nodes if node.bl_idname == "CompositorNodeImage"]
         bpy.data.batch_remove([*groups, *images])
     _add_catalogue(folder / CATALOGUES)
+    return [lens.title for name, lens in lenses.items() if name not in curves]
 
 
 def _asset(lens, name, curves, nearness):
@@ -108,8 +116,9 @@ class LENSFIELD_OT_write_lens_assets(bpy.types.Operator):
         try:
             context.window_manager.progress_update(next(self._steps))
             return {"RUNNING_MODAL"}
-        except StopIteration:
-            self.report({"INFO"}, f"{FILE} written")
+        except StopIteration as finished:
+            without = f" without {', '.join(finished.value)}: {ONLY_RADIAL}" if finished.value else ""
+            self.report({"INFO"}, f"{FILE} written{without}")
             return self._end(context, {"FINISHED"})
         except (InputError, OSError, RuntimeError) as error:
             self.report({"ERROR"}, one_line(error))

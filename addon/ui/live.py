@@ -29,6 +29,7 @@ from ...engine.runtime.errors import InputError, one_line
 from ...engine.runtime.files import stamp_of
 from ..job.named_files import check_named_files
 from ..scene.camera import check_camera, frame_px, size_for_view
+from ..scene.errors import SceneError
 from ..scene.focus import Focus, focus_now
 from ..scene.lens_cache import lens_on_sensor, load_lens, scaled_lens
 from ..scene.lens_facts import lens_facts
@@ -177,6 +178,14 @@ def _tick():
     return None
 
 
+def check_radial(scene, at_rest, view):
+    """Raise a SceneError if a scene's lens is not rotationally symmetric; `view` is the name of what shows only those.
+    """
+    if not at_rest.radial:
+        raise SceneError(f"scene {scene.name!r}", "lens", scene.lensfield.lens_text(),
+                         f"{view} shows rotationally symmetric lenses only: use Preview")
+
+
 def frame_question(scene, at_rest):
     """Everything that a scene's Frame depends on: hashable arguments of `read_frame`.
 
@@ -251,6 +260,7 @@ def _draw_frame(live, scene, space, view, region):
     if at_rest is None:
         _wait(live)
         return
+    check_radial(scene, at_rest, "Live")
     frame = _newest(live, frame_question(scene, at_rest))
     if frame is None:
         return

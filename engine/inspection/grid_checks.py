@@ -6,7 +6,7 @@ from .finding import AXIS_SCALE_TOLERANCE, FIELD_ANGLES_DEG, UNIT_FACTOR, LensFi
 from .grid_curves import reference_field
 
 SQUEEZES = 1 / 3, 3  # anamorphic lenses squeeze by 1.25 to 2, along the width or, turned, along the height
-FEWEST_NODES = 4  # from the axis outwards: splines through fewer are less than cubic
+FEWEST_NODES = 3  # from the axis outwards: splines from edge to edge through fewer are less than cubic
 MIRROR_TOLERANCE = 1e-4  # of the last place: a tenth of a pixel, with 1000 from the axis to the edge
 SENSOR_SAMPLES = 400  # across and up, for the share of a sensor beyond the field
 

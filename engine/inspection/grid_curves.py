@@ -65,6 +65,12 @@ def angle_rad(lens: GridLens, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
     return np.arctan(np.hypot(lens.squeeze * ideal_x_mm, ideal_y_mm) / lens.capture_focal_length_mm)
 
 
+def half_angles_rad(lens: GridLens, path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Distances from the middle along a path, and half the angles between the light that lands there on both sides."""
+    along_mm = path.along_mm[path.along_mm >= 0]
+    return along_mm, np.mean([angle_rad(lens, *path.places_mm(sign * along_mm)) for sign in (1, -1)], axis=0)
+
+
 def distortion_percent(lens: GridLens, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
     """Distortion: a place's distance from the middle beyond the one in the ideal image, in per cent of that; 0 in the
     middle."""
