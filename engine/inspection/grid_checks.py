@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from ..field.field_map import field_map
+from ..runtime.errors import LensError
 from .finding import AXIS_SCALE_TOLERANCE, FIELD_ANGLES_DEG, UNIT_FACTOR, LensFinding, graded, greatest, place
 from .grid_curves import reference_field
 
@@ -33,7 +35,10 @@ def _field_angle(lens):
 def _sensor(lens):
     width, height = lens.sensor_mm
     middles = (np.arange(SENSOR_SAMPLES) + 0.5) / SENSOR_SAMPLES - 0.5
-    beyond = 1 - float(np.mean(reference_field(lens).within(width * middles, height * middles[:, None])))
+    try:
+        beyond = 1 - float(np.mean(reference_field(lens).within(width * middles, height * middles[:, None])))
+    except LensError:
+        return  # `_folding` reports it
     yield from graded(beyond, 1e-3, 0.1, "sensor_mm", f"{beyond:.1%} of {width:g} x {height:g} mm is beyond the end of "
                       "the field", "these pixels use the nearest PSFs or stay black: give nodes up to the sensor's "
                       "corners, or check the units")
@@ -73,17 +78,11 @@ def _units(lens):
 
 
 def _folding(lens):
-    """Whether the area of a cell between four nodes keeps its sign, at each of its corners."""
-    right, up = np.diff(lens.source_mm, axis=2), np.diff(lens.source_mm, axis=1)
-    for row, column in np.ndindex(2, 2):
-        along_x = right[:, row:row - 1 or None]
-        along_y = up[:, :, column:column - 1 or None]
-        area = along_x[..., 0] * along_y[..., 1] - along_x[..., 1] * along_y[..., 0]
-        folded = np.argwhere(area <= 0)
-        if folded.size:
-            wave, *cell = folded[0]
-            yield LensFinding("error", "source_mm", f"folds {place(lens, wave, *np.add(cell, (row, column)))}",
-                              "distortion must not fold the picture: end the field before that node")
+    for nm in lens.wavelengths_nm:
+        try:
+            field_map(lens).at_wavelength(nm)
+        except LensError as error:
+            yield LensFinding("error", error.field, f"{error.value} at {nm:g} nm", error.remedy)
             return
 
 

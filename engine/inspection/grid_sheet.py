@@ -98,8 +98,8 @@ def _draw_psfs(figure, lens, reach):
     psfs = psfs_at(lens, *places_mm)
     white = in_white_light(lens, psfs, _along_psf(displacement_um(lens, WHITE_NM, *places_mm)))
     wave = int(np.abs(lens.wavelengths_nm - reference_nm(lens)).argmin())
-    single = _upright(psfs[wave]).reshape(rows, columns, *psfs.shape[2:][::-1])
-    white = _upright(white).reshape(rows, columns, *white.shape[2:0:-1], 3)
+    single = upright(psfs[wave]).reshape(rows, columns, *psfs.shape[2:][::-1])
+    white = upright(white).reshape(rows, columns, *white.shape[2:0:-1], 3)
 
     side_px = int(figure.dpi * min(LEFT_WIDTH / columns, (MAP_HEIGHT - MAP_GAP) / (2 * rows)))
     side = side_px / figure.dpi  # makes samples of the tiles coincide with pixels of the figure
@@ -115,7 +115,7 @@ def _draw_psfs(figure, lens, reach):
     draw_note(figure, lower - rows * side, hidden_share(single, lens.psf_pitch_um))
 
 
-def _upright(psfs):
+def upright(psfs: np.ndarray) -> np.ndarray:
     """PSFs (place, v, u, ...) with axes that `tile` draws to the right and downwards."""
     return mirror_image(psfs, 1).swapaxes(1, 2)
 
