@@ -8,12 +8,13 @@ import pytest
 from lensfield.engine.prescription.glasses import find_glass
 from places import DATA
 
+pytestmark = pytest.mark.one_blender
 ANAMORPHICS = {path.stem: path for path in (DATA / "anamorphics").glob("*.toml")}
 D_LINE_NM = 587.5618
 FOCAL_LENGTHS_MM = {  # along x and y
     "cooke-42mm-2x": (21.47, 42.47),  # as the patent states
     "atlas-42mm-1.5x": (28.13, 41.85), "atlas-42mm-1.5x-2024": (27.74, 41.94), "panavision-21mm-1.3x": (15.82, 20.65),
-    "us9063321-129mm-2x": (65.59, 128.65), "schneider-61mm-2x": (31.49, 60.56)}
+    "jacobsen-41mm-2x": (20.47, 41.04), "us9063321-129mm-2x": (65.59, 128.65), "schneider-61mm-2x": (31.49, 60.56)}
 DEPTH_MM = 0.18  # between the sections' paraxial foci: what spherical aberration and indices of three decimals explain
 KEPT_MM = 2e-3  # of that distance at other focus positions: the figures' last digit
 
