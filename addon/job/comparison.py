@@ -12,7 +12,6 @@ from ...engine import InputError, Report
 from ...engine.depth.depth_range import AUTO, OFF, TRACED
 from ...engine.field.field_map import field_map
 from ...engine.field.overscan import CAMERA_VIEW
-from ...engine.image.pixel_grid import PixelGrid
 from ...engine.inspection.contact_sheet import write_contact_sheet
 from ...engine.inspection.style import font_path
 from ...engine.library import bundled_names, has_rings, prescription_of
@@ -22,7 +21,7 @@ from ...engine.rays.rings import AT_REST, Rings
 from ...engine.runtime.files import check_target, discard
 from ...engine.runtime.locks import only_writer
 from ...request import RING_FIELDS, RenderRequest
-from ..scene.camera import frame_px, pitch_um
+from ..scene.camera import frame_grid
 from ..scene.lens_facts import lens_facts
 from ..scene.requirements import check_scene
 from ..scene.rings import FIXED, ring_fields, scene_rings
@@ -280,8 +279,7 @@ def _shared_job(scene, jobs):
     than on a plane.
     """
     def reach_px(job):
-        frame = PixelGrid(frame_px(scene), pitch_um(job.lens, frame_px(scene)))
-        return field_map(job.lens).overscan_px(frame, job.wavelengths_nm, 0)
+        return field_map(job.lens).overscan_px(frame_grid(scene, job.lens), job.wavelengths_nm, 0)
 
     first, *others = sorted(jobs, key=reach_px, reverse=True)
     return replace(first, iris=next((job.iris for job in jobs if job.iris), None), lens_warning="", ring_words=(),

@@ -16,7 +16,7 @@ from ...engine.runtime.memory import check_room, taken_bytes
 from ...engine.runtime.scratch import SAMPLE_BYTES, check_disk, folder_if_large, zeros_stored_like
 from ...engine.simulation.report_parts import SceneFacts
 from ...engine.spectral.wavelength_choice import FOREIGN_SURPRISE
-from ..scene.camera import capture_grid, captured_region, frame_px, pitch_um, render_region
+from ..scene.camera import capture_grid, captured_region, frame_grid, render_region
 from ..scene.render_state import (
     clamps_of,
     go_to_frame,
@@ -166,9 +166,9 @@ def pass_bytes(pixels, lamps, denoise):
 
 
 def job_grid(scene, job):
-    """The pixels that Cycles renders: a capture's or, for a traced lens, the film's."""
+    """The pixels that Cycles renders of the scene's current frame: a capture's or, for a traced lens, the film's."""
     if job.traced:
-        return PixelGrid(frame_px(scene), pitch_um(job.lens, frame_px(scene)))
+        return frame_grid(scene, job.lens)
     return capture_grid(scene, job.lens, job.wavelengths_nm, job.options, job.room, job.others)
 
 
@@ -258,8 +258,8 @@ def planned_steps(scene, job, files, folder, journal, alone, times=1):
     times : int
         Parts of a pixel, down and across, in the finest pixels to be captured.
     """
-    grid = job_grid(scene, job)
     go_to_frame(scene, job.frame, journal)
+    grid = job_grid(scene, job)
     turn_on_layer(scene, job.view_layer, journal)
     remarks = [*scene_remarks(scene, job)]
     of_capture, empty = [*unlayered_remarks(scene, job, grid)], empty_reasons(scene, job.lens, grid)

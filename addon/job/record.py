@@ -12,6 +12,7 @@ from ...engine.runtime.build_identity import software
 from ...engine.runtime.files import atomic_path, file_status
 from ...engine.runtime.setting import settings_of
 from ...engine.runtime.values import json_value
+from ..scene.camera import shift_px
 from ..scene.units import metres_per_unit
 
 IRRELEVANT = ("name", "device", "preview", "use_preview", "debug", "denoising_use_gpu", "use_auto_tile",
@@ -23,10 +24,10 @@ OF_ACCOUNT = ("resolution_", "pixel_aspect_", "film_transparent", "use_border", 
 
 
 def picture_settings(scene):
-    """The scene's render settings that affect a picture: a dict of JSON types."""
+    """The scene's render settings that affect a picture, and its camera's Shift: a dict of JSON types."""
     cycles = {name: value for name, value in _values(scene.cycles) if not name.startswith(IRRELEVANT)}
     render = {name: value for name, value in _values(scene.render) if name.startswith(OF_ACCOUNT)}
-    return json_value(cycles | render | {"metres_per_unit": metres_per_unit(scene)})
+    return json_value(cycles | render | {"metres_per_unit": metres_per_unit(scene), "shift_px": shift_px(scene)})
 
 
 def write_record(job, result):

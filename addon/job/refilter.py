@@ -25,7 +25,7 @@ from ...engine.runtime.errors import absence
 from ...engine.runtime.files import check_target, discard, file_status
 from ...engine.simulation.report_parts import FileFacts
 from ...request import CAMERA, CAMERA_FIELDS, RING_FIELDS, RenderRequest
-from ..scene.camera import captured_region, frame_px, sensor_warning, size_warning
+from ..scene.camera import captured_region, frame_px, sensor_warning, shift_warning, size_warning
 from ..scene.lens_cache import lens_on_sensor, load_lens, scaled_lens
 from ..scene.rings import ring_fields, rings_for, scene_iris
 from .job import check_output_folder, folder_for
@@ -240,7 +240,7 @@ def _sensor_warning(lens, radiance, view):
     """The consequences of the stored field of view for a lens, in one line; "" if it is the requested one."""
     requested = lens if view == LENS_VIEW else lens_on_sensor(lens, format_mm(view))
     if abs(radiance.pitch_um / fitting_pitch_um(requested, radiance.frame_px) - 1) < SAME:
-        return "" if view == LENS_VIEW else sensor_warning(requested)
+        return shift_warning(lens, radiance.grid.frame()) if view == LENS_VIEW else sensor_warning(requested)
     rows_mm, columns_mm = (n * radiance.pitch_um * 1e-3 for n in radiance.frame_px)
     covered = field_map(lens).covered_diagonal((columns_mm, rows_mm))
     return (f"with {lens.name}, the captured view takes a sensor of {columns_mm:.3g} x {rows_mm:.3g} mm instead of the "

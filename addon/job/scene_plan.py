@@ -4,12 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...engine.image.pixel_grid import PixelGrid
-from ...engine.lens.pinhole import fitting_pitch_um
 from ...engine.runtime.errors import InputError
 from ...engine.spectral.spectra import BAND_NM
 from ...engine.spectral.wavelength_choice import WavelengthChoice, choose_wavelengths
-from ..scene.camera import frame_px, in_view
+from ..scene.camera import frame_grid, in_view
 from ..scene.errors import SceneError
 from ..scene.instances import rendered_blocks, rendered_instances
 from ..scene.render_state import rendered_world
@@ -118,8 +116,7 @@ def check_job(scene, job):
         if not BAND_NM[0] <= nm <= BAND_NM[1]:
             raise InputError("options", "wavelength", f"{nm:g} nm",
                              "the colours and lights of a scene cover {:g} to {:g} nm".format(*BAND_NM))
-    shape_px = frame_px(scene)
-    check_photo(job, PixelGrid(shape_px, fitting_pitch_um(job.lens, shape_px)))
+    check_photo(job, frame_grid(scene, job.lens))
     check_sources(scene)
 
 

@@ -83,8 +83,7 @@ class Cut:
     def coarser(self, times):
         """The cut for a capture with blocks of `times` x `times` pixels merged, which covers at least the same area."""
         fine, margin_px = self.capture, [-(-margin // times) for margin in self.capture.overscan_px]
-        capture = PixelGrid.around_frame([n // times for n in fine.frame_px], times * fine.pitch_um, margin_px,
-                                         fine.projection)
+        capture = fine.frame().coarser(times).with_overscan(margin_px)
         slabs = [replace(slab, region=tuple(
             slice((side.start - fine_margin) // times + margin, -(-(side.stop - fine_margin) // times) + margin)
             for side, fine_margin, margin in zip(slab.region, fine.overscan_px, margin_px, strict=True)))
@@ -111,8 +110,10 @@ def cut_steps(scene, job, grid, region, tinting, sky, passes, path, fraction, sh
         Fractions of the complete job: before this, and of this.
     """
     widest = looked_at(grid)
-    look = PixelGrid(tuple(-(-n // EVERY_PX) for n in widest.shape_px), EVERY_PX * grid.pitch_um,
-                     projection=grid.projection)
+    shape_px = tuple(-(-n // EVERY_PX) for n in widest.shape_px)
+    centre_px = [(centre + 0.5) * few / n - 0.5
+                 for centre, few, n in zip(widest.centre_px, shape_px, widest.shape_px, strict=True)]
+    look = PixelGrid(shape_px, EVERY_PX * grid.pitch_um, centre_px, projection=grid.projection)
     with Journal() as journal:
         guard_render_state(scene, job, look, path, journal)
         for name, value in LOOK.items():
@@ -131,7 +132,7 @@ def cut_steps(scene, job, grid, region, tinting, sky, passes, path, fraction, sh
 def looked_at(grid):
     """The area of the depth pre-pass: a capture with the largest margin around the frame that slabs can have."""
     most_px = [max(margin, round(MOST_MARGIN * max(grid.frame_px))) for margin in grid.overscan_px]
-    return PixelGrid.around_frame(grid.frame_px, grid.pitch_um, most_px, grid.projection)
+    return grid.with_overscan(most_px)
 
 
 def plan_by(depth_mm, scene, job, grid, tinting, sky, light=None):
@@ -162,7 +163,7 @@ def plan_by(depth_mm, scene, job, grid, tinting, sky, light=None):
 
 def _cut(scene, lens, plan, grid, region, volumes_mm, bodies_mm):
     world_apart = all(np.isfinite(far_mm) for _, far_mm in volumes_mm)
-    capture = PixelGrid.around_frame(grid.frame_px, grid.pitch_um, plan.margin_px, grid.projection)
+    capture = grid.with_overscan(plan.margin_px)
     film, unit_m = scene.render.film_transparent, metres_per_unit(scene)
     start_m, end_m = _clipping_m(scene)
     regions = [tuple(slice(part.start + most - margin, part.stop + most - 2 * overscan + margin)

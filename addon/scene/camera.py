@@ -46,6 +46,23 @@ def frame_px(scene):
                  for side in (render.resolution_y, render.resolution_x))
 
 
+def frame_grid(scene, lens):
+    """The pixels of the scene's frame on a lens's sensor: a PixelGrid. The Shift of the scene's camera moves the sensor
+    in the lens's image circle."""
+    shape_px = frame_px(scene)
+    return PixelGrid(shape_px, pitch_um(lens, shape_px)).shifted(*shift_px(scene))
+
+
+def shift_px(scene):
+    """Pixels by which the Shift of the scene's camera moves the sensor, to the right and up."""
+    camera = scene.camera
+    if camera is None or camera.type != "CAMERA":
+        return 0.0, 0.0
+    return tuple(float(f"{part:.6g}") * unit_px  # as the user entered it: Blender's floats are single precision
+                 for part, unit_px in zip((camera.data.shift_x, camera.data.shift_y),
+                                          _shift_units_px(camera.data, frame_px(scene)), strict=True))
+
+
 def render_region(scene):
     """Blender's render region in the frame: slices of its rows and columns; None without one.
 
@@ -84,11 +101,11 @@ def captured_region(region, lens, wavelengths_nm, capture, options=BY_RESULT, ro
 
 
 def capture_grid(scene, lens, wavelengths_nm, options=BY_RESULT, room=0.0, others=()):
-    """The pixels of a scene's capture for a lens: `frame_capture` for the render's size."""
-    return frame_capture(lens, frame_px(scene), wavelengths_nm, options, room, others)
+    """The pixels of a scene's capture for a lens: `frame_capture` for the scene's frame."""
+    return frame_capture(lens, frame_grid(scene, lens), wavelengths_nm, options, room, others)
 
 
-def frame_capture(lens, shape_px, wavelengths_nm, options=BY_RESULT, room=0.0, others=()):
+def frame_capture(lens, frame, wavelengths_nm, options=BY_RESULT, room=0.0, others=()):
     """The pixels of a capture for a lens: a PixelGrid.
 
     Its overscan holds the light that the plan spreads into the frame. The light that the plan trims need not be
@@ -97,8 +114,7 @@ def frame_capture(lens, shape_px, wavelengths_nm, options=BY_RESULT, room=0.0, o
     Parameters
     ----------
     lens : Lens
-    shape_px : (int, int)
-        Rows and columns of the frame.
+    frame : PixelGrid
     wavelengths_nm : sequence of float
     options : Options
         Of the plan by which the capture will be filtered.
@@ -114,7 +130,7 @@ def frame_capture(lens, shape_px, wavelengths_nm, options=BY_RESULT, room=0.0, o
     """
     if not 0 <= room <= MOST_ROOM:
         raise InputError("options", "room", room, f"expected 0 to {MOST_ROOM:g}")
-    frame, reach_px = PixelGrid(shape_px, pitch_um(lens, shape_px)), 0
+    reach_px = 0
     while True:  # a plan may depend on the overscan, so the last one is that of the capture
         capture = _capture_within(reach_px, lens, frame, wavelengths_nm, room, others)
         planned_px = _planned_reach_px(options, (lens, *others), capture, wavelengths_nm)
@@ -129,7 +145,7 @@ def _capture_within(reach_px, lens, frame, wavelengths_nm, room, others):
     grid = replace(capture, focal_mm=lens.capture_focal_length_mm)
     margins = [field_map(other).overscan_px(grid, wavelengths_nm, reach_px) for other in others]
     rows, columns = np.max([capture.overscan_px, *margins], axis=0, initial=round(room * max(frame.shape_px)))
-    return PixelGrid.around_frame(frame.shape_px, frame.pitch_um, (rows, columns), capture.projection)
+    return capture.with_overscan((rows, columns))
 
 
 def _planned_reach_px(options, lenses, capture, wavelengths_nm):
@@ -144,7 +160,8 @@ def _planned_reach_px(options, lenses, capture, wavelengths_nm):
 
 
 def view_tangents(scene, lens, view, rings=AT_REST):
-    """Tangents of half the horizontal and vertical angles of view of a lens, by name or path, at these settings.
+    """Tangents of the angles of view of a lens, by name or path, at these settings: from the axis to the frame's left,
+    lower, right and upper edge.
 
     Raises
     ------
@@ -152,11 +169,10 @@ def view_tangents(scene, lens, view, rings=AT_REST):
         The lens does not exist, or cannot replace the scene's camera.
     """
     check_camera(scene)
-    facts, (rows, columns) = lens_facts(lens, rings), frame_px(scene)
+    facts = lens_facts(lens, rings)
     factor, sensor_mm = size_for_view(scene, facts, view)
-    pixel_mm = pitch_um(replace(facts, sensor_mm=sensor_mm), (rows, columns)) * 1e-3
-    half_pixel = pixel_mm / 2 / (factor * facts.capture_focal_length_mm)
-    return columns * half_pixel, rows * half_pixel
+    frame = frame_grid(scene, replace(facts, sensor_mm=sensor_mm))
+    return tuple(edge_mm / (factor * facts.capture_focal_length_mm) for edge_mm in frame.edges_mm)
 
 
 def in_view(camera, box, lens, capture):
@@ -174,22 +190,24 @@ def in_view(camera, box, lens, capture):
     tangents = _edge_tangents(lens, capture)
     if tangents is None:
         return True
-    sides = [-z, *(sign * along - z * tangent for along, tangent in zip((x, y), tangents, strict=True)
-                   for sign in (-1, 1))]
+    left, lower, right, upper = tangents
+    sides = -z, x + z * left, y + z * lower, -z * right - x, -z * upper - y
     return all(np.any(side > 0) for side in sides)
 
 
 @lru_cache(maxsize=4)
 def _edge_tangents(lens, capture):
-    """The largest tangents across and up at the edges of a capture; None if its corners show 90 degrees or more."""
-    half_mm = [n * capture.pitch_um * 1e-3 / 2 for n in reversed(capture.shape_px)]
-    edges_mm = [np.hypot(side_mm, np.linspace(0, other_mm, EDGE_SAMPLES))
-                for side_mm, other_mm in (half_mm, half_mm[::-1])]
-    angles_rad = [capture.projection.angle_rad(radius_mm / lens.capture_focal_length_mm) for radius_mm in edges_mm]
-    if max(angle_rad[-1] for angle_rad in angles_rad) >= np.pi / 2:
+    """The largest tangents at the left, lower, right and upper edge of a capture, outwards; None if its corners show 90
+    degrees or more."""
+    focal_mm, edges_mm, tangents = lens.capture_focal_length_mm, capture.edges_mm, []
+    if capture.projection.angle_rad(capture.farthest_px * capture.pitch_um * 1e-3 / focal_mm) >= np.pi / 2:
         return None
-    return [side_mm * (np.tan(angle_rad) / radius_mm).max()
-            for side_mm, angle_rad, radius_mm in zip(half_mm, angles_rad, edges_mm, strict=True)]
+    for side, edge_mm in enumerate(edges_mm):
+        along_mm = np.linspace(*edges_mm[1 - side % 2::2], EDGE_SAMPLES)
+        radius_mm = np.maximum(np.hypot(edge_mm, along_mm), np.finfo(float).tiny)
+        tangent = edge_mm * np.tan(capture.projection.angle_rad(radius_mm / focal_mm)) / radius_mm
+        tangents.append(tangent.min() if side < 2 else tangent.max())
+    return tangents
 
 
 def check_camera(scene, view=LENS_VIEW, camera=None):
@@ -215,9 +233,8 @@ def check_camera(scene, view=LENS_VIEW, camera=None):
             raise SceneError(where, "type", "PANO", TO_PERSPECTIVE)
     elif camera.data.type != "PERSP":
         raise SceneError(where, "type", camera.data.type, TO_PERSPECTIVE)
-    if camera.data.shift_x or camera.data.shift_y:
-        raise SceneError(where, "shift", f"{camera.data.shift_x:g}, {camera.data.shift_y:g}",
-                         "set the shift to 0: the lens is always centred")
+    if not np.all(np.isfinite(shift := (camera.data.shift_x, camera.data.shift_y))):
+        raise SceneError(where, "shift", "{:g}, {:g}".format(*shift), "expected finite numbers")
     if view == CAMERA_VIEW:
         _check_view(camera.data, where)
     _check_pose(camera, where)
@@ -275,11 +292,10 @@ def aim_camera(scene, rotation=None):
 def set_up_capture(camera, lens, capture):
     """Set up camera data for a capture: a perspective camera, or a panoramic one with the capture's projection. The
     render's resolution must be `capture.shape_px`."""
-    width_mm = capture.shape_px[1] * capture.pitch_um * 1e-3
     if capture.projection.is_plane:
-        _make_perspective(camera, lens.capture_focal_length_mm, width_mm)
+        _make_perspective(camera, lens.capture_focal_length_mm, capture)
     else:
-        _make_panoramic(camera, capture.projection, lens.capture_focal_length_mm, width_mm)
+        _make_panoramic(camera, lens.capture_focal_length_mm, capture)
 
 
 def match_camera_to_lens(camera, lens, frame):
@@ -288,17 +304,17 @@ def match_camera_to_lens(camera, lens, frame):
     Most lenses become a perspective camera with the correct scale on the axis. A lens that would need more than
     MOST_PLANE times the frame's pixels on a plane becomes a fisheye camera with its own distortion: a rendered viewport
     shows the exact frame. Solid viewports show every camera in perspective; the focal length is set so that their left
-    and right edges match the lens's.
+    and right edges match the lens's. The camera's Shift stays.
     """
     focal_mm, width_mm = lens.capture_focal_length_mm, frame.shape_px[1] * frame.pitch_um * 1e-3
     nm = reference_nm(lens)
-    plane = PixelGrid.around_frame(frame.shape_px, frame.pitch_um, field_map(lens).overscan_px(frame, [nm], 0))
+    plane = frame.with_overscan(field_map(lens).overscan_px(frame, [nm], 0))
     if np.prod(plane.shape_px) <= MOST_PLANE * np.prod(frame.shape_px):
-        _make_perspective(camera, focal_mm, width_mm)
+        _make_perspective(camera, focal_mm, frame)
         return
     edge_mm, _ = field_map(lens).at_wavelength(nm).source_mm(width_mm / 2, 0.0)
-    _make_perspective(camera, focal_mm * width_mm / 2 / edge_mm, width_mm)
-    _make_panoramic(camera, lens_projection(lens, frame), focal_mm, width_mm)
+    _make_perspective(camera, focal_mm * width_mm / 2 / edge_mm, frame)
+    _make_panoramic(camera, focal_mm, replace(frame, projection=lens_projection(lens, frame)))
 
 
 def lens_for_view(scene, lens, view):
@@ -316,7 +332,7 @@ def lens_for_view(scene, lens, view):
     -------
     Lens
     warning : str
-        The consequences of the scaling, or of a sensor beyond the lens's field, in one line; "" without any.
+        The consequences of the scaling, or of a sensor or a Shift beyond the lens's field, in one line; "" without any.
 
     Raises
     ------
@@ -326,11 +342,11 @@ def lens_for_view(scene, lens, view):
     factor, sensor_mm = size_for_view(scene, lens, view)
     if view == CAMERA_VIEW:
         adapted = scaled_lens(lens, factor, sensor_mm)
-        return adapted, size_warning(lens, adapted, factor)
-    if view == LENS_VIEW:
-        return lens, ""
-    adapted = lens_on_sensor(lens, sensor_mm)
-    return adapted, sensor_warning(adapted)
+        warning = size_warning(lens, adapted, factor)
+    else:
+        adapted = lens if view == LENS_VIEW else lens_on_sensor(lens, sensor_mm)
+        warning = "" if view == LENS_VIEW else sensor_warning(adapted)
+    return adapted, "; ".join(filter(None, (warning, shift_warning(adapted, frame_grid(scene, adapted)))))
 
 
 def size_for_view(scene, lens, view):
@@ -358,11 +374,20 @@ def matching_focal_length_mm(scene, lens):
 
 def _pixel_mm(camera, frame):
     """Size of a pixel on the camera's own sensor, by Blender's Sensor Fit."""
-    if camera.sensor_fit == "VERTICAL":
-        return camera.sensor_height / frame[0]
-    if camera.sensor_fit == "HORIZONTAL":
-        return camera.sensor_width / frame[1]
-    return camera.sensor_width / max(frame)
+    side_mm = camera.sensor_height if camera.sensor_fit == "VERTICAL" else camera.sensor_width
+    return side_mm / frame[_sized_axis(camera, frame)]
+
+
+def _sized_axis(camera, frame):
+    """The axis of rows and columns that Blender's Sensor Fit sizes."""
+    return {"VERTICAL": 0, "HORIZONTAL": 1}.get(camera.sensor_fit, int(np.argmax(frame)))
+
+
+def _shift_units_px(camera, frame):
+    """Pixels that a Shift X and a Shift Y of 1 move a camera's sensor. The rows of a panorama are those of Cycles:
+    other viewports show it in perspective."""
+    side_px = frame[_sized_axis(camera, frame)]
+    return frame[::-1] if camera.type == "PANO" else (side_px, side_px)
 
 
 def size_warning(lens, adapted, factor):
@@ -382,20 +407,37 @@ def sensor_warning(lens):
             "{:g} x {:g} mm: the picture darkens or ends beyond it".format(*lens.sensor_mm))
 
 
-def _make_perspective(camera, focal_length_mm, width_mm):
+@lru_cache(maxsize=4)
+def shift_warning(lens, frame):
+    """A line if a sensor is shifted beyond a lens's field; "" otherwise."""
+    if frame.centred or (share := field_map(lens).at_wavelength(reference_nm(lens)).share_beyond(frame)) <= 0:
+        return ""
+    return (f"the Shift moves {share:.2g} of the frame beyond the field of {lens.name}: the picture darkens or ends "
+            "there")
+
+
+def _make_perspective(camera, focal_length_mm, grid):
     camera.type = "PERSP"
+    camera.lens_unit = "MILLIMETERS"
+    camera.lens = focal_length_mm * CAMERA_SENSOR_MM / _place_sensor(camera, grid)
+
+
+def _place_sensor(camera, grid):
+    """Give camera data a sensor for a grid, shifted to its place in the image circle; returns the grid's width in
+    mm."""
+    (rows, columns), (row, column) = grid.shape_px, grid.centre_px
     camera.sensor_fit = "HORIZONTAL"
     camera.sensor_width = CAMERA_SENSOR_MM
-    camera.lens_unit = "MILLIMETERS"
-    camera.lens = focal_length_mm * CAMERA_SENSOR_MM / width_mm
+    camera.shift_x, camera.shift_y = np.divide(((columns - 1) / 2 - column, row - (rows - 1) / 2),
+                                               _shift_units_px(camera, grid.shape_px))
+    return columns * grid.pitch_um * 1e-3
 
 
-def _make_panoramic(camera, projection, focal_mm, width_mm):
-    """Make camera data a panorama of this projection. Cycles expects its polynomial with the opposite sign, for a
+def _make_panoramic(camera, focal_mm, grid):
+    """Make camera data a panorama of a grid's projection. Cycles expects its polynomial with the opposite sign, for a
     radius in mm on the camera's sensor."""
     camera.type = "PANO"
-    camera.sensor_fit = "HORIZONTAL"
-    camera.sensor_width = CAMERA_SENSOR_MM
+    width_mm, projection = _place_sensor(camera, grid), grid.projection
     camera.panorama_type = FISHEYE_TYPE
     camera.fisheye_fov = WHOLE_SPHERE
     coefficients = np.zeros(5)

@@ -129,11 +129,9 @@ def visible_depth_mm(scene, lens, capture):
 
 def _places_mm(frame):
     """x and y of points all over a frame, on the image plane: arrays (row, column), row 0 at the top."""
-    rows, columns = frame.shape_px
-    steps = max(rows, columns) / RAYS_ACROSS
-    y_mm, x_mm = np.meshgrid(*(((np.arange(0.5, n / steps)) * steps - n / 2) * frame.pitch_um * 1e-3
-                               for n in (rows, columns)), indexing="ij")
-    return x_mm, -y_mm
+    steps = max(frame.shape_px) / RAYS_ACROSS
+    return frame.position_mm(*np.meshgrid(*(np.arange(0.5, n / steps) * steps - 0.5 for n in frame.shape_px),
+                                          indexing="ij"))
 
 
 def _directions(x_mm, y_mm, lens, projection):

@@ -52,13 +52,21 @@ class LensFacts:
     fields: tuple[tuple[tuple[float, float], ...], ...]
     radial: bool
 
-    def field_on(self, sides_mm):
-        """Angles of view in degrees across and up a picture of these sides in mm, and the share of its diagonal that
-        the field covers."""
-        across_deg, up_deg = (2 * np.degrees(np.interp(side_mm / 2, *np.transpose(field)))
-                              for side_mm, field in zip(sides_mm, self.fields, strict=False))
+    def field_on(self, edges_mm):
+        """Angles of view in degrees across and up a picture, and the share of the distance from the axis to its
+        farthest corner that the field covers.
+
+        Parameters
+        ----------
+        edges_mm : (float, float, float, float)
+            As `PixelGrid.edges_mm`.
+        """
+        left, lower, right, upper = (
+            np.degrees(np.sign(edge_mm) * np.interp(abs(edge_mm), *np.transpose(field)))
+            for edge_mm, field in zip(edges_mm, (*self.fields[:2], *self.fields[:2]), strict=True))
+        farthest_mm = np.hypot(*np.abs(edges_mm).reshape(2, 2).max(axis=0))
         (end_mm, _) = self.fields[-1][-1]
-        return across_deg, up_deg, min(1.0, 2 * end_mm / np.hypot(*sides_mm))
+        return right - left, upper - lower, min(1.0, end_mm / farthest_mm)
 
 
 def lens_facts(source: LensSource, rings: Rings = AT_REST, focal_mm: float | None = None) -> LensFacts:

@@ -1,6 +1,6 @@
 """Quick Look: a node group that shows an ordinary render through a lens, in any compositor and without the add-on.
 
-Tables in packed images hold the lens, from the middle of its sensor to the corners. The group works for every
+Tables in packed images hold the lens, from its axis to the corners of its sensor. The group works for every
 resolution and for every shape of the frame, which it fits into the sensor.
 """
 
@@ -13,6 +13,7 @@ from .compositor import QUICK_LOOK
 NAME = "Quick Look"
 CURVES, BOKEH = "Lens", "Bokeh"  # names of nodes
 SENSOR_WIDTH, SENSOR_HEIGHT, BLUR = "Sensor Width", "Sensor Height", "Blur"
+SHIFT_X, SHIFT_Y = "Shift X", "Shift Y"
 COLOURS = "Red", "Green", "Blue"
 MOST_BLUR = 0.01  # radius in longer sides of the picture: the time of Bokeh Blur rises with its square
 
@@ -53,8 +54,9 @@ def set_lens(group, curves: LensCurves, scale=1.0, unit_mm=1000.0, blurs=True):
     bokeh = np.repeat(curves.bokeh[::-1, ::-1, None], 4, axis=2)  # turned, as of a distant point
     bokeh[:, :, 3] = 1
     _set_pixels(group.nodes[BOKEH], f"{group.name} Bokeh", bokeh)
-    radius = curves.bokeh_mm / unit_mm / 4 if blurs else 0.0  # half of the side, in units of two half diagonals
-    for name, value in zip((SENSOR_WIDTH, SENSOR_HEIGHT, BLUR), (*curves.sensor, radius), strict=True):
+    radius = curves.bokeh_mm / unit_mm / 4 if blurs else 0.0  # half of the side, in units of two
+    for name, value in zip((SENSOR_WIDTH, SENSOR_HEIGHT, SHIFT_X, SHIFT_Y, BLUR),
+                           (*curves.sensor, *curves.shift, radius), strict=True):
         group.nodes[name].outputs[0].default_value = value
 
 
@@ -74,8 +76,8 @@ def _build(group):
     """Create the nodes of a group."""
     given, results = group.nodes.new("NodeGroupInput"), group.nodes.new("NodeGroupOutput")
     picture, depth, focus, f_stop, *_ = given.outputs
-    place = _node(group, "CompositorNodeImageCoordinates", picture).outputs["Uniform"]  # the longer side: -1 to 1
     longer_px, per_sensor = _size(group, picture)
+    place = _place(group, picture, per_sensor)
     curves = _curves(group, place, per_sensor)
     back_px = _math(group, "MULTIPLY", longer_px, -0.5)  # Displace looks up against its displacement
     moves = {colour: _vector(group, "SCALE", place, scale=_math(group, "MULTIPLY", curves[colour], back_px))
@@ -91,8 +93,16 @@ def _build(group):
     _arrange(group)
 
 
+def _place(group, picture, per_sensor):
+    """The place of a pixel, from the axis, in halves of the longer side."""
+    from_middle = _node(group, "CompositorNodeImageCoordinates", picture).outputs["Uniform"]
+    shift = (_math(group, "DIVIDE", _value(group, name), per_sensor) for name in (SHIFT_X, SHIFT_Y))
+    return _node(group, "ShaderNodeVectorMath", from_middle, _node(group, "ShaderNodeCombineXYZ", *shift).outputs[0]
+                 ).outputs[0]
+
+
 def _size(group, picture):
-    """The longer side in pixels, and half of it in half diagonals of the sensor."""
+    """The longer side in pixels, and half of it in the unit of LensCurves."""
     size = _node(group, "CompositorNodeImageInfo", picture).outputs["Dimensions"]
     across, up, _ = _node(group, "ShaderNodeSeparateXYZ", size).outputs
     longer_px = _math(group, "MAXIMUM", across, up)

@@ -59,6 +59,7 @@ def set_traced_camera(camera, lens, film, wavelength_nm, unit_mm):
     unit_mm : float
         Length of a Blender unit.
     """
+    camera.shift_x = camera.shift_y = 0  # the film has it already
     use_shader(camera, _shader(lens.prescription, film, float(wavelength_nm), unit_mm))
 
 

@@ -11,10 +11,6 @@ def _make_perspective(camera):
     camera.type = "PERSP"
 
 
-def _clear_shift(camera):
-    camera.shift_x = camera.shift_y = 0.0
-
-
 def _make_square(scene):
     scene.render.pixel_aspect_x = scene.render.pixel_aspect_y = 1.0
 
@@ -33,7 +29,6 @@ def _itself(scene):
 
 FIXES = {"type": ("Make Perspective", _camera_of, _make_perspective),
          "panorama type": ("Make Perspective", _camera_of, _make_perspective),
-         "shift": ("Clear Shift", _camera_of, _clear_shift),
          "pixel aspect": ("Make Pixels Square", _itself, _make_square),
          "render region": ("Clear Render Region", _itself, _clear_region)}
 """Labels, data-blocks of a scene and functions that change them, by the field of the refusal."""

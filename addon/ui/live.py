@@ -15,6 +15,7 @@ from math import inf
 from typing import Any
 
 import bpy
+import numpy as np
 from bpy.app.handlers import persistent
 
 from ...engine.depth.depth_range import blur_per_nearness_px
@@ -28,7 +29,7 @@ from ...engine.library.rays import lens_rays
 from ...engine.runtime.errors import InputError, one_line
 from ...engine.runtime.files import stamp_of
 from ..job.named_files import check_named_files
-from ..scene.camera import check_camera, frame_px, size_for_view
+from ..scene.camera import check_camera, frame_px, shift_px, size_for_view
 from ..scene.errors import SceneError
 from ..scene.focus import Focus, focus_now
 from ..scene.lens_cache import lens_on_sensor, load_lens, scaled_lens
@@ -57,14 +58,14 @@ class Frame:
     Attributes
     ----------
     tables : LensTables
-    tangents : (float, float)
-        Of half the frame's angles of view, across and up.
+    tangents : (float, float, float, float)
+        Of the angles from the axis to the frame's left, lower, right and upper edge.
     focus : Focus
         Of the lens, in pixels of the scene's render.
     """
 
     tables: LensTables
-    tangents: tuple[float, float]
+    tangents: tuple[float, float, float, float]
     focus: Focus
 
 
@@ -200,11 +201,11 @@ def frame_question(scene, at_rest):
     _, sensor_mm = size_for_view(scene, at_rest, settings.view_text())
     if settings.view_text() == LENS_VIEW:
         sensor_mm = None  # at another focus, a lens that states no sensor has another one
-    return (name, stamp_of(name), rings_for(scene, name), focal_mm, sensor_mm, frame_px(scene),
+    return (name, stamp_of(name), rings_for(scene, name), focal_mm, sensor_mm, frame_px(scene), shift_px(scene),
             scene_iris(scene, name), settings.out_of_field == "VIGNETTE")
 
 
-def read_frame(name, stamp, rings, focal_mm, sensor_mm, shape_px, iris, vignette):
+def read_frame(name, stamp, rings, focal_mm, sensor_mm, shape_px, right_up_px, iris, vignette):
     """The Frame of these arguments, as `frame_question` returns them.
 
     Raises
@@ -213,11 +214,11 @@ def read_frame(name, stamp, rings, focal_mm, sensor_mm, shape_px, iris, vignette
         The lens is not available.
     """
     lens = frame_lens(name, rings, focal_mm, sensor_mm)
-    grid = PixelGrid(shape_px, fitting_pitch_um(lens, shape_px))
+    grid = PixelGrid(shape_px, fitting_pitch_um(lens, shape_px)).shifted(*right_up_px)
     tables = lens_tables(lens, lens_rays(lens, opening(iris, lens).reach), grid, iris, vignette)
-    half_mm = [n * grid.pitch_um * 1e-3 / 2 / lens.capture_focal_length_mm for n in reversed(shape_px)]
+    tangents = tuple(edge_mm / lens.capture_focal_length_mm for edge_mm in grid.edges_mm)
     per_nearness_px_m, nearness_per_m = blur_per_nearness_px(lens, grid.pitch_um) / 1e3, focus_nearness(lens) * 1e3
-    return Frame(tables, tuple(half_mm), Focus(1 / nearness_per_m if nearness_per_m else inf, per_nearness_px_m))
+    return Frame(tables, tangents, Focus(1 / nearness_per_m if nearness_per_m else inf, per_nearness_px_m))
 
 
 def frame_lens(name, rings, focal_mm, sensor_mm):
@@ -265,9 +266,9 @@ def _draw_frame(live, scene, space, view, region):
     if frame is None:
         return
     seen = lens_view.View.of(view.window_matrix, region.width, region.height)
-    half = [tangent * scale for tangent, scale in zip(frame.tangents, seen.px_per_tangent, strict=True)]
-    frame_rectangle = (*(middle - side for middle, side in zip(seen.middle_px, half, strict=True)),
-                       *(2 * side for side in half))
+    first_px, last_px = (np.multiply(corner, seen.px_per_tangent) + seen.middle_px
+                         for corner in (frame.tangents[:2], frame.tangents[2:]))
+    frame_rectangle = *first_px, *(last_px - first_px)
     has_depth = lens_view.draw(live.framebuffer, live.shown[1], seen, frame_rectangle,
                                _defocus(scene, live, frame, at_rest, frame_rectangle),
                                transparent=space.shading.type == "SOLID" or scene.render.film_transparent)

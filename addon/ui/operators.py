@@ -3,11 +3,10 @@
 import bpy
 
 from ...engine.field.overscan import CAMERA_VIEW
-from ...engine.image.pixel_grid import PixelGrid
 from ...engine.runtime.errors import InputError, one_line
 from ..job.remarks import ENOUGH_SAMPLES
 from ..job.render import render_through_lens
-from ..scene.camera import aim_camera, check_camera, frame_px, lens_for_view, match_camera_to_lens, pitch_um
+from ..scene.camera import aim_camera, check_camera, frame_grid, lens_for_view, match_camera_to_lens
 from ..scene.compositor import show_file
 from ..scene.linked import check_editable
 from . import window_render
@@ -116,7 +115,7 @@ def _match(scene):
     lens, view = lens_now(scene, quality_at_hand(scene)), scene.lensfield.view_text()
     if view != CAMERA_VIEW:
         lens, _ = lens_for_view(scene, lens, view)
-    match_camera_to_lens(scene.camera.data, lens, PixelGrid(frame_px(scene), pitch_um(lens, frame_px(scene))))
+    match_camera_to_lens(scene.camera.data, lens, frame_grid(scene, lens))
 
 
 class LENSFIELD_OT_add_camera(bpy.types.Operator):

@@ -18,7 +18,7 @@ from ..job.job import folder_for, is_temporary
 from ..job.named_files import FROM_FILE, named_files
 from ..job.remarks import MANY_SAMPLES, SAME_VIEW
 from ..job.result import Result
-from ..scene.camera import COMPLETE, frame_px, matching_focal_length_mm, pitch_um, size_for_view
+from ..scene.camera import COMPLETE, frame_grid, frame_px, matching_focal_length_mm, size_for_view
 from ..scene.requirements import check_scene
 from ..scene.rings import FEWEST_BLADES
 from .animation import draw_animation
@@ -94,15 +94,18 @@ def _draw_lens(layout, scene):
 
 
 def _facts(scene):
-    """LensFacts, their scale in this scene, and the sensor's sides in mm; None without them."""
+    """LensFacts, their scale in this scene, the sensor's sides in mm, and the frame's PixelGrid; None without them."""
     facts = lens_request(scene).facts if scene.camera and scene.lensfield.lens_text() else None
     try:
-        return facts and (facts, *size_for_view(scene, facts, scene.lensfield.view_text()))
+        if not facts:
+            return None
+        factor, sensor_mm = size_for_view(scene, facts, scene.lensfield.view_text())
+        return facts, factor, sensor_mm, frame_grid(scene, replace(facts, sensor_mm=sensor_mm))
     except InputError:  # `_draw_status` shows it
         return None
 
 
-def _figures(facts, factor, sensor_mm):
+def _figures(facts, factor, sensor_mm, _):
     """Focal length, f-number and sensor of a lens, as photographers write them."""
     return "{:.3g} mm \u00b7 f/{:.3g} \u00b7 {:.3g} \u00d7 {:.3g} mm".format(
         facts.efl_mm * factor, facts.f_number, *sensor_mm)
@@ -171,8 +174,10 @@ def _draw_notes(layout, scene):
     if facts := _facts(scene):
         for word in facts[0].words:
             draw_wrapped(column, word, "INFO")
-        if scene.lensfield.view_text() != LENS_VIEW and (covered := _field_of_view(scene, facts)[2]) < COMPLETE:
-            draw_wrapped(column, f"The lens covers {covered:.0%} of the picture's diagonal", "INFO")
+        shifted, covered = not facts[3].centred, _field_of_view(*facts)[2]
+        if (shifted or scene.lensfield.view_text() != LENS_VIEW) and covered < COMPLETE:
+            way = "way to the shifted picture's farthest corner" if shifted else "picture's diagonal"
+            draw_wrapped(column, f"The lens covers {covered:.0%} of the {way}", "INFO")
         if scene.lensfield.view != "CAMERA" and not _sees_alike(scene, replace(facts[0], sensor_mm=facts[2])):
             draw_wrapped(column, "Your camera has a different field of view", "INFO")
             column.operator("lensfield.match_camera", icon="CAMERA_DATA")
@@ -189,7 +194,7 @@ def _draw_view(layout, scene):
     if settings.view == "SENSOR":
         layout.prop(settings, "sensor_mm")
     if facts := _facts(scene):
-        across_deg, up_deg, _ = _field_of_view(scene, facts)
+        across_deg, up_deg, _ = _field_of_view(*facts)
         view = f"{across_deg:.3g}\u00b0 \u00d7 {up_deg:.3g}\u00b0, crop factor {crop_factor(facts[2]):.3g}"
         for line in (view, *_limits(*facts)):
             draw_wrapped(layout, line)
@@ -205,21 +210,12 @@ def _draw_view(layout, scene):
         blades.prop(settings, "iris_roundness")
 
 
-def _pitch_um(scene, facts):
-    """Pixel pitch, given what `_facts` returns."""
-    lens, _, sensor_mm = facts
-    return pitch_um(replace(lens, sensor_mm=sensor_mm), frame_px(scene))
+def _field_of_view(lens, factor, _, frame):
+    """The `LensFacts.field_on` of the frame."""
+    return lens.field_on([edge_mm / factor for edge_mm in frame.edges_mm])
 
 
-def _field_of_view(scene, facts):
-    """Angles of view in degrees across and up the picture, and the share of its diagonal that the lens covers, given
-    what `_facts` returns."""
-    lens, factor, sensor_mm = facts
-    lens_mm = _pitch_um(scene, facts) * 1e-3 / factor  # of a pixel, in the lens's own size
-    return lens.field_on([side * lens_mm for side in reversed(frame_px(scene))])
-
-
-def _limits(facts, factor, _):
+def _limits(facts, factor, *_):
     """Lines on the focus of a lens, the range of its rings, and its scale."""
     yield f"Focused {'at infinity' if isinf(facts.focus_mm) else f'at {facts.focus_mm * factor * 1e-3:.3g} m'}"
     if facts.reach:
@@ -333,7 +329,7 @@ def _draw_output(layout, scene):
         draw_wrapped(layout.column(align=True), f"File not saved: pictures go to {folder_for(scene)}", "INFO")
     if facts := _facts(scene):
         rows, columns = frame_px(scene)
-        layout.label(text=f"{columns} \u00d7 {rows} px, pixel pitch {_pitch_um(scene, facts):.2f} \u00b5m")
+        layout.label(text=f"{columns} \u00d7 {rows} px, pixel pitch {facts[3].pitch_um:.2f} \u00b5m")
     layout.prop_search(settings, "view_layer", scene, "view_layers")
     draw_compositor(layout, scene)
     draw_quick_look(layout, scene)

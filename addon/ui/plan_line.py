@@ -12,7 +12,7 @@ from ..job.bands import pass_count
 from ..job.job import denoises
 from ..job.radiance import detail_bytes, pass_bytes
 from ..job.sampled_passes import detail_times, possible_detail_times
-from ..scene.camera import frame_capture, frame_px, lens_for_view
+from ..scene.camera import frame_capture, frame_grid, frame_px, lens_for_view
 from .areas import areas
 from .lint_panel import checked_settings
 from .session import session
@@ -40,7 +40,7 @@ def plan_text(scene, lens):
     wavelengths_nm = request.wavelengths_nm
     lens = lens_for_view(scene, lens, request.view_on_sensor)[0]
     times = _detail_times(scene, request)
-    future = _planned(request.options, lens, frame_px(scene), wavelengths_nm, times)
+    future = _planned(request.options, lens, frame_grid(scene, lens), wavelengths_nm, times)
     text = _passes(scene, len(wavelengths_nm))
     if not future.done() or future.exception():  # the plan is not ready, or not possible
         return text
@@ -83,10 +83,10 @@ def _passes(scene, wavelengths):
     return f"{most} or more passes" if tier == "REFERENCE" else f"Up to {most} passes"
 
 
-def _planned(options, lens, frame_shape_px, wavelengths_nm, times):
+def _planned(options, lens, frame, wavelengths_nm, times):
     """A Future of the capture's rows and columns and the engine's plan, cached because panels are drawn many times a
     second."""
-    key = options, lens, frame_shape_px, wavelengths_nm, times
+    key = options, lens, frame, wavelengths_nm, times
     if key not in _plans:
         if len(_plans) == MOST_PLANS:
             _plans.pop(next(iter(_plans))).cancel()  # dragging a slider requests many
@@ -96,8 +96,8 @@ def _planned(options, lens, frame_shape_px, wavelengths_nm, times):
     return _plans[key]
 
 
-def _plan(options, lens, frame_shape_px, wavelengths_nm, times):
-    grid = frame_capture(lens, frame_shape_px, wavelengths_nm, options)
+def _plan(options, lens, frame, wavelengths_nm, times):
+    grid = frame_capture(lens, frame, wavelengths_nm, options)
     return grid.shape_px, cached_plan(options.for_detail(times), lens, Sampling(grid, wavelengths_nm))
 
 

@@ -76,7 +76,7 @@ class Preview:
     shown: int = 0  # number of the job's last picture that is shown; 0 for none
     started_s: float = 0.0
     copies_s: tuple = ()  # seconds for each of the last two copies
-    tangents: tuple = ()  # half the captured view, horizontally and vertically
+    tangents: tuple = ()  # the `view_tangents` of the captured view
     lens: tuple = ()  # the key of the last lens that was applied or tried
     depth: Path | None = None  # of the picture
     facts: list = field(default_factory=list)

@@ -96,9 +96,9 @@ def _draw_between(corners, texture):
 
 
 def frame_corners(camera, tangents):
-    """The lower left and the upper right corner of a camera's frame with these tangents, in world space."""
-    matrix = camera.matrix_world.normalized()
-    return [matrix @ Vector((sign * tangents[0], sign * tangents[1], -1.0)) for sign in (-1, 1)]
+    """The lower left and the upper right corner of a camera's frame with these `view_tangents`, in world space."""
+    matrix, (left, lower, right, upper) = camera.matrix_world.normalized(), tangents
+    return [matrix @ Vector((*corner, -1.0)) for corner in ((left, lower), (right, upper))]
 
 
 def _corners_px(region, view, camera, tangents):

@@ -42,7 +42,7 @@ def quick_look_question(scene, at_rest):
     return *frame_question(scene, at_rest), width_mm / 2 / scene.camera.data.lens
 
 
-def read_curves(name, stamp, rings, focal_mm, sensor_mm, shape_px, iris, vignette, tangent):
+def read_curves(name, stamp, rings, focal_mm, sensor_mm, shape_px, right_up_px, iris, vignette, tangent):
     """The LensCurves of these arguments, the camera's scale relative to the lens's, and the inverse of the focus
     distance in mm.
 
@@ -52,9 +52,10 @@ def read_curves(name, stamp, rings, focal_mm, sensor_mm, shape_px, iris, vignett
         The lens is not available.
     """
     lens = frame_lens(name, rings, focal_mm, sensor_mm)
-    half_mm = shape_px[1] * fitting_pitch_um(lens, shape_px) * 1e-3 / 2
-    curves = lens_curves(lens, lens_facts(name, rings, focal_mm).f_number, iris, vignette)
-    return curves, half_mm / lens.capture_focal_length_mm / tangent, focus_nearness(lens)
+    pitch_mm = fitting_pitch_um(lens, shape_px) * 1e-3
+    curves = lens_curves(lens, lens_facts(name, rings, focal_mm).f_number, iris, vignette,
+                         tuple(part_px * pitch_mm for part_px in right_up_px))
+    return curves, shape_px[1] / 2 * pitch_mm / lens.capture_focal_length_mm / tangent, focus_nearness(lens)
 
 
 def add_quick_look(scene):
@@ -176,13 +177,11 @@ def _words(scene, curves, scale, _):
 
 def _share_outside(curves: LensCurves, scale, shape_px):
     """The share of a frame whose light comes from outside the camera's view."""
-    rows, columns = shape_px
-    width, height = curves.sensor
-    per_px = min(width / columns, height / rows) / 2
-    x, y = np.meshgrid(np.linspace(-1, 1, PLACES), np.linspace(-1, 1, PLACES))
-    along = np.linalg.norm([x * columns * per_px, y * rows * per_px], axis=0)
-    source = scale * np.interp(along, np.linspace(0, 1, len(curves.sources)), curves.sources[:, 1])
-    return float(np.mean(np.maximum(abs(x), abs(y)) * source > 1))
+    half = np.array(shape_px[::-1]) / 2 * min(np.divide(curves.sensor, shape_px[::-1]))
+    place = np.stack(np.meshgrid(*(side * np.linspace(-1, 1, PLACES) for side in half)), axis=-1) + curves.shift
+    source = scale * np.interp(np.linalg.norm(place, axis=-1), np.linspace(0, 1, len(curves.sources)),
+                               curves.sources[:, 1])
+    return float(np.mean(np.any(abs(place * source[..., None] - curves.shift) > half, axis=-1)))
 
 
 def check():

@@ -15,7 +15,7 @@ BOKEH_PX = 33
 
 @dataclass(frozen=True, eq=False)
 class LensCurves:
-    """A lens from the middle of its sensor to the corners. Lengths are in half diagonals of the sensor.
+    """A lens from its axis outwards. Lengths are in distances of the sensor's farthest corner from the axis.
 
     Attributes
     ----------
@@ -26,6 +26,8 @@ class LensCurves:
         Light, relative to the axis, at the same distances.
     sensor : (float, float)
         Width and height.
+    shift : (float, float)
+        From the axis to the middle of the sensor, to the right and up.
     bokeh : float32 array (BOKEH_PX, BOKEH_PX)
         The opening of the stop, which a distant point shows turned by 180 degrees, from the lower left.
     bokeh_mm : float
@@ -36,12 +38,14 @@ class LensCurves:
     sources: np.ndarray
     illumination: np.ndarray
     sensor: tuple[float, float]
+    shift: tuple[float, float]
     bokeh: np.ndarray
     bokeh_mm: float
     f_number: float
 
 
-def lens_curves(lens: Lens, f_number: float, iris: Iris | None = None, vignette: bool = False) -> LensCurves:
+def lens_curves(lens: Lens, f_number: float, iris: Iris | None = None, vignette: bool = False,
+                shift_mm: tuple[float, float] = (0.0, 0.0)) -> LensCurves:
     """The curves of a lens.
 
     Parameters
@@ -54,18 +58,21 @@ def lens_curves(lens: Lens, f_number: float, iris: Iris | None = None, vignette:
         The blades that stop the lens down; by default the stop is round.
     vignette : bool
         Whether the area beyond the lens data is black.
+    shift_mm : (float, float)
+        From the axis to the middle of the sensor, to the right and up.
     """
-    diagonal_mm, focal_mm = float(np.linalg.norm(lens.sensor_mm)) / 2, lens.capture_focal_length_mm
+    focal_mm = lens.capture_focal_length_mm
+    farthest_mm = float(np.linalg.norm(np.divide(lens.sensor_mm, 2) + np.abs(shift_mm)))
     distance = np.linspace(0, 1, POINTS)
     distance[0] = distance[1] * 1e-3  # the limit on the axis
-    x_mm, y_mm = distance * diagonal_mm, np.zeros(POINTS)
+    x_mm, y_mm = distance * farthest_mm, np.zeros(POINTS)
     angle_rad, illumination = colour_directions(lens, x_mm, y_mm, vignette)
     sources = np.tan(np.minimum(angle_rad[..., 0], STEEPEST_RAD)) * focal_mm / x_mm[:, None]
     stop = opening(iris, lens)
-    bokeh_mm = entrance_pupil_diameter_mm(lens) * stop.reach * focal_mm * f_number / diagonal_mm
-    across_mm, up_mm = lens.sensor_mm
+    bokeh_mm = entrance_pupil_diameter_mm(lens) * stop.reach * focal_mm * f_number / farthest_mm
+    sensor, shift = ((across_mm / farthest_mm, up_mm / farthest_mm) for across_mm, up_mm in (lens.sensor_mm, shift_mm))
     return LensCurves(sources.astype(np.float32), illumination.astype(np.float32),
-                      (across_mm / diagonal_mm, up_mm / diagonal_mm), _bokeh(stop), bokeh_mm, f_number)
+                      sensor, shift, _bokeh(stop), bokeh_mm, f_number)
 
 
 def _bokeh(stop):

@@ -29,7 +29,7 @@ def choose_capture(lens: Lens, frame: PixelGrid, wavelengths_nm: Sequence[float]
     ----------
     lens : Lens
     frame : PixelGrid
-        The sensor's frame, with the axis in its middle.
+        The sensor's frame.
     wavelengths_nm : sequence of float
     psf_radius_px : int
         Pixels that a PSF reaches from its centre.
@@ -41,9 +41,7 @@ def choose_capture(lens: Lens, frame: PixelGrid, wavelengths_nm: Sequence[float]
     """
     def capture(projection):
         grid = replace(frame, projection=projection, squeeze=lens.squeeze)
-        overscan_px = field_map(lens).overscan_px(grid, wavelengths_nm, psf_radius_px)
-        return replace(PixelGrid.around_frame(frame.frame_px, frame.pitch_um, overscan_px, projection),
-                       squeeze=lens.squeeze)
+        return grid.with_overscan(field_map(lens).overscan_px(grid, wavelengths_nm, psf_radius_px))
 
     plane = capture(PLANE)
     if lens.squeeze != 1:

@@ -96,6 +96,13 @@ class PixelGrid:
                        for n, centre in zip(self.shape_px, self.centre_px, strict=True))
         return float(np.hypot(down, right))
 
+    @property
+    def edges_mm(self) -> tuple[float, float, float, float]:
+        """Image-plane coordinates of the left, lower, right and upper edge."""
+        rows, columns = self.shape_px
+        (left, right), (upper, lower) = self.position_mm(np.array((-0.5, rows - 0.5)), np.array((-0.5, columns - 0.5)))
+        return float(left), float(lower), float(right), float(upper)
+
     def frame(self) -> "PixelGrid":
         """The grid of the sensor's frame, without overscan."""
         return self.cropped(self.overscan_px)
@@ -106,6 +113,15 @@ class PixelGrid:
         return replace(self, shape_px=(rows - 2 * above, columns - 2 * left),
                        centre_px=(self.centre_px[0] - above, self.centre_px[1] - left),
                        overscan_px=(self.overscan_px[0] - above, self.overscan_px[1] - left))
+
+    def with_overscan(self, overscan_px: Sequence[int]) -> "PixelGrid":
+        """The grid of the same frame with this overscan (rows, columns) on each side."""
+        return self.cropped([own - other for own, other in zip(self.overscan_px, overscan_px, strict=True)])
+
+    def shifted(self, right_px: float, up_px: float) -> "PixelGrid":
+        """The grid of a sensor that is moved in the lens's image circle, to the right and up in the upright picture."""
+        row, column = self.centre_px
+        return replace(self, centre_px=(row + up_px, column - right_px))
 
     def framed(self, rim_px: int) -> "PixelGrid":
         """The grid with `rim_px` more pixels on each side."""

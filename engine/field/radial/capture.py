@@ -40,7 +40,7 @@ def reach_px(lens: RadialLens, capture: PixelGrid, wavelengths_nm: Sequence[floa
              psf_radius_px: int) -> int:
     """See `overscan.reach_px`."""
     radius = capture_radius(capture, lens)
-    real_mm = np.linspace(0, np.hypot(*capture.frame_px) / 2 * capture.pitch_um * 1e-3, 257)
+    real_mm = np.linspace(0, capture.frame().farthest_px * capture.pitch_um * 1e-3, 257)
     moved_mm = 0.0
     for wavelength_nm in wavelengths_nm:
         shown_mm = FieldGeometry(lens.at_wavelength(wavelength_nm), lens.name).paraxial_height_mm(real_mm)
@@ -54,18 +54,19 @@ def overscan_px(lens: RadialLens, capture: PixelGrid, wavelengths_nm: Sequence[f
                 psf_radius_px: int) -> tuple[int, int]:
     """See `overscan.overscan_px`."""
     radius = capture_radius(capture, lens)
-    half = np.array(capture.frame_px) / 2 + psf_radius_px
-    side_mm = [np.linspace(0, extent, 65) * capture.pitch_um * 1e-3 for extent in half]
-    needed = half.copy()
+    frame, pitch_mm = capture.frame(), capture.pitch_um * 1e-3
+    edges = [[(centre + 0.5 + psf_radius_px, centre + 0.5), (n - 0.5 - centre + psf_radius_px, n - 0.5 - centre)]
+             for n, centre in zip(frame.shape_px, frame.centre_px, strict=True)]
+    along_mm = [np.concatenate([np.linspace(0, edge_px, 65) for edge_px, _ in pair]) * pitch_mm for pair in edges]
+    beyond_px = [0.0, 0.0]
     for wavelength_nm in wavelengths_nm:
         field = FieldGeometry(lens.at_wavelength(wavelength_nm), lens.name)
-        for axis in (0, 1):
-            edge_mm, along_mm = side_mm[axis][-1], side_mm[1 - axis]
-            real_mm = np.hypot(edge_mm, along_mm)
+        for axis, (edge_px, end_px) in ((number, edge) for number, pair in enumerate(edges) for edge in pair):
+            real_mm = np.hypot(edge_px * pitch_mm, along_mm[1 - axis])
             paraxial_mm = field.paraxial_height_mm(real_mm)
             ratio = field.paraxial_per_real(real_mm, paraxial_mm)
             if radius:
                 ratio = ratio * radius(paraxial_mm)[0] / np.maximum(paraxial_mm, np.finfo(float).tiny)
-            needed[axis] = max(needed[axis], half[axis] * ratio.max())
-    rows, columns = (int(np.ceil(needed[axis] - capture.frame_px[axis] / 2)) + 1 for axis in (0, 1))
+            beyond_px[axis] = max(beyond_px[axis], edge_px - end_px, (edge_px * ratio).max() - end_px)
+    rows, columns = (int(np.ceil(beyond)) + 1 for beyond in beyond_px)
     return rows, columns

@@ -259,11 +259,11 @@ def test_noise_is_the_same_in_each_frame_unless_the_scene_animates_its_seed(scen
 
 def test_an_error_names_its_frame_and_leaves_earlier_frames(moving_scene, tmp_path):
     camera = moving_scene.camera.data
-    for frame, shift in ((5, 0.5), (4, 0.0)):
-        camera.shift_x = shift
-        camera.keyframe_insert("shift_x", frame=frame)
+    for frame, start_m in ((5, 5000.0), (4, 0.1)):
+        camera.clip_start = start_m
+        camera.keyframe_insert("clip_start", frame=frame)
     before = snapshot()
-    with pytest.raises(InputError, match="^frame 6: camera 'Camera': shift is 0.5, 0: "):
+    with pytest.raises(InputError, match="^frame 6: camera 'Camera': clipping is 5000 to 1000: "):
         addon.render_animation(moving_scene)
     assert not differences(before, snapshot())
     assert files(tmp_path / "lensfield") == {f"Scene_{frame:04d}_{name}" for frame in (2, 4) for name in NAMES}

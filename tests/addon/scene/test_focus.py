@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lensfield.addon.scene.camera import frame_capture, frame_px
+from lensfield.addon.scene.camera import capture_grid
 from lensfield.addon.scene.focus import focus_now
 from lensfield.addon.scene.lens_facts import lens_facts
 from lensfield.addon.scene.rings import scene_lens
@@ -39,7 +39,7 @@ def test_focus_blurs_like_the_baked_lens(turn, lens, focus_m, f_number, view):
     scene = turn(lens, focus_m, f_number, view)
     focus = focus_now(scene, lens_facts(lens))
     baked, *_ = scene_lens(scene, lens, view.lower(), "preview")
-    pitch_um = frame_capture(baked, frame_px(scene), [550.0]).pitch_um
+    pitch_um = capture_grid(scene, baked, [550.0]).pitch_um
     expected = blur_px(baked, pitch_um, DEPTHS_M * 1e3)
     assert focus.blur_px(DEPTHS_M) == pytest.approx(expected, rel=0.1, abs=0.1 * np.abs(expected).max())
     if focus_m:

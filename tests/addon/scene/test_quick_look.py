@@ -24,11 +24,11 @@ SHAPE_PX = 1080, 1760
 MOST_PX = 0.3 if bpy.app.version >= (5, 0, 0) else 1.0  # before, Displace filters anisotropically
 
 
-def composited(scene, path, lens, picture, depth=None, iris=None, focus=0.0, **settings):
+def composited(scene, path, lens, picture, depth=None, iris=None, focus=0.0, shift_mm=(0.0, 0.0), **settings):
     """A picture through Quick Look: arrays (row, column, channel) with row 0 at the top."""
     group = new_quick_look()
     del group[QUICK_LOOK]  # so that it does not follow the scene's lens
-    set_lens(group, lens_curves(lens, lens.f_number_effective, iris), **settings)
+    set_lens(group, lens_curves(lens, lens.f_number_effective, iris, shift_mm=shift_mm), **settings)
     tree = compositing_tree(scene)
     tree.nodes.clear()
     node = tree.nodes.new("CompositorNodeGroup")
@@ -58,9 +58,9 @@ def preview_lens(name):
     return load_lens(name, quality="preview", wavelengths_nm=COLOURS_NM)
 
 
-def sources_px(lens, colour, scale=1.0):
+def sources_px(lens, colour, shift_px, scale=1.0):
     """Rows and columns where the light of all pixels comes from, and their light, by the engine."""
-    frame = PixelGrid(SHAPE_PX, fitting_pitch_um(lens, SHAPE_PX))
+    frame = PixelGrid(SHAPE_PX, fitting_pitch_um(lens, SHAPE_PX)).shifted(*shift_px)
     x_mm, y_mm = frame.axes_mm()
     field, pitch_mm = field_map(lens).at_wavelength(COLOURS_NM[colour]), frame.pitch_um * 1e-3
     light = field.relative_illumination(x_mm[None], y_mm[:, None])
@@ -69,18 +69,19 @@ def sources_px(lens, colour, scale=1.0):
     return row - scale * y_mm / pitch_mm, column + scale * x_mm / pitch_mm, light
 
 
-@pytest.mark.parametrize(("name", "scale", "channels"), [
-    ("edmund-54852", 1.0, ("column", "row", "light")), ("muller-fisheye-25mm", 0.7, ("light", "column", "row")),
-    ("tessar-50mm", 1.3, ("row", "light", "column"))])
-def test_each_colour_is_where_the_lens_puts_it_and_as_bright(scene, tmp_path, name, scale, channels):
-    """Channels that hold their own row or column, or 1."""
+@pytest.mark.parametrize(("name", "scale", "channels", "shift_px"), [
+    ("edmund-54852", 1.0, ("column", "row", "light"), (0, 0)),
+    ("muller-fisheye-25mm", 0.7, ("light", "column", "row"), (-150, 260)),
+    ("tessar-50mm", 1.3, ("row", "light", "column"), (300, -80))])
+def test_each_colour_is_where_the_lens_puts_it_and_as_bright(scene, tmp_path, name, scale, channels, shift_px):
+    """Channels that hold their own row or column, or 1; the sensor is shifted to the right and up."""
     lens, (row, column) = preview_lens(name), np.indices(SHAPE_PX) + 10.0
     values = {"row": row, "column": column, "light": np.ones(SHAPE_PX)}
     shown = composited(scene, tmp_path / "picture.exr", lens, np.dstack([values[name] for name in channels]),
-                       scale=scale)
-    *_, light = sources_px(lens, 1)
+                       scale=scale, shift_mm=[px * fitting_pitch_um(lens, SHAPE_PX) * 1e-3 for px in shift_px])
+    *_, light = sources_px(lens, 1, shift_px)
     for colour, channel in enumerate(channels):
-        row_px, column_px, _ = sources_px(lens, colour, scale)
+        row_px, column_px, _ = sources_px(lens, colour, shift_px, scale)
         inside = (abs(row_px - 539.5) < 538) & (abs(column_px - 879.5) < 878)
         outside = (abs(row_px - 539.5) > 541) | (abs(column_px - 879.5) > 881)
         assert inside.mean() > 0.5 and np.all(shown[outside, colour] == 0)
@@ -139,9 +140,11 @@ def corner(scene, folder):
     return picture[0, 0] / picture[20, 40]
 
 
-def expected_corner(lens):
-    x_mm, y_mm = (axis[0] for axis in PixelGrid((40, 80), fitting_pitch_um(lens, (40, 80))).axes_mm())
-    return field_map(lens).at_wavelength(COLOURS_NM[1]).relative_illumination(x_mm, y_mm)
+def expected_corner(lens, right_px=0):
+    frame = PixelGrid((40, 80), fitting_pitch_um(lens, (40, 80))).shifted(right_px, 0)
+    light = field_map(lens).at_wavelength(COLOURS_NM[1]).relative_illumination(
+        *frame.position_mm(np.array([0, 20]), np.array([0, 40])))
+    return light[0] / light[1]
 
 
 def test_the_node_follows_the_scenes_lens_in_background_renders(lit_scene, tmp_path):
@@ -154,8 +157,10 @@ def test_the_node_follows_the_scenes_lens_in_background_renders(lit_scene, tmp_p
     assert node.label == "Quick Look: Edmund 54-852, 6 mm f/1.8"
     assert node.inputs["F-Stop"].default_value == pytest.approx(1.8, abs=0.05)
     lit_scene.camera.data.shift_x = 0.1
+    assert corner(lit_scene, tmp_path) == pytest.approx(expected_corner(preview_lens(name), 8), rel=0.01)
+    lit_scene.camera.data.type = "ORTHO"
     render_composite(lit_scene, tmp_path / "picture.exr")
-    assert "shift" in node.label, "the reason why it does not follow"
+    assert "type is ORTHO" in node.label, "the reason why it does not follow"
 
 
 def test_the_file_shows_the_lens_without_the_addon(lit_scene, tmp_path):

@@ -31,7 +31,7 @@ def setting(path, value):
 UNFIT = {
     "camera 'Camera': type is ORTHO: expected a perspective camera": setting("camera.data.type", "ORTHO"),
     "camera 'Camera': panorama type is": setting("camera.data.type", "PANO"),
-    "camera 'Camera': shift is 0, 0.25: ": setting("camera.data.shift_y", 0.25),
+    "camera 'Camera': shift is 0, nan: ": setting("camera.data.shift_y", float("nan")),
     "camera 'Camera': scale is 1, 0, 1: ": setting("camera.scale", (1.0, 0.0, 1.0)),
     "camera 'Camera': position is 0, nan, 0: ": setting("camera.location", (0.0, float("nan"), 0.0)),
     "camera 'Camera': clipping is 5000 to 1000: ": setting("camera.data.clip_start", 5000.0),

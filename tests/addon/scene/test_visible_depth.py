@@ -1,6 +1,7 @@
 """Sampling the scene's depth by rays: positions in the picture, and distances along the axis."""
 
 import numpy as np
+import pytest
 
 from lenses import make_lens
 from lensfield.addon.scene.camera import frame_capture, view_tangents
@@ -30,10 +31,13 @@ def test_depth_is_planar_and_row_0_is_at_the_top(scene):
 
 
 def test_room_around_a_frame_is_a_fraction_of_its_longer_side():
-    capture = frame_capture(make_lens(), (36, 48), [550.0], room=0.25)
+    capture = frame_capture(make_lens(), PixelGrid((36, 48), 10.0), [550.0], room=0.25)
     assert capture.overscan_px == (12, 12) and capture.frame_px == (36, 48)
 
 
 def test_view_tangents_are_horizontal_and_vertical(scene):
-    across, down = view_tangents(scene, "tessar-50mm", "lens")
-    assert across / down == 48 / 36
+    left, lower, right, upper = view_tangents(scene, "tessar-50mm", "lens")
+    assert (-left, -lower) == (right, upper) and right / upper == pytest.approx(48 / 36)
+    scene.camera.data.shift_y = 0.25  # of the width: a third of the height
+    *_, shifted = view_tangents(scene, "tessar-50mm", "lens")
+    assert shifted == pytest.approx((1 + 2 / 3) * upper)

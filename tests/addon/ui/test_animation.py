@@ -122,13 +122,13 @@ def test_frames_from_before_an_edit_are_reported_and_not_composited(moving_scene
 
 @pytest.mark.one_blender
 def test_an_error_names_the_frame_and_the_frames_already_rendered(moving_scene):
-    for frame, kind in ((1, 0.0), (2, 0.5)):
-        moving_scene.camera.data.shift_x = kind
-        moving_scene.camera.data.keyframe_insert("shift_x", frame=frame)
+    for frame, start_m in ((1, 0.1), (2, 5000.0)):
+        moving_scene.camera.data.clip_start = start_m
+        moving_scene.camera.data.keyframe_insert("clip_start", frame=frame)
     moving_scene.frame_set(1)
     start()
     follow()
-    assert session.last_render.lines[0].startswith("frame 2: camera 'Camera': shift is 0.5, 0: ")
+    assert session.last_render.lines[0].startswith("frame 2: camera 'Camera': clipping is 5000 to 1000: ")
     assert session.last_render.lines[1] == "1 frame is finished; Render Animation continues with the others"
     assert session.last_render.icon == "ERROR"
 
@@ -139,8 +139,8 @@ def test_a_script_can_render_the_range(moving_scene, tmp_path):
     remove_from_compositor(moving_scene)
     assert bpy.ops.lensfield.render_animation() == {"FINISHED"}  # existing frames
     assert Path(bpy.path.abspath(lens_image(moving_scene).filepath)) in [frame_file(tmp_path, n) for n in (1, 2, 3)]
-    moving_scene.camera.data.shift_x = 1
-    with pytest.raises(RuntimeError, match="camera 'Camera': shift is 1, 0"):
+    moving_scene.camera.data.clip_start = 5000
+    with pytest.raises(RuntimeError, match="camera 'Camera': clipping is 5000 to 1000"):
         bpy.ops.lensfield.render_animation(overwrite=True)
 
 

@@ -161,7 +161,9 @@ def test_facts_known_before_the_bake_match_the_baked_lens(name, rings):
     for field in ("efl_mm", "capture_focal_length_mm", "sensor_mm"):
         np.testing.assert_allclose(getattr(facts, field), getattr(lens, field), rtol=1e-6)
     covered = field_map(lens).covered_diagonal(lens.sensor_mm)
-    assert facts.field_on(lens.sensor_mm)[2] == pytest.approx(covered, rel=1e-4)
+    width_mm, height_mm = lens.sensor_mm
+    edges_mm = -width_mm / 2, -height_mm / 2, width_mm / 2, height_mm / 2
+    assert facts.field_on(edges_mm)[2] == pytest.approx(covered, rel=1e-4)
     assert facts.focus_mm == pytest.approx(lens.object_distance_mm + lens.entrance_pupil_mm)
 
 

@@ -76,10 +76,13 @@ def test_viewports_do_not_blur_twice_and_the_file_is_unchanged(live_scene):
 def test_the_frame_has_the_cameras_view_or_the_lenss(live_scene):
     camera = live_scene.camera.data
     camera.sensor_width, camera.lens = 36.0, 60.0
-    across, up = frame_of(live_scene).tangents
-    assert (across, up) == pytest.approx((18 / 60, 18 / 60 * 500 / 800))
+    across, up = 18 / 60, 18 / 60 * 500 / 800
+    assert frame_of(live_scene).tangents == pytest.approx((-across, -up, across, up))
+    camera.shift_x, camera.shift_y = 0.25, -0.5  # of the width
+    assert frame_of(live_scene).tangents == pytest.approx((-across / 2, -up - across, 1.5 * across, up - across))
+    camera.shift_x = camera.shift_y = 0
     live_scene.lensfield.view = "LENS"
-    across, up = frame_of(live_scene).tangents
+    *_, across, up = frame_of(live_scene).tangents
     assert across == pytest.approx(16.8 / 52, rel=0.2) and up / across == pytest.approx(500 / 800)
 
 

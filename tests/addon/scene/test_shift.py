@@ -1,0 +1,109 @@
+"""The camera's Shift moves the sensor in the lens's image circle."""
+
+import bpy
+import numpy as np
+import pytest
+from bpy_extras.object_utils import world_to_camera_view
+from mathutils import Vector
+
+from lensfield import addon
+from lensfield.addon.scene.camera import frame_grid, lens_for_view, match_camera_to_lens
+from lensfield.addon.scene.lens_cache import load_lens
+from lensfield.engine.pictures.spectral_exr import read_exr
+from small_scenes import material, wall
+from varied_lenses import varied_lens
+
+LENS = load_lens("edmund-54852")
+NM = 562.0
+FULL_PX, PART_PX, SHIFTED_PX = (240, 320), (120, 160), (72, -40)  # rows and columns; pixels to the right and up
+
+
+def set_shift(camera, right, up):
+    camera.shift_x, camera.shift_y = right, up
+
+
+@pytest.mark.parametrize("shape_px", [(1080, 1920), (1920, 1080)])
+@pytest.mark.parametrize("fit", ["AUTO", "HORIZONTAL", "VERTICAL"])
+def test_the_frame_is_blenders(scene, fit, shape_px):
+    camera = scene.camera.data
+    camera.sensor_fit, camera.sensor_width, camera.sensor_height, camera.lens = fit, 23.5, 15.6, 35.0
+    scene.render.resolution_y, scene.render.resolution_x = shape_px
+    set_shift(camera, 0.3, -0.12)
+    scene.camera.location = 1, 2, 3
+    scene.camera.rotation_euler = 0.5, 0.2, -0.7
+    bpy.context.view_layer.update()
+    frame = frame_grid(scene, lens_for_view(scene, LENS, "camera")[0])
+    for x, y in ((0.0, 0.0), (0.3, -0.2), (-0.1, 0.25)):  # tangents
+        place = world_to_camera_view(scene, scene.camera, scene.camera.matrix_world @ Vector((x, y, -1)) * 1.0)
+        row, column = frame.index_of(35.0 * x, 35.0 * y)
+        right, up = (column + 0.5) / shape_px[1], 1 - (row + 0.5) / shape_px[0]
+        np.testing.assert_allclose((right, up), place[:2], atol=2e-6)
+
+
+def test_matching_the_camera_keeps_the_shift_of_a_portrait(scene):
+    """AUTO measures it in heights of a portrait, and the matched camera in widths."""
+    scene.render.resolution_y, scene.render.resolution_x = 1920, 1080
+    set_shift(scene.camera.data, 0.1, 0.25)
+    frame = frame_grid(scene, LENS)
+    match_camera_to_lens(scene.camera.data, LENS, frame)
+    assert scene.camera.data.sensor_fit == "HORIZONTAL"
+    np.testing.assert_allclose(frame_grid(scene, LENS).centre_px, frame.centre_px, atol=1e-3)
+    assert frame.centre_px == pytest.approx((959.5 + 0.25 * 1920, 539.5 - 0.1 * 1920))
+
+
+def waves(scene, distance_m, side_m, period_m):
+    """A wall that shines in waves, which no two places of a picture share."""
+    shining, shader = material("Waves", "ShaderNodeEmission")
+    tree, square = shining.node_tree, wall(scene, shining, distance_m, side_m)
+    place, waves = tree.nodes.new("ShaderNodeTexCoord"), tree.nodes.new("ShaderNodeTexWave")
+    waves.wave_type, waves.inputs["Distortion"].default_value = "RINGS", 3.0
+    waves.inputs["Scale"].default_value, waves.inputs["Detail"].default_value = 0.3 / period_m, 0.0
+    tree.links.new(place.outputs["Object"], waves.inputs["Vector"])
+    tree.links.new(waves.outputs["Fac"], shader.inputs["Strength"])
+    square.location.x, square.location.y = 0.1 * period_m, -0.2 * period_m
+
+
+def photograph(scene, folder, lens, shape_px, pitch_um, **options):
+    """The irradiance at pixels of this pitch, on a sensor of this many."""
+    scene.render.resolution_y, scene.render.resolution_x = shape_px
+    sensor = "{:.6g}x{:.6g}".format(*(n * pitch_um * 1e-3 for n in reversed(shape_px)))
+    return read_exr(addon.render_through_lens(scene, lens=lens, view=sensor, wavelengths_nm=[NM], output_folder=folder,
+                                              **options).irradiance)
+
+
+def both(scene, folder, lens, pitch_um, **options):
+    """A part of a frame by its own sensor, which is shifted, and the same part of a larger sensor's frame."""
+    full = photograph(scene, folder / "full", lens, FULL_PX, pitch_um, **options)
+    set_shift(scene.camera.data, *(px / max(PART_PX) for px in SHIFTED_PX))
+    part = photograph(scene, folder / "part", lens, PART_PX, pitch_um, **options)
+    (right, up), (row, column) = SHIFTED_PX, part.centre_px
+    assert (row, column) == pytest.approx(((PART_PX[0] - 1) / 2 + up, (PART_PX[1] - 1) / 2 - right), abs=1e-9)
+    first_row, first_column = (round(middle - at) for middle, at in zip(full.centre_px, part.centre_px, strict=True))
+    return (part.cube[0], full.cube[0, first_row:first_row + PART_PX[0], first_column:first_column + PART_PX[1]])
+
+
+def blocks(plane):
+    """Means of blocks of 8 x 8 pixels."""
+    rows, columns = (n // 8 for n in plane.shape)
+    return plane.reshape(rows, 8, columns, 8).mean(axis=(1, 3), dtype=float)
+
+
+CASES = {
+    # lens; pitch in um; distance, side and period of the waves in m; options; noise of a block, in mean light
+    "plane": (LENS, 15.0, (0.254, 0.4, 0.02), {"depth": "off"}, 2e-4),
+    "panorama": ("muller-fisheye-25mm", 150.0, (2.0, 20.0, 0.8), {"depth": "off"}, 1e-4),
+    "depth": (LENS, 15.0, (0.5, 0.8, 0.03), {}, 4e-4),
+    "traced": ("tessar-50mm", 120.0, (100.0, 200.0, 6.0), {"depth": "traced"}, 8e-3)}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_shifted_sensor_sees_its_part_of_a_larger_one(scene, tmp_path, case):
+    lens, pitch_um, (distance_m, side_m, period_m), options, noise = CASES[case]
+    scene.cycles.samples = 64
+    waves(scene, distance_m, side_m, period_m)
+    if case == "depth":
+        near = wall(scene, material("Near", "ShaderNodeEmission")[0], 0.2, 0.02)
+        near.location.x, near.location.y = 0.035, -0.01
+    part, of_full = both(scene, tmp_path, varied_lens(lens) if isinstance(lens, str) else lens, pitch_um, **options)
+    assert part.std() > 0.5 * part.mean()
+    np.testing.assert_allclose(blocks(part), blocks(of_full), rtol=0, atol=5 * noise * part.mean())
