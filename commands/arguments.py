@@ -2,7 +2,7 @@
 
 import os
 from argparse import BooleanOptionalAction
-from math import inf
+from math import inf, isfinite
 from pathlib import Path
 
 from ..engine import InputError, Options
@@ -186,6 +186,17 @@ def chosen_lens(options):
 def engine_options(options):
     """The Options of the command line; the engine chooses the rest."""
     return Options(**given_settings(options, Options))
+
+
+def number_pair(text, option):
+    """Parse two numbers such as 1.5,-0.2."""
+    try:
+        first, second = map(float, text.split(","))
+        if not (isfinite(first) and isfinite(second)):
+            raise ValueError
+    except ValueError:
+        raise InputError("options", option, text, "expected two numbers, such as 1.5,-0.2") from None
+    return first, second
 
 
 def resolution(text, option="--resolution"):

@@ -27,6 +27,7 @@ from .arguments import (
     check_outputs,
     chosen_lens,
     engine_options,
+    number_pair,
     shown_iris,
 )
 from .frame_records import record_frame, record_stamp, recorded_build, remove_record, request_facts
@@ -62,6 +63,9 @@ def add_options(filter_):
     rgb.add_argument("--fov", type=float, metavar="DEGREES", help="horizontal field of view of the rendering camera")
     rgb.add_argument("--focal-mm", type=float, metavar="F", help="focal length of the camera; with --sensor-width-mm")
     rgb.add_argument("--sensor-width-mm", type=float, metavar="W", help="sensor width of the camera; with --focal-mm")
+    rgb.add_argument("--shift", metavar="X,Y",
+                     help="shift of the camera's sensor in mm on the lens's sensor, to the right and up in the "
+                          "picture (default: 0,0)")
     depth = filter_.add_argument_group("depth", "for files with a depth channel, such as Z, or with deep samples: "
                                                 "out-of-focus light is blurred, and hidden surfaces are guessed")
     depth.add_argument("--depth", choices=(AUTO, OFF), default=AUTO,
@@ -239,6 +243,8 @@ def _check_view(options):
         if value is not None and not (isfinite(value) and 0 < value < most):
             raise InputError("options", f"--{name.replace('_', '-')}", value,
                              "expected a positive number" + (" of degrees below 180" if name == "fov" else ""))
+    if options.shift is not None:
+        number_pair(options.shift, "--shift")
     given = [option for option, names in CAMERA_FIGURES.items()
              if any(getattr(options, name) is not None for name in names)]
     if len(given) > 1:

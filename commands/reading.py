@@ -14,9 +14,9 @@ from ..engine.pictures.file_depth import FileDepth, deep_in_mm, file_depth, laye
 from ..engine.simulation.report_parts import Upsampling
 from ..engine.spectral.spectra import parse_wavelengths
 from ..engine.spectral.wavelength_choice import RGB_WAVELENGTHS
-from .arguments import MM
+from .arguments import MM, number_pair
 
-RGB_ONLY = ("wavelengths", "layer", "fov", "focal_mm", "sensor_width_mm")
+RGB_ONLY = ("wavelengths", "layer", "fov", "focal_mm", "sensor_width_mm", "shift")
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,6 +121,9 @@ def _upsampled(picture, options, lens):
     pitch_um = _pitch_um(options, lens, picture.frame_px)
     wavelengths_nm = parse_wavelengths(options.wavelengths or RGB_WAVELENGTHS)
     radiance, negative = upsample(picture, wavelengths_nm, pitch_um, options.output.parent)
+    if options.shift is not None:
+        right_px, up_px = (part_mm / (pitch_um * 1e-3) for part_mm in number_pair(options.shift, "--shift"))
+        radiance = replace(radiance, grid=radiance.grid.shifted(right_px, up_px))
     across, down = (field_of_view_deg(lens.capture_focal_length_mm, n * pitch_um * 1e-3)
                     for n in picture.frame_px[::-1])
     return radiance, Upsampling(picture.layer or "RGB", (across, down), wavelengths_nm.tolist(), negative)

@@ -199,6 +199,15 @@ def test_the_camera_settings_give_the_pitch(tmp_path, view, pitch_um):
     assert read_exr(tmp_path / "out.exr").pitch_um == pytest.approx(wanted, rel=1e-7)
 
 
+def test_a_shift_moves_the_axis_off_the_middle_of_the_frame(tmp_path):
+    """By mm on the sensor, of a picture with overscan."""
+    source = colours(tmp_path / "a.exr", (1, 1, 1), (20, 28), dataWindow=window(-2, -1, 28, 20),
+                     displayWindow=window(0, 0, 24, 18))
+    assert run("filter", source, *QUICK, "--shift=-0.6,1.2", "--output", tmp_path / "out.exr") == 0
+    image = read_exr(tmp_path / "out.exr")
+    assert image.pitch_um == pytest.approx(200) and image.centre_px == pytest.approx((8.5 + 6, 11.5 + 3))
+
+
 def test_a_tall_picture_turns_the_sensor(tmp_path):
     source = colours(tmp_path / "a.exr", (1, 1, 1), (24, 18))
     assert run("filter", source, *QUICK, "--output", tmp_path / "out.exr") == 0
@@ -213,6 +222,7 @@ def test_a_tall_picture_turns_the_sensor(tmp_path):
     (("--wavelengths", "500,300"), "wavelengths is"), (("--wavelengths", "300,500"), "wavelength is 300 nm"),
     (("--wavelengths", "390,500"), "the lens data spans 400 to"), (("--pitch-um", 0), "a.exr: pitch_um is 0.0"),
     (("--layer", "x"), "a.exr: layers is without a name: no layer is named 'x'"),
+    (("--shift", "1"), "--shift is 1: expected two numbers"), (("--shift=inf,0",), "--shift is inf,0: "),
     (("--frames", "1-2"), "--frames is 1-2: ")], ids=str)
 def test_bad_input_is_a_one_line_error_and_leaves_no_files(tmp_path, capsys, arguments, message):
     source = colours(tmp_path / "a.exr", (1, 1, 1))
@@ -221,7 +231,7 @@ def test_bad_input_is_a_one_line_error_and_leaves_no_files(tmp_path, capsys, arg
 
 
 @pytest.mark.parametrize("arguments", [("--wavelengths", "400:700:9"), ("--fov", "40"), ("--layer", "RGB"),
-                                       ("--focal-mm", "50", "--sensor-width-mm", "36")], ids=str)
+                                       ("--focal-mm", "50", "--sensor-width-mm", "36"), ("--shift", "1,2")], ids=str)
 def test_rgb_options_are_refused_for_a_spectral_file(tmp_path, capsys, arguments):
     source = tmp_path / "spectral.exr"
     write_exr(SpectralImage(np.ones((1, 6, 8)), [550], pitch_um=200.0), source)
