@@ -172,7 +172,8 @@ def view_tangents(scene, lens, view, rings=AT_REST):
     facts = lens_facts(lens, rings)
     factor, sensor_mm = size_for_view(scene, facts, view)
     frame = frame_grid(scene, replace(facts, sensor_mm=sensor_mm))
-    return tuple(edge_mm / (factor * facts.capture_focal_length_mm) for edge_mm in frame.edges_mm)
+    return tuple(stretch * edge_mm / (factor * facts.capture_focal_length_mm)
+                 for stretch, edge_mm in zip((facts.squeeze, 1.0) * 2, frame.edges_mm, strict=True))
 
 
 def in_view(camera, box, lens, capture):
@@ -206,6 +207,7 @@ def _edge_tangents(lens, capture):
         along_mm = np.linspace(*edges_mm[1 - side % 2::2], EDGE_SAMPLES)
         radius_mm = np.maximum(np.hypot(edge_mm, along_mm), np.finfo(float).tiny)
         tangent = edge_mm * np.tan(capture.projection.angle_rad(radius_mm / focal_mm)) / radius_mm
+        tangent = tangent if side % 2 else tangent * capture.squeeze
         tangents.append(tangent.min() if side < 2 else tangent.max())
     return tangents
 
@@ -291,9 +293,9 @@ def aim_camera(scene, rotation=None):
 
 def set_up_capture(camera, lens, capture):
     """Set up camera data for a capture: a perspective camera, or a panoramic one with the capture's projection. The
-    render's resolution must be `capture.shape_px`."""
+    render's resolution must be `capture.shape_px`, and its pixels `capture.squeeze` times as wide as tall."""
     if capture.projection.is_plane:
-        _make_perspective(camera, lens.capture_focal_length_mm, capture)
+        _make_perspective(camera, lens.capture_focal_length_mm / capture.squeeze, capture)
     else:
         _make_panoramic(camera, lens.capture_focal_length_mm, capture)
 
@@ -429,7 +431,7 @@ def _place_sensor(camera, grid):
     camera.sensor_fit = "HORIZONTAL"
     camera.sensor_width = CAMERA_SENSOR_MM
     camera.shift_x, camera.shift_y = np.divide(((columns - 1) / 2 - column, row - (rows - 1) / 2),
-                                               _shift_units_px(camera, grid.shape_px))
+                                               _shift_units_px(camera, grid.shape_px) * np.array([1.0, grid.squeeze]))
     return columns * grid.pitch_um * 1e-3
 
 

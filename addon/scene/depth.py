@@ -75,7 +75,7 @@ class View:
         self.origin, turn = to_world.translation, np.array(to_world.to_3x3())
         x_mm, y_mm = _places_mm(capture.frame())
         self.shape, self.places = x_mm.shape, np.random.default_rng(0).permutation(x_mm.size)
-        axes = _directions(x_mm.ravel(), y_mm.ravel(), lens, capture.projection)[self.places]
+        axes = _directions(x_mm.ravel(), y_mm.ravel(), lens, capture)[self.places]
         self.directions, self.cosines = axes @ turn.T, -axes[:, 2]
 
     def look(self, answer, rays=None):
@@ -134,9 +134,10 @@ def _places_mm(frame):
                                           indexing="ij"))
 
 
-def _directions(x_mm, y_mm, lens, projection):
+def _directions(x_mm, y_mm, lens, capture):
     """Unit vectors, in the camera's axes, of the directions that a capture shows at these points."""
+    x_mm = capture.squeeze * x_mm
     radius_mm = np.hypot(x_mm, y_mm)
-    angle = np.minimum(projection.angle_rad(radius_mm / lens.capture_focal_length_mm), np.pi / 2)
+    angle = np.minimum(capture.projection.angle_rad(radius_mm / lens.capture_focal_length_mm), np.pi / 2)
     sine = np.sin(angle) / np.maximum(radius_mm, np.finfo(float).tiny)
     return np.stack([sine * x_mm, sine * y_mm, -np.cos(angle)], axis=-1)

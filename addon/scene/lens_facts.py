@@ -11,7 +11,7 @@ from ...engine.lens import RadialLens
 from ...engine.lens.conventions import four_by_three
 from ...engine.library import LensSource, has_rings, prescription_of
 from ...engine.prescription.system import system_of
-from ...engine.rays.field_heights import chief_ray_curve
+from ...engine.rays import field_heights, fields
 from ...engine.rays.rings import AT_REST, Rings, resized_rings, ring_ends, turned
 from .lens_cache import identity_of, load_lens
 
@@ -39,6 +39,8 @@ class LensFacts:
         mm, and their angles to the axis in radians.
     radial : bool
         Whether the lens is rotationally symmetric.
+    squeeze : float
+        As in `Lens`.
     """
 
     rings: Rings
@@ -51,6 +53,7 @@ class LensFacts:
     words: tuple[str, ...]
     fields: tuple[tuple[tuple[float, float], ...], ...]
     radial: bool
+    squeeze: float
 
     def field_on(self, edges_mm):
         """Angles of view in degrees across and up a picture, and the share of the distance from the axis to its
@@ -98,11 +101,20 @@ def _facts(source, changed, rings, focal_mm):
     lens = turned(prescription, rings)
     system = system_of(lens.prescription)
     pupil_mm = lens.prescription.object_distance_mm + system.entrance_pupil_mm
-    radii_mm, angles_rad = chief_ray_curve(system)
+    curves = _curves(system)
     return LensFacts(
         rings, system.efl_mm, system.efl_mm if system.object_at_infinity else abs(system.magnification) * pupil_mm,
-        lens.prescription.sensor_mm or four_by_three(radii_mm[-1]), lens.f_number, lens.focus_mm,
-        _reach(source, changed), lens.words, 3 * (_pairs(radii_mm, angles_rad),), True)
+        lens.prescription.sensor_mm or four_by_three(curves[-1][-1][0]), lens.f_number, lens.focus_mm,
+        _reach(source, changed), lens.words, curves, lens.prescription.radial, system.squeeze)
+
+
+def _curves(system):
+    """`LensFacts.fields` of a prescription."""
+    if system.prescription.radial:
+        return 3 * (_pairs(*field_heights.chief_ray_curve(system)),)
+    end_mm, sides_mm = system.last_height_mm, system.prescription.sensor_mm or four_by_three(system.last_height_mm)
+    ends_mm = (end_mm, 0.0), (0.0, end_mm), end_mm / np.hypot(*sides_mm) * np.array(sides_mm)
+    return tuple(_pairs(*fields.chief_ray_curve(system, each)) for each in ends_mm)
 
 
 @lru_cache(maxsize=MOST_FACTS)
@@ -118,7 +130,7 @@ def _of_package(lens):
     else:
         fields = tuple(_pairs(*half_angles_rad(lens, path)) for path in paths(lens)[:3])
     return LensFacts(AT_REST, lens.efl_mm, lens.capture_focal_length_mm, lens.sensor_mm, lens.f_number_effective,
-                     lens.object_distance_mm + lens.entrance_pupil_mm, None, (), fields, radial)
+                     lens.object_distance_mm + lens.entrance_pupil_mm, None, (), fields, radial, lens.squeeze)
 
 
 def _pairs(*columns):

@@ -61,7 +61,9 @@ def guard_render_state(scene, job, capture, path, journal):
     The scene's camera is that of `stand_in_camera`.
     """
     rows, columns = capture.shape_px
-    for name, value in (RENDER | {"filepath": str(path), "resolution_y": rows, "resolution_x": columns}).items():
+    size = {"resolution_y": rows, "resolution_x": columns,
+            "pixel_aspect_x": max(1.0, capture.squeeze), "pixel_aspect_y": max(1.0, 1 / capture.squeeze)}
+    for name, value in (RENDER | size | {"filepath": str(path)}).items():
         journal.set(scene.render, name, value)
     glass = scene.cycles.film_transparent_glass and scene.render.film_transparent
     for name, value in (CYCLES | {"use_denoising": job.denoises, "film_transparent_glass": glass}).items():

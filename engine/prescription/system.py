@@ -42,12 +42,10 @@ class System(FirstOrder):
 
     @property
     def squeeze(self) -> float:
-        """`Lens.capture_focal_length_mm` of the section along y over the one along x: 1 for a radial lens."""
+        """Magnification of the section along y over the one along x, at this focus: 1 for a radial lens."""
         if self.object_at_infinity:
             return self.efl_mm / self.across.efl_mm
-        along, across = (section.magnification * (self.prescription.object_distance_mm + section.entrance_pupil_mm)
-                         for section in (self, self.across))
-        return along / across
+        return self.magnification / self.across.magnification
 
     @property
     def object_at_infinity(self) -> bool:

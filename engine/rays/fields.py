@@ -17,6 +17,7 @@ from .trace import BothWays, trace_both_ways
 from .view import View, focus_lean, sensor_axes, sensor_vertex_mm
 
 STEPS = 12  # from the axis to a place
+CURVE_PLACES = 17
 CHIEF_STEP = 1e-4  # in slope, for derivatives of places and fields
 
 
@@ -104,6 +105,15 @@ def find_fields(system: System, view: View, places_mm: np.ndarray, wavelengths_n
     tangent, nearness, change = (np.stack(each, axis=-2) for each in zip(*found, strict=True))
     return FieldPoints(wavelengths_nm, np.stack(slopes, axis=1), tangent, nearness, change,
                        ~(np.stack(errors) < AIMED))
+
+
+def chief_ray_curve(system: System, end_mm: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+    """Distances from the middle of the picture to places on a line to this end, x and y in mm, as far as chief rays
+    reach it; and their angles to the camera's axis, in radians, at the reference wavelength: arrays (place,)."""
+    share, nm = np.linspace(0, 1, CURVE_PLACES), system.prescription.reference_wavelength_nm
+    points = find_fields(system, view_of(system), -np.outer(end_mm, share), [nm])
+    known = np.logical_and.accumulate(~points.lost[0])
+    return np.hypot(*end_mm) * share[known], np.arctan(np.hypot(*points.tangent[:, 0, known]))
 
 
 def trace_fields(system: System, view: View, points: FieldPoints, pupil: Pupil) -> TracedRays:
