@@ -1,12 +1,13 @@
-"""The cross section of a lens: its glasses, stop and image plane, and the rays of three fields."""
+"""The cross section of a lens along y: its glasses, stop and image plane, and the rays of three fields."""
 
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..prescription.surfaces import sag_and_slope
+from ..prescription.prescription import Surface
+from ..prescription.surfaces import out_of_own_frame, sag_and_gradient
 from ..prescription.system import System
-from ..rays.rays import HalfPupil, trace_pupil
+from ..rays.rays import FullPupil, trace_pupil
 from ..rays.trace import points_from_image
 from ..runtime.errors import LensError
 from .style import INK, require_matplotlib
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
 GLASS_COLOUR, RAY_COLOURS = "#DCE9F2", ("#0072B2", "#009E73", "#D55E00")
 FIELDS = 0.0, 0.7, 1.0  # of the last image height
-FAN = HalfPupil(4, 2)
+FAN = FullPupil(4, 2)
 POINTS = 41  # of a surface's profile
 IN_FRONT = 0.2  # length of the rays before the first surface, in lengths of the lens
 ROOM = 1.02  # semi-diameter of surfaces without one, in heights of their outermost ray
@@ -57,7 +58,8 @@ def draw_cross_section(panel: "Axes", system: System) -> None:
         panel.plot(*fan_mm, color=colour, linewidth=0.6)
     _draw_stop(panel, system, vertices_mm[system.prescription.stop_index])
     image_mm = max((np.nanmax(fan_mm[1, -1], initial=0.0) for fan_mm in fans_mm), default=system.last_height_mm)
-    panel.plot(2 * [vertices_mm[-1]], [-image_mm, image_mm], color=INK, linewidth=1.6)
+    image_plane = Surface(pose=system.prescription.image_pose)
+    panel.plot(*_profile(image_plane, vertices_mm[-1], image_mm)[[0, -1]].T, color=INK, linewidth=1.6)
     panel.set_aspect("equal")
     panel.axis("off")
 
@@ -97,8 +99,11 @@ def _semi_diameters_mm(system, fans_mm):
 
 def _profile(surface, vertex_mm, semi_mm):
     """Points of a surface from its lower to its upper rim: array (point, 2) of z and y."""
-    y_mm = np.linspace(-semi_mm, semi_mm, POINTS)
-    return np.stack([vertex_mm + sag_and_slope(surface, y_mm**2)[0], y_mm], axis=1)
+    up = np.eye(3)[1] if surface.pose is None else surface.pose.rotation[1]  # the lens's y in the surface's own frame
+    x_mm, y_mm = np.linspace(-semi_mm, semi_mm, POINTS) * (up[:2] / np.hypot(*up[:2]))[:, None]
+    points_mm = np.stack([x_mm, y_mm, sag_and_gradient(surface, x_mm, y_mm)[0]])
+    _, y_mm, z_mm = out_of_own_frame(surface.pose, points_mm, points_mm)[0]
+    return np.stack([vertex_mm + z_mm, y_mm], axis=1)
 
 
 def _draw_stop(panel, system, vertex_mm):

@@ -174,7 +174,8 @@ class Prescription:
     focus : str
         Position of the image plane: "as given" behind the last surface, at the "paraxial" focus, sharpest on the axis
         ("best": highest mean MTF there at 20 and 30 line pairs per mm on full frame, in eye-weighted white), or least
-        mean square spot over the inner 70 % of the "field".
+        mean square spot over the inner 70 % of the "field". Without rotational symmetry, "paraxial" is the mean of both
+        sections' foci, and "best" the least mean square spot in the middle of the picture, in eye-weighted white.
     image_pose : Pose or None
         Displacement of the image plane: a tilted sensor.
     provenance : tuple of (str, str)
@@ -214,6 +215,20 @@ class Prescription:
     def radial(self) -> bool:
         """Whether the lens is rotationally symmetric."""
         return self.image_pose is None and all(surface.of_revolution for surface in self.surfaces)
+
+    def require_radial(self, what: str) -> None:
+        """Check that the lens is rotationally symmetric, for `what` is about to be done with it.
+
+        Raises
+        ------
+        LensError
+            The first surface that is not of revolution about the axis of the lens, or a displaced image plane.
+        """
+        if self.radial:
+            return
+        crooked = [number for number, surface in enumerate(self.surfaces, 1) if not surface.of_revolution]
+        raise LensError(self.name, f"surface {crooked[0]}" if crooked else "image_pose", "not rotationally symmetric",
+                        f"{what} needs surfaces of revolution about the axis")
 
     @property
     def stop_index(self) -> int:

@@ -1,7 +1,7 @@
 """Conic, aspheric, biconic and toroidal surfaces: sag, normal, intersection with rays, and refraction.
 
-Rays are arrays (3, ...) of position and direction cosines, in mm relative to the vertex of the next surface. Sag, normal
-and intersection are in the surface's own frame, which its pose displaces from the axis of the lens.
+Rays are arrays (3, ...) of position and direction cosines, in mm relative to the vertex of the next surface. Sags,
+normals and intersections are in the surface's own frame, which its pose displaces from the axis of the lens.
 """
 
 import numpy as np
@@ -16,10 +16,11 @@ LEAST_ROOT = 1e-6  # an iteration may pass beyond the conic's end before it reac
 
 def vertex_curvature(surface: Surface, section: str = "y") -> float:
     """Curvature of the section along "x" or "y" at the vertex, per mm, including the term in r^2."""
-    across = section == "x" and surface.radius_x_mm is not None
-    skew = (surface.skews or (0.0,))[0]
+    radius_mm, skew = surface.radius_mm, (surface.skews or (0.0,))[0]
+    if section == "x" and surface.radius_x_mm is not None:
+        radius_mm, skew = surface.radius_x_mm, -skew
     term = 0.0 if surface.profile not in ("", section) else (surface.aspheric or (0.0,))[0]
-    return 1 / (surface.radius_x_mm if across else surface.radius_mm) + 2 * term * (1 - skew if across else 1 + skew)
+    return 1 / radius_mm + 2 * term * (1 + skew)
 
 
 def into_own_frame(pose: Pose | None, position: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -86,9 +86,14 @@ def trace_axial_bundles(system: System, wavelengths_nm: Sequence[float] | np.nda
 
 def white_mtf(bundles: Sequence[AxialBundle], lp_mm: float, shifts_mm: Sequence[float] | np.ndarray) -> np.ndarray:
     """Contrast in equal-energy light of these wavelengths, weighted by the eye's response: array (shift,)."""
-    eye_response = colour_matching([bundle.wavelength_nm for bundle in bundles])[:, 1]
-    eye_response = eye_response if eye_response.any() else np.ones(len(bundles))
+    eye_response = eye_response_at([bundle.wavelength_nm for bundle in bundles])
     return np.average([bundle.contrast(lp_mm, shifts_mm) for bundle in bundles], axis=0, weights=eye_response)
+
+
+def eye_response_at(wavelengths_nm: Sequence[float] | np.ndarray) -> np.ndarray:
+    """Weights of wavelengths in white light: the eye's response or, if it is 0 at all of them, ones."""
+    response = colour_matching(wavelengths_nm)[:, 1]
+    return response if response.any() else np.ones(len(response))
 
 
 def _bundle(system, wavelength_nm, cosine, height_mm, source, extent):

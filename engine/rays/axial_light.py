@@ -7,9 +7,9 @@ import numpy as np
 from ..prescription.prescription import Prescription
 from ..prescription.system import System, system_of
 from ..runtime.errors import LensError
-from .rays import HalfPupil, trace_pupil
+from .rays import FullPupil, trace_pupil
 
-FAN = HalfPupil(65, 1)
+FAN = FullPupil(65, 1)  # along +y
 TOLERANCE = 0.03  # relative, for an f-number and a stop diameter: a twelfth of a stop of light
 NO_LIMIT = 1e9  # extent of a lost ray, in semi-apertures
 

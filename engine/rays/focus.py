@@ -7,8 +7,9 @@ import numpy as np
 from ..prescription.prescription import Prescription
 from ..prescription.system import System, system_of
 from ..runtime.errors import LensError
-from .axial_image import trace_axial_bundles, white_mtf
-from .rays import HalfPupil, trace_pupil
+from .axial_image import eye_response_at, trace_axial_bundles, white_mtf
+from .fields import find_fields, trace_fields, view_of
+from .rays import FullPupil, HalfPupil, TracedRays, trace_pupil
 
 WHITE_NM = tuple(range(450, 651, 25))  # the eye is much less sensitive beyond
 LINES_PER_MM, FULL_FRAME_MM = (20.0, 30.0), np.hypot(36.0, 24.0)  # frequencies to focus on, at this sensor diagonal
@@ -19,7 +20,7 @@ MOST_STEPS = 2000
 ZOOMS, ZOOM = 3, np.linspace(-1, 1, 21)
 FIELDS = (0.0, 0.35, 0.5, 0.7)  # relative to the last field: heights that "field" focuses on
 FIELD_NM = (486.1, 546.1, 656.3)
-PUPIL = HalfPupil(13, 17)
+PUPIL, COMPLETE_PUPIL = HalfPupil(13, 17), FullPupil(13, 32)
 LEAST_PASSING = 0.5  # relative to the aperture's diameter: patents round their apertures
 FARTHEST_PUPIL = 1e3  # behind the first surface, in focal lengths
 HOPELESS = 0.25  # blur disc relative to the last height: larger ones leave no picture
@@ -43,7 +44,10 @@ def build_system(prescription: Prescription) -> System:
     system = _focused_at(system, system.paraxial_focus_mm)
     if prescription.focus == "paraxial":
         return system
-    shift_mm = _sharpest_shift_mm(system) if prescription.focus == "best" else _field_shift_mm(system)
+    if prescription.radial:
+        shift_mm = _sharpest_shift_mm(system) if prescription.focus == "best" else _field_shift_mm(system)
+    else:
+        shift_mm = _middle_shift_mm(system) if prescription.focus == "best" else _grid_shift_mm(system)
     return _focused_at(system, system.paraxial_focus_mm + shift_mm)
 
 
@@ -152,14 +156,40 @@ def _known_nm(system, wavelengths_nm):
 
 
 def _field_shift_mm(system):
-    """Shift of the image plane to the least mean square spot over the inner field.
+    """Shift of the image plane to the least mean square spot over the inner field."""
+    heights_mm = np.array(FIELDS) * system.last_height_mm
+    rays = trace_pupil(system, heights_mm, _known_nm(system, FIELD_NM), PUPIL)
+    return _least_spot_shift_mm(system, rays, heights_mm)
+
+
+def _grid_shift_mm(system):
+    """As `_field_shift_mm`, without rotational symmetry: in the middle, and on both sides of it along x and y."""
+    heights_mm = np.array(FIELDS[1:]) * system.last_height_mm
+    sides = np.array([[1, -1, 0, 0], [0, 0, 1, -1]])
+    places_mm = np.concatenate([np.zeros((2, 1)), np.multiply.outer(sides, heights_mm).reshape(2, -1)], axis=1)
+    return _spot_shift_mm(system, places_mm, _known_nm(system, FIELD_NM))
+
+
+def _middle_shift_mm(system):
+    """Shift of the image plane to the least mean square spot in the middle of the picture, in white light."""
+    nm = _known_nm(system, WHITE_NM)
+    return _spot_shift_mm(system, np.zeros((2, 1)), nm, eye_response_at(nm)[:, None, None, None])
+
+
+def _spot_shift_mm(system, places_mm, wavelengths_nm, weights=1.0):
+    """Shift of the image plane along the axis of the lens to the least mean square spot at places on the sensor."""
+    view = view_of(system)
+    rays = trace_fields(system, view, find_fields(system, view, places_mm, wavelengths_nm), COMPLETE_PUPIL)
+    return _least_spot_shift_mm(system, rays, np.hypot(*places_mm), weights) / view.axes[2, 2]
+
+
+def _least_spot_shift_mm(system, rays: TracedRays, heights_mm, weights=1.0):
+    """Shift along the normal of the image plane to the least mean square spot, over all fields and wavelengths.
 
     A shift of dz moves a ray sideways by dz times its slope, so the mean square is a parabola in dz.
     """
-    heights_mm = np.array(FIELDS) * system.last_height_mm
-    rays = trace_pupil(system, heights_mm, _known_nm(system, FIELD_NM), PUPIL)
     inside = rays.square_height_mm2 <= system.semi_apertures_mm[:, None, None, None, None] ** 2
-    light = PUPIL.radii[:, None] * (inside.all(axis=0) & ~rays.lost)  # light of a ring is proportional to its radius
+    light = rays.pupil.radii[:, None] * (inside.all(axis=0) & ~rays.lost)  # proportional to the radius of a ring
     dark = np.argwhere(light.sum(axis=(2, 3)) == 0)
     if dark.size:
         raise LensError(system.prescription.name, "field height", f"{heights_mm[dark[0, 1]]:.4g} mm",
@@ -168,6 +198,8 @@ def _field_shift_mm(system):
     passing = light > 0
     place, slope = (np.where(passing, values, 0.0) for values in
                     (rays.position_mm, rays.direction[:2] / rays.direction[2]))
-    for values in (place, slope):  # the centroid is on the axis in x
-        values[1] -= np.sum(light * values[1], axis=(2, 3), keepdims=True)
+    for values in (place, slope):
+        for along in values[1:] if rays.pupil.mirrored else values:  # the centroid of both halves is on the axis in x
+            along -= np.sum(light * along, axis=(2, 3), keepdims=True)
+    light = weights * light
     return -np.sum(light * place * slope) / np.sum(light * slope**2)

@@ -82,8 +82,10 @@ def lens_from_sensor(prescription: Prescription, wavelength_nm: float, farthest_
     Raises
     ------
     LensError
-        A prescription that cannot be traced, or a wavelength at which the index of a glass is unknown.
+        A prescription that cannot be traced or is not rotationally symmetric, or a wavelength at which the index of a
+        glass is unknown.
     """
+    prescription.require_radial("a lens traced in Cycles")
     system = build_system(prescription)
     surfaces, indices = system.prescription.surfaces[::-1], system.indices_at([wavelength_nm])[:, 0]
     extinction = np.array([glass.extinction_at([wavelength_nm])[0] for glass in system.glasses])[::-1]

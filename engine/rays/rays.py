@@ -98,22 +98,24 @@ class TracedRays:
 
 
 def trace_pupil(system: System, heights_mm: Sequence[float] | np.ndarray, wavelengths_nm: Sequence[float] | np.ndarray,
-                pupil: HalfPupil) -> TracedRays:
+                pupil: Pupil) -> TracedRays:
     """Trace rays from field heights across the stop, at several wavelengths.
 
     Parameters
     ----------
     system : System
     heights_mm : sequence of float
-        Paraxial image heights.
+        Paraxial image heights, along y.
     wavelengths_nm : sequence of float
-    pupil : HalfPupil
+    pupil : Pupil
 
     Raises
     ------
     LensError
-        A chief ray is lost.
+        A chief ray is lost, or one half of the stop cannot stand for both.
     """
+    if pupil.mirrored:
+        system.prescription.require_radial("a field of heights")
     wavelengths_nm = np.asarray(wavelengths_nm, dtype=float)
     indices, fields = system.indices_at(wavelengths_nm), system.fields_of(heights_mm)
     x_mm, y_mm = (system.stop_semi_aperture_mm * place.ravel() for place in (pupil.x, pupil.y))

@@ -1,9 +1,9 @@
 """Sequential ray tracing from the stop: backwards to the object and forwards to the image plane.
 
 `indices` are arrays (surface + 1, ...) that broadcast against the rays. Squared heights are lists with an array per
-surface. Points of the stop and of the image plane, heights, and directions at the image plane are in the frames of these
-surfaces, which their poses displace; all other positions and directions are in the frame of the lens, relative to a
-surface's place on the axis.
+surface. They, points of the stop, and positions and directions at the image plane, are in the frames of these surfaces,
+which their poses displace. All other positions and directions are in the frame of the lens, relative to a surface's
+place on the axis.
 """
 
 from typing import NamedTuple
@@ -71,8 +71,8 @@ def _back(prescription, indices, position, direction, number):
 
 def _steps_back(prescription, indices, position, direction, number):
     """Trace rays, given relative to the vertex of surface `number` or to the image plane, back through the surfaces
-    in front of it: yields the position on each, the direction in front of it, the optical path behind it, and the squared
-    height."""
+    in front of it: yields the position on each, the direction in front of it, the optical path behind it, and the
+    squared height."""
     for before in range(number - 1, -1, -1):
         surface = prescription.surfaces[before]
         position, backwards, section_mm, section_mm2 = _through(
@@ -176,7 +176,8 @@ def traced_surfaces(prescription: Prescription) -> TracedSurfaces:
         shape[:3] = 1 / surface.radius_mm, surface.conic, surface.thickness_mm
         shape[3:3 + len(surface.aspheric)] = surface.aspheric
         shape[3 + even:3 + even + len(surface.odd_aspheric)] = surface.odd_aspheric
-    return TracedSurfaces(shapes, prescription.stop_index, even, odd, *_sections(surfaces, even), _poses(prescription))
+    kinds, sections = _sections(surfaces, even)
+    return TracedSurfaces(shapes, prescription.stop_index, even, odd, kinds, sections, _poses(prescription))
 
 
 def _sections(surfaces, even):

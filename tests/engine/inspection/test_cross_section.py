@@ -7,7 +7,7 @@ import pytest
 
 from lensfield.engine.inspection.cross_section import cross_section, draw_cross_section
 from lensfield.engine.library import prescription_of
-from lensfield.engine.prescription.prescription import Prescription, Surface
+from lensfield.engine.prescription.prescription import Pose, Prescription, Surface
 from lensfield.engine.prescription.surfaces import sag_and_slope
 from lensfield.engine.prescription.system import system_of
 from lensfield.engine.rays.rays import HalfPupil, trace_pupil
@@ -76,3 +76,19 @@ def test_the_picture_is_square_and_shows_the_lens():
     picture = cross_section(system_of(HYPERBOLA), 200)
     assert picture.shape == (200, 200, 4) and picture.dtype == np.uint8
     assert (picture[..., 3] == 255).all() and 0.02 < np.mean(picture[..., :3].min(axis=-1) < 250) < 0.9
+
+
+def test_displaced_surfaces_and_sensors_are_drawn_where_they_are():
+    """By hand: a plane turned about x leans along the light above its vertex; a turned cylinder shows its straight
+    section."""
+    front = replace(HYPERBOLA.surfaces[0], pose=Pose((0.0, 0.5, 0.25), (5.0, 0.0, 0.0)))
+    rear = Surface(-10.0, 20.0, radius_x_mm=np.inf, semi_aperture_mm=6.0, pose=Pose(tilt_deg=(0.0, 0.0, 90.0)))
+    lens = replace(HYPERBOLA, surfaces=(front, rear, Surface(30.0, 2.0, "1.5/60"), Surface(-30.0, 15.0)),
+                   image_pose=Pose(tilt_deg=(-20.0, 0.0, 0.0)))
+    outlines, lines = drawn(lens)
+    z_mm, y_mm = outlines[0]
+    along_mm = np.array([np.sin(np.radians(5)), np.cos(np.radians(5))])
+    assert any(np.allclose((z, y), (0.25, 0.5) + 7.0 * along_mm) for z, y in zip(z_mm, y_mm, strict=True))
+    np.testing.assert_allclose(z_mm[np.abs(y_mm) == 6.0], 8.0, atol=1e-12)
+    z_mm, y_mm = lines[-1]  # of the image plane
+    assert np.ptp(y_mm) > 0 and np.diff(z_mm) == pytest.approx(-np.tan(np.radians(20)) * np.diff(y_mm))

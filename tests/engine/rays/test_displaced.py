@@ -20,7 +20,8 @@ every_loop = pytest.mark.parametrize("loops", available())
 
 def rays_of(lens, count=40):
     """Refractive indices; rays through points of the stop, traced both ways; and these points: arrays (1, ray)."""
-    x, y, slope_x, slope_y = np.random.default_rng(6).uniform(-1, 1, (4, 1, count)) * np.reshape([4, 4, .1, .1], (4, 1, 1))
+    most = np.reshape([4.0, 4.0, 0.1, 0.1], (4, 1, 1))
+    x, y, slope_x, slope_y = most * np.random.default_rng(6).uniform(-1, 1, (4, 1, count))
     indices = system_of(lens).indices_at([NM])
     return indices, trace_both_ways(lens, indices[:, :, None], x, y, slope_x, slope_y), (x, y)
 
