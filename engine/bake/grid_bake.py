@@ -152,8 +152,7 @@ def _lens(system: System, view: View, nodes: Nodes, tables: _Tables, notes):
     prescription, shape = system.prescription, (-1, *nodes.shape)
     middle = int(np.argmin(np.hypot(*nodes.place_mm)))
     area, flux, reference_area = tables.area, tables.flux, _reference_area(system, view, tables._quality)
-    focal_mm, squeeze = _focal_length_mm(system), 1.0
-    per_tangent = np.array([focal_mm / squeeze, focal_mm])
+    per_tangent = _focal_length_mm(system) / np.array([system.squeeze, 1.0])
     beyond = np.einsum("ijwn,jn->iwn", tables.points.change, nodes.place_mm - nodes.inside_mm)
     source_mm = -np.moveaxis(tables.points.tangent + beyond, 0, -1) * per_tangent
     dark = np.argwhere(area <= 0)
@@ -166,7 +165,7 @@ def _lens(system: System, view: View, nodes: Nodes, tables: _Tables, notes):
         entrance_pupil_mm=system.entrance_pupil_mm, sensor_mm=sensor_mm(system),
         reference_wavelength_nm=prescription.reference_wavelength_nm, wavelengths_nm=tables.points.wavelengths_nm,
         y_mm=nodes.lines_mm[0], x_mm=nodes.lines_mm[1], mirrored=mirrored(prescription),
-        source_mm=source_mm.reshape(*shape, 2), within=nodes.within.reshape(nodes.shape), squeeze=squeeze,
+        source_mm=source_mm.reshape(*shape, 2), within=nodes.within.reshape(nodes.shape), squeeze=system.squeeze,
         focus_slope=tuple(-view.lean / per_tangent),
         relative_illumination=(area / area[:, middle, None]).reshape(shape),
         psf=tables.psf.reshape(*shape, *tables.psf.shape[2:]), psf_pitch_um=tables._pitch_um,

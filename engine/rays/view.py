@@ -119,16 +119,11 @@ def focus_lean(system: System, axes: np.ndarray) -> np.ndarray:
     offset_mm = (prescription.image_pose or Pose()).offset_mm
     nearness = 1 / (prescription.object_distance_mm + system.entrance_pupil_mm)
     rise = np.zeros(3)
-    for number, section in enumerate(_sections(system)):
+    for number, section in enumerate((system.across, system)):
         image_mm = system.prescription.surfaces[-1].thickness_mm + normal @ offset_mm / normal[2] - section.exit_pupil_mm
         rise[number] = -_pupil_magnification(section) * normal[number] / normal[2] / image_mm
     rise[2] = (nearness - normal[:2] @ rise[:2]) / normal[2]
     return axes[:2] @ rise
-
-
-def _sections(system):
-    """First-order figures along x and y."""
-    return system, system
 
 
 def _pupil_magnification(section):
@@ -149,7 +144,7 @@ def tilted(system: System, tilt_deg: tuple[float, float]) -> Prescription:
     nearness = 1 / (prescription.object_distance_mm + system.entrance_pupil_mm)
     squares = normal[:2]**2 / normal[2]
     powers, per_magnification = np.array([(1 / section.efl_mm, 1 / _pupil_magnification(section))
-                                          for section in _sections(system)]).T
+                                          for section in (system.across, system)]).T
     on_axis = (nearness + squares @ powers) / (normal[2] + squares @ per_magnification)
     magnification = _pupil_magnification(system)
     image_mm = magnification**2 / (magnification / system.efl_mm - on_axis)
