@@ -99,6 +99,71 @@ def lopsided_lens():
     return make_lens(np.stack([table, table]), heights_mm=np.linspace(0, 2, 4))
 
 
+def make_grid_lens(psf=SENSOR_POINT, source_mm=lambda nm, x, y: (x, y), relative_illumination=None, *, rows=5,
+                   columns=7, half_mm=(1.5, 2.0), mirrored=(False, False), psf_pitch_um=None,
+                   wavelengths_nm=(400.0, 700.0), within=lambda x, y: np.hypot(x / 2, y / 1.5) / 1.5,
+                   transmittance=1.0, **changes):
+    """As `make_lens`, over x and y: `psf` is one PSF, or a function of (x, y) in mm, like the other functions."""
+    y_mm, x_mm = (np.linspace(0 if mirror else -half, half, (n + 1) // 2 if mirror else n)
+                  for n, half, mirror in zip((rows, columns), half_mm, mirrored, strict=True))
+    y, x = np.meshgrid(y_mm, x_mm, indexing="ij")
+    nm = np.asarray(wavelengths_nm)[:, None, None]
+    ones = np.ones((nm.size, *x.shape))
+    psfs = np.array([[psf(*at) for at in zip(*row, strict=True)] for row in zip(x, y, strict=True)]
+                    if callable(psf) else psf, dtype=float)
+    facts = dict(
+        name="hand-made grid", efl_mm=10.0, magnification=-0.1, f_number_effective=2.0, object_distance_mm=100.0,
+        entrance_pupil_mm=5.0, sensor_mm=(4.0, 3.0), reference_wavelength_nm=550.0, wavelengths_nm=wavelengths_nm,
+        y_mm=y_mm, x_mm=x_mm, mirrored=mirrored, within=within(x, y),
+        source_mm=np.stack([ones * each for each in source_mm(nm, x, y)], axis=-1),
+        relative_illumination=ones * (relative_illumination(nm, x, y) if relative_illumination else 1),
+        psf=np.broadcast_to(psfs, ones.shape + psfs.shape[-2:]), enclosed_energy=ones,
+        psf_pitch_um=psf_pitch_um or (POINT_UM if psf is SENSOR_POINT else 2.5),
+        transmittance=np.broadcast_to(transmittance, nm.shape[:1]))
+    return GridLens(**facts | changes)
+
+
+def turned_coma(x_mm, y_mm):
+    """The PSFs of `comatic_lens` at its heights, mixed between them, and turned to a place: +v points upwards."""
+    ideal_mm = np.hypot(x_mm, y_mm)
+    ideal_mm = (1 - np.sqrt(1 - 0.08 * ideal_mm)) / 0.04
+    position = min(ideal_mm * 5 / 2, 5.0)
+    psf = 0.0
+    for height, weight in ((int(position), 1 - position % 1), (int(position) + 1, position % 1)):
+        round_um = gaussian_at(x_mm, y_mm, 2, 2, 2.5 * height)
+        psf = psf + weight * (0.5 * gaussian_at(x_mm, y_mm, 4, 2 + height, 0) + 0.5 * round_um)
+    return psf
+
+
+def gaussian_at(x_mm, y_mm, sigma_out_um, sigma_along_um, moved_um, pitch_um=2.5, window=25):
+    """A Gaussian that is moved outwards at a place, and turned with it: (v, u), upwards and to the right."""
+    up, right = np.meshgrid(*2 * [(np.arange(window) - window // 2) * pitch_um], indexing="ij")
+    angle_rad = np.arctan2(y_mm, x_mm)
+    out, along = (np.cos(angle_rad) * right + np.sin(angle_rad) * up - moved_um,
+                  np.sin(angle_rad) * right - np.cos(angle_rad) * up)
+    psf = np.exp(-out**2 / (2 * sigma_out_um**2) - along**2 / (2 * sigma_along_um**2))
+    return psf / psf.sum()
+
+
+def comatic_grid(rows=5, columns=7, **changes):
+    """`comatic_lens` on a grid."""
+    def source_mm(nm, x, y):
+        real = np.hypot(x, y)
+        scale = np.where(real > 0, (1 - np.sqrt(1 - 0.08 * real)) / 0.04 / np.where(real > 0, real, 1), 1)
+        return scale * x, scale * y
+
+    return make_grid_lens(turned_coma, source_mm, rows=rows, columns=columns, **changes)
+
+
+def lopsided_grid(**changes):
+    """Different PSFs, distortion and illumination in all quadrants."""
+    return make_grid_lens(
+        lambda x, y: 0.6 * gaussian_psf(4, 2 + abs(x), 2.5, 17)
+        + 0.4 * np.roll(gaussian_psf(2, 2, 2.5, 17), (round(3 * y), round(2 + 1.5 * x)), (0, 1)),
+        lambda nm, x, y: (x * (1 + 0.02 * x + 1e-5 * nm) + 0.01 * y**2, y * (1 - 0.03 * y) + 0.02 * x),
+        lambda nm, x, y: 1 / (1 + 0.1 * (x + 0.4)**2 + 0.2 * y**2), **changes)
+
+
 def placed_psfs(lens, wavelength_nm, pitch_um, centre_px):
     """PSFs of the chief rays that land at positions of a grid: a function of (rows, columns), and their reach."""
     optics = lens.at_wavelength(wavelength_nm)
