@@ -137,7 +137,7 @@ def _cast(layers, layered, lens, rays, most_rays, most_of_lamps, stop, times, pr
         if counts.size:
             scale = 1.0 if all(layer.largest(group) <= SUMMABLE for layer in layers) else DIMMED
             casting = Casting(
-                *pixel_rays.packed(wavelengths_nm[group], focal_mm, counts.tolist(), stop.reach),
+                pixel_rays.packed(wavelengths_nm[group], focal_mm, counts.tolist(), stop.reach),
                 sensor.centre_px, 0.0 if projection.is_plane else per_focal, projection.shrinkage_table,
                 stop.iris.directions, stop.shape, stop.reach * cell_size(8),
                 layer_arrays(layers, lens, group, levels, scale),

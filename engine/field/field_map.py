@@ -13,6 +13,7 @@ import numpy as np
 
 from ..image.pixel_grid import PixelGrid
 from ..image.sampling import Sampling
+from ..kernels.cast import HeightRays, MeshRays
 from ..lens import GridLens, Lens, RadialLens
 from ..rays.ray_table import RayTable
 from ..runtime.memory import MemoryBudget
@@ -231,8 +232,8 @@ class PixelRays(Protocol):
         """Rays for a capture of this focal length, through the stop out to `reach`; `count` is one of `SQUARES`."""
 
     def packed(self, wavelengths_nm: np.ndarray, focal_mm: float, counts: Sequence[int],
-               reach: float) -> tuple[np.ndarray, float]:
-        """Sets of rays of these counts, for the compiled loops: the first two fields of `kernels.cast.Casting`."""
+               reach: float) -> HeightRays | MeshRays:
+        """Sets of rays of these counts, for the compiled loops."""
 
     def irradiance_per_radiance(self, wavelength_nm: float) -> np.ndarray:
         """Irradiance per uniform radiance by all rays, without the glass's losses: float32 array (row, column)."""

@@ -2,7 +2,8 @@
 
    The point where a ray meets a layer depends on the layer's depth at that point. It is found by iteration: compute the
    ray's position for a depth, look up the depth at that position, and repeat. Positions are in pixels from the axis, to
-   the right and upwards, and turn with the pixel; a pixel's rays depend on its distance from the axis. The look-ups of
+   the right and upwards. A pixel's rays are interpolated between nodes: between two heights, upon which positions turn
+   with the pixel, or between four nodes of a mesh, upon which they may be mirrored. The look-ups of
    a pixel's rays are far apart in memory, but those of neighbouring pixels through the same point of the stop are close
    together. All pixels of a tile are therefore processed with each eight of rays at once.
 
@@ -159,11 +160,22 @@ INLINE masks find_spots(const lf_cast_of *c, const lf_level *l, const pencil *p,
     return inside;
 }
 
-typedef struct { /* a pixel, whose rays are interpolated between two heights */
-    const float *low, *high;
-    float weight, right, up; /* of the higher; the pixel's direction from the axis */
-    float cells;             /* of its rays, in a semi-aperture */
+typedef struct { /* a pixel, whose rays are interpolated between nodes */
+    const float *low, *high;   /* two neighbouring nodes */
+    int64_t above;             /* in a mesh: floats from them to the nodes above */
+    float weight, up_weight;   /* of the second node, and of the nodes above */
+    float right[2], up[2];     /* x and y of positions, as sums of the first and the second component */
+    float cells;               /* of its rays, in a semi-aperture */
 } pixel;
+
+/* A quantity of eight rays at a pixel. */
+INLINE rays at_pixel(const pixel *here, int mesh, int64_t where, rays weight, rays up_weight)
+{
+    const rays below = between(at(here->low + where), at(here->high + where), weight);
+    if (!mesh) return below;
+    where += here->above;
+    return between(below, between(at(here->low + where), at(here->high + where), weight), up_weight);
+}
 
 enum { LIGHT, BLURRED, THROUGH, ALL, SUMS }; /* sums over the rays of a pixel at a wavelength, in eights */
 
@@ -172,38 +184,41 @@ INLINE void add(float *sums, rays a) { *(rays *)sums = *(const rays *)sums + a; 
 INLINE rays open_share(rays cells_inside) { return larger(smaller(cells_inside + 0.5f, 1), 0); } /* of a cell that is open */
 
 /* The share of each ray's cell that is between the blades of an iris, for a number of cells in a semi-aperture. */
-INLINE rays between_blades(const lf_cast_of *c, const pixel *at_pixel, rays stop_x, rays stop_y)
+INLINE rays between_blades(const lf_cast_of *c, const pixel *here, rays second, rays first)
 {
-    const rays x = stop_x * at_pixel->up + stop_y * at_pixel->right, y = stop_y * at_pixel->up - stop_x * at_pixel->right;
+    const rays x = second * here->right[1] + first * here->right[0], y = first * here->up[0] + second * here->up[1];
     rays open = (rays){0} + 1;
     for (int64_t n = 0; n < c->blades; n++) {
         const rays along = x * c->normals[2 * n] + y * c->normals[2 * n + 1];
-        open *= open_share((c->blade_margin - c->blade_bend * (x * x + y * y) - c->blade_slope * along) * at_pixel->cells);
+        open *= open_share((c->blade_margin - c->blade_bend * (x * x + y * y) - c->blade_slope * along) * here->cells);
     }
     return open;
 }
 
 /* Follows the rays of an eight, from `first`, through the layers. */
-INLINE void follow(const lf_cast_of *c, const pixel *here, int64_t first, const lf_meeting *meetings, int focused, float *sums)
+INLINE void follow(const lf_cast_of *c, const pixel *here, int mesh, int64_t first, const lf_meeting *meetings, int focused,
+                   float *sums)
 {
     const int wavelengths = (int)c->wavelengths;
-    const float *low = here->low + first, *high = here->high + first;
-    const rays weight = (rays){0} + here->weight, held = smaller(weight, 1);
-    const rays through = between_blades(c, here, at(low), at(low + 8));
+    const rays weight = (rays){0} + here->weight, up_weight = (rays){0} + here->up_weight;
+    const rays held = mesh ? larger(smaller(weight, 1), 0) : smaller(weight, 1), up_held = larger(smaller(up_weight, 1), 0);
+    const rays through = between_blades(c, here, at(here->low + first), at(here->low + first + 8));
     pencil pencils[LF_TOGETHER];
     masks open = {0};
     for (int w = 0; w < wavelengths; w++) {
-        const float *a = low + 16 + 48 * w, *b = high + 16 + 48 * w;
-        const rays out = between(at(a), at(b), weight), across = between(at(a + 8), at(b + 8), weight);
-        const rays by_out = between(at(a + 16), at(b + 16), weight), by_across = between(at(a + 24), at(b + 24), weight);
-        const rays part = open_share(between(at(a + 32), at(b + 32), held)) * through;
+        const int64_t a = first + 16 + 48 * w;
+#define OF(n, weight, up_weight) at_pixel(here, mesh, a + 8 * n, weight, up_weight)
+        const rays one = OF(0, weight, up_weight), two = OF(1, weight, up_weight);
+        const rays by_one = OF(2, weight, up_weight), by_two = OF(3, weight, up_weight);
+        const rays part = open_share(OF(4, held, up_held)) * through;
         const masks pass = part > 0;
         pencil *p = pencils + w;
-        p->light = kept(pass, part * between(at(a + 40), at(b + 40), held));
-        p->x = out * here->right + across * here->up;
-        p->y = out * here->up - across * here->right;
-        p->by_x = by_out * here->right + by_across * here->up;
-        p->by_y = by_out * here->up - by_across * here->right;
+        p->light = kept(pass, part * OF(5, held, up_held));
+#undef OF
+        p->x = one * here->right[0] + two * here->right[1];
+        p->y = one * here->up[0] + two * here->up[1];
+        p->by_x = by_one * here->right[0] + by_two * here->right[1];
+        p->by_y = by_one * here->up[0] + by_two * here->up[1];
         p->free = p->in_focus = kept(pass, (rays){0} + 1);
         open |= pass;
         add(sums + 8 * (SUMS * w + LIGHT), p->light);
@@ -248,14 +263,35 @@ INLINE void follow(const lf_cast_of *c, const pixel *here, int64_t first, const 
     }
 }
 
-INLINE pixel pixel_of(const lf_cast_of *c, int64_t row, int64_t column, float cells)
+/* The node before a place among `count` nodes, and the place's distance from it. */
+INLINE int64_t node_before(double place, int64_t count, float *weight)
 {
-    const double x = (double)column - c->centre_column, y = c->centre_row - (double)row, height = __builtin_sqrt(x * x + y * y);
-    const double step = height * c->heights_per_px, last = (double)(c->heights - 2);
-    const int64_t before = (int64_t)(step < last ? step : last), size = 16 + 48 * c->wavelengths;
-    const float *low = c->rays + before * c->eights * size;
-    return (pixel){low, low + c->eights * size, (float)(step - (double)before),
-                   height > 0 ? (float)(x / height) : 0, height > 0 ? (float)(y / height) : 1, cells};
+    const double last = (double)(count - 2), before = place < 0 ? 0 : place < last ? place : last;
+    *weight = (float)(place - (double)(int64_t)before);
+    return (int64_t)before;
+}
+
+INLINE pixel pixel_of(const lf_cast_of *c, int mesh, int64_t row, int64_t column, float cells)
+{
+    const double x = (double)column - c->centre_column, y = c->centre_row - (double)row;
+    const int64_t node = c->eights * (16 + 48 * c->wavelengths);
+    pixel here = {.cells = cells};
+    if (mesh) {
+        const int left = c->mirrored_right && x < 0, below = c->mirrored_up && y < 0;
+        here.above = c->nodes * node;
+        here.low = c->rays + node_before((left ? -x : x) * c->nodes_per_px - c->first_right, c->nodes, &here.weight) * node
+                   + node_before((below ? -y : y) * c->rows_per_px - c->first_up, c->mesh_rows, &here.up_weight) * here.above;
+        here.right[0] = left ? -1 : 1;
+        here.up[1] = below ? -1 : 1;
+    } else {
+        const double height = __builtin_sqrt(x * x + y * y);
+        here.low = c->rays + node_before(height * c->nodes_per_px, c->nodes, &here.weight) * node;
+        here.right[0] = height > 0 ? (float)(x / height) : 0;
+        here.right[1] = here.up[0] = height > 0 ? (float)(y / height) : 1;
+        here.up[1] = -here.right[0];
+    }
+    here.high = here.low + node;
+    return here;
 }
 
 static float sum_of(const float *a) { return ((a[0] + a[1]) + (a[2] + a[3])) + ((a[4] + a[5]) + (a[6] + a[7])); }
@@ -301,8 +337,8 @@ static void fill(const float *values, int64_t each, int64_t step, int64_t tall, 
 }
 
 /* Casts the pixels of a tile. With a step above 1, the last rows and columns may be beyond the tile. */
-INLINE void cast_pixels(const lf_cast_of *c, int64_t tile, int focused, const lf_picture *blurred, const lf_picture *clear,
-                        float *work)
+INLINE void cast_pixels(const lf_cast_of *c, int mesh, int64_t tile, int focused, const lf_picture *blurred,
+                        const lf_picture *clear, float *work)
 {
     const lf_meeting *meetings = c->meetings + tile * c->layers;
     const int64_t top = tile / c->tile_columns * c->tile_px, left = tile % c->tile_columns * c->tile_px;
@@ -316,9 +352,9 @@ INLINE void cast_pixels(const lf_cast_of *c, int64_t tile, int focused, const lf
         float *sums = work;
         for (int64_t j = 0; j < tall; j++)
             for (int64_t i = 0; i < wide; i++, sums += each) {
-                pixel here = pixel_of(c, top + j * step, left + i * step, cells);
+                pixel here = pixel_of(c, mesh, top + j * step, left + i * step, cells);
                 here.low += n * size, here.high += n * size;
-                for (int64_t first = 0; first < 8; first += WIDE) follow(c, &here, first, meetings, focused, sums + first);
+                for (int64_t first = 0; first < 8; first += WIDE) follow(c, &here, mesh, first, meetings, focused, sums + first);
             }
     }
     for (int64_t n = 0; n < tall * wide; n++) divide(c, focused, work + n * each);
@@ -335,8 +371,9 @@ int OF_VARIANT(lf_cast)(const lf_cast_of *c, int64_t first_tile, int64_t end_til
         int focused = 0;
         for (int64_t n = 0; n < c->layers; n++) focused |= c->meetings[tile * c->layers + n].focused;
         if (!c->tile_eights[tile]) continue;
-        if (focused) cast_pixels(c, tile, 1, blurred, clear, work);
-        else cast_pixels(c, tile, 0, blurred, clear, work);
+        if (c->mesh_rows) cast_pixels(c, 1, tile, focused, blurred, clear, work);
+        else if (focused) cast_pixels(c, 0, tile, 1, blurred, clear, work);
+        else cast_pixels(c, 0, tile, 0, blurred, clear, work);
     }
     return 0;
 }

@@ -57,16 +57,84 @@ class LayerArrays:
 
 
 @dataclass(frozen=True, eq=False)
+class HeightRays:
+    """The rays of pixels at even distances from the axis, which turn with the pixel.
+
+    Attributes
+    ----------
+    values : float32 array (height, eight, 2 + 6 wavelengths, 8)
+        For eight rays at a time: their position in the stop, tangential and outwards; then for each wavelength their
+        position at infinity, outwards and tangential, and its change with the inverse depth, both in pixels; their
+        distance from the rims that limit them, in cells, negative for blocked rays; and the light of their cells.
+    heights_per_px : float
+    """
+
+    values: np.ndarray
+    heights_per_px: float
+
+    @property
+    def eights(self) -> np.ndarray:
+        """The values as array (node, eight, 2 + 6 wavelengths, 8)."""
+        return self.values
+
+    @property
+    def nodes(self) -> tuple[int, int, float]:
+        """Heights, rows of a mesh, and heights in a pixel."""
+        return len(self.values), 0, self.heights_per_px
+
+    @property
+    def mesh(self) -> tuple[float, float, float, int, int]:
+        """No mesh."""
+        return 0.0, 0.0, 0.0, 0, 0
+
+
+@dataclass(frozen=True, eq=False)
+class MeshRays:
+    """The rays of pixels at the nodes of a mesh with even distances.
+
+    Attributes
+    ----------
+    values : float32 array (row, column, eight, 2 + 6 wavelengths, 8)
+        From the lowest row upwards. As `HeightRays`, with x in place of outwards, and y in place of tangential.
+    nodes_per_px : (float, float)
+        Rows, and columns.
+    first : (float, float)
+        Place of the first node upwards and to the right of the axis, in nodes.
+    mirrored : (bool, bool)
+        Whether pixels below the axis, and to the left of it, have the mirror images of the rays on the other side.
+    """
+
+    values: np.ndarray
+    nodes_per_px: tuple[float, float]
+    first: tuple[float, float]
+    mirrored: tuple[bool, bool]
+
+    @property
+    def eights(self) -> np.ndarray:
+        """The values as array (node, eight, 2 + 6 wavelengths, 8)."""
+        return self.values.reshape(-1, *self.values.shape[2:])
+
+    @property
+    def nodes(self) -> tuple[int, int, float]:
+        """Columns, rows, and columns in a pixel."""
+        rows, columns = self.values.shape[:2]
+        return columns, rows, self.nodes_per_px[1]
+
+    @property
+    def mesh(self) -> tuple[float, float, float, int, int]:
+        """Rows in a pixel, the place of the first column and row, and whether the columns and rows are mirrored."""
+        up, right = self.first
+        below, left = self.mirrored
+        return self.nodes_per_px[0], right, up, left, below
+
+
+@dataclass(frozen=True, eq=False)
 class Casting:
     """A sensor, its rays, and the layers of the scene.
 
     Attributes
     ----------
-    rays : float32 array (height, eight, 2 + 6 wavelengths, 8)
-        For eight rays at a time: their position in the stop, tangential and outwards; then for each wavelength their
-        position at infinity, outwards and tangential, and its change with the inverse depth, both in pixels; their
-        distance from the rims that limit them, in cells, negative for blocked rays; and the light of their cells.
-    heights_per_px : float
+    rays : HeightRays or MeshRays
     centre_px : (float, float)
         Row and column of the axis on the sensor.
     per_focal : float
@@ -96,8 +164,7 @@ class Casting:
     tile_px : int
     """
 
-    rays: np.ndarray
-    heights_per_px: float
+    rays: HeightRays | MeshRays
     centre_px: tuple[float, float]
     per_focal: float
     shrinkage: np.ndarray
@@ -114,12 +181,12 @@ class Casting:
 
     @property
     def wavelengths(self) -> int:
-        return (self.rays.shape[2] - STOP) // QUANTITIES
+        return (self.rays.values.shape[-2] - STOP) // QUANTITIES
 
 
-def rays_shape(heights: int, eights: int, wavelengths: int) -> tuple[int, ...]:
-    """The shape of `Casting.rays`."""
-    return heights, eights, STOP + QUANTITIES * wavelengths, 8
+def rays_shape(nodes: int, eights: int, wavelengths: int) -> tuple[int, ...]:
+    """The shape of the values of rays at a number of nodes."""
+    return nodes, eights, STOP + QUANTITIES * wavelengths, 8
 
 
 def cast(casting: Casting, row: int, blurred: np.ndarray, clear: np.ndarray) -> None:
@@ -140,11 +207,11 @@ def cast(casting: Casting, row: int, blurred: np.ndarray, clear: np.ndarray) -> 
     """
     loops, variant = chosen()
     layers = (LAYER * len(casting.layers))(*map(_layer, casting.layers))
-    heights, eights = casting.rays.shape[:2]
-    of_eight = rays_shape(heights, eights, casting.wavelengths)
+    values, (nodes, rows, nodes_per_px) = casting.rays.eights, casting.rays.nodes
+    of_eight = rays_shape(nodes * max(rows, 1), values.shape[1], casting.wavelengths)
     tile_rows, tile_columns = casting.eights.shape
-    structure = CAST(address(casting.rays, np.float32, of_eight), heights, eights, casting.wavelengths,
-                     *casting.centre_px, casting.heights_per_px, casting.per_focal,
+    structure = CAST(address(values, np.float32, of_eight), nodes, values.shape[1], casting.wavelengths, rows,
+                     *casting.centre_px, nodes_per_px, *casting.rays.mesh, casting.per_focal,
                      address(casting.shrinkage, np.float32), len(casting.shrinkage) - 1,
                      address(casting.blades, np.float32), len(casting.blades), *casting.blade_shape,
                      casting.cell_of_eight, addressof(layers), len(layers),

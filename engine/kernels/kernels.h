@@ -230,12 +230,16 @@ typedef struct {          /* the search of a tile's rays for a layer */
 } lf_meeting;
 
 typedef struct {
-    const float *rays;    /* (height, eight of rays, 2 + 6 wavelengths, 8): their position in the stop, tangential and
-                             outwards; for each wavelength their position at infinity, outwards and tangential, and its
-                             change with the inverse depth, both in pixels; their distance from the rims that limit them,
-                             in cells, negative for blocked rays; their cells' light */
-    int64_t heights, eights, wavelengths;
-    double centre_row, centre_column, heights_per_px; /* of the axis on the sensor */
+    const float *rays;    /* (node, eight of rays, 2 + 6 wavelengths, 8): their position in the stop, along the second
+                             direction and the first; for each wavelength their position at infinity, along the first
+                             direction and the second, and its change with the inverse depth, both in pixels; their
+                             distance from the rims that limit them, in cells, negative for blocked rays; their cells'
+                             light. Directions are outwards and tangential, or in a mesh to the right and up */
+    int64_t nodes, eights, wavelengths; /* nodes: heights, or columns of a mesh */
+    int64_t mesh_rows;    /* 0: nodes are heights */
+    double centre_row, centre_column, nodes_per_px; /* of the axis on the sensor */
+    double rows_per_px, first_right, first_up; /* of a mesh: the first node's position, in nodes from the axis */
+    int32_t mirrored_right, mirrored_up; /* whether pixels on the left, or below, have the mirror images of its rays */
     float per_focal;      /* one over a panoramic capture's focal length in pixels; 0 for a plane capture */
     const float *shrinkage; /* radii in a panoramic capture over those on a plane, at even steps from 0 to 1 of
                                t / (1 + t), where t is the tangent of the angle from the axis */

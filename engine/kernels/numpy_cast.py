@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .cast import QUANTITIES, STOP, Casting, LayerArrays, LevelArrays
+from .cast import QUANTITIES, STOP, Casting, LayerArrays, LevelArrays, MeshRays
 
 BLOCKED = np.float32(2e-3)  # a ray with a smaller share of its light left ends
 PORTION = 8  # eights of rays that are processed together
@@ -41,22 +41,58 @@ def _rays(casting, corner_px, shape_px, step, eights, cells):
     inverse depth; the light of rays; and 1 for rays that pass. `cells` is their number in a semi-aperture."""
     row, column = step * np.indices([(count + step - 2) // step + 1 for count in shape_px])
     x, y = corner_px[1] + column - casting.centre_px[1], casting.centre_px[0] - corner_px[0] - row
+    at_pixels = _at_mesh if isinstance(casting.rays, MeshRays) else _at_heights
+    stop, (one, two, by_one, by_two), (inside, light), right, up = at_pixels(casting.rays, x, y, eights)
+    part = _open_share(inside) * _between_blades(casting, *stop, right, up, cells)
+    places = (one * right[0] + two * right[1], one * up[0] + two * up[1],
+              by_one * right[0] + by_two * right[1], by_one * up[0] + by_two * up[1])
+    return places, part * light, (part > 0).astype(np.float32)
+
+
+def _at_heights(rays, x, y, eights):
+    """Positions in the stop, positions, and distances from the rims with light, of the rays of pixels; and x and y of
+    positions, as sums of their first and second component."""
     height = np.sqrt(x * x + y * y)
     right = np.divide(x, height, out=np.zeros_like(height), where=height > 0).astype(np.float32)[..., None]
     up = np.divide(y, height, out=np.ones_like(height), where=height > 0).astype(np.float32)[..., None]
-    step = height * casting.heights_per_px
-    before = np.minimum(step, len(casting.rays) - 2).astype(np.int64)
-    weight = (step - before).astype(np.float32)[..., None]
-    low, high = (np.moveaxis(casting.rays[before + n, eights], -2, 0) for n in (0, 1))
-    stop, low, high = (each.reshape(-1, *row.shape, low.shape[-2] * 8)
-                       for each in (low[:STOP], low[STOP:], high[STOP:]))
-    low, high = (each.reshape(-1, QUANTITIES, *each.shape[1:]).swapaxes(0, 1) for each in (low, high))
-    out, across, by_out, by_across = _between(low[:4], high[:4], weight)
-    inside, light = _between(low[4:], high[4:], np.minimum(weight, np.float32(1)))
-    part = _open_share(inside) * _between_blades(casting, *stop, right, up, cells)
-    places = (out * right + across * up, out * up - across * right,
-              by_out * right + by_across * up, by_out * up - by_across * right)
-    return places, part * light, (part > 0).astype(np.float32)
+    before, weight = _nodes(height * rays.heights_per_px, len(rays.values))
+    stop, *low = _separate(rays.values[before, eights])
+    _, *high = _separate(rays.values[before + 1, eights])
+    places, rims = (_between(a, b, held) for a, b, held in
+                    zip(low, high, (weight, np.minimum(weight, np.float32(1))), strict=True))
+    return stop, places, rims, (right, up), (up, -right)
+
+
+def _at_mesh(rays, x, y, eights):
+    """As `_at_heights`."""
+    (below, left), (up, right) = rays.mirrored, rays.first
+    side_x, side_y = (np.where(mirrored & (each < 0), np.float32(-1), np.float32(1))
+                      for mirrored, each in ((left, x), (below, y)))
+    row, up_weight = _nodes(side_y * y * rays.nodes_per_px[0] - up, rays.values.shape[0])
+    column, weight = _nodes(side_x * x * rays.nodes_per_px[1] - right, rays.values.shape[1])
+    corners = [[_separate(rays.values[row + n, column + m, eights]) for m in (0, 1)] for n in (0, 1)]
+
+    def mixed(part, across, upwards):
+        return _between(*(_between(low[part], high[part], across) for low, high in corners), upwards)
+
+    places, rims = mixed(1, weight, up_weight), mixed(2, *(np.clip(each, 0, 1) for each in (weight, up_weight)))
+    zero = np.float32(0)
+    return corners[0][0][0], places, rims, (side_x[..., None], zero), (zero, side_y[..., None])
+
+
+def _nodes(place, count):
+    """The nodes before places, and the places' distances from them."""
+    before = np.clip(place, 0, count - 2).astype(np.int64)
+    return before, (place - before).astype(np.float32)[..., None]
+
+
+def _separate(values):
+    """Positions in the stop, positions, and distances from the rims with light: arrays (quantity, [wavelength,] row,
+    column, ray) of values (row, column, eight, quantity, 8)."""
+    values = np.moveaxis(values, -2, 0)
+    values = values.reshape(*values.shape[:3], -1)
+    of_waves = values[STOP:].reshape(-1, QUANTITIES, *values.shape[1:]).swapaxes(0, 1)
+    return values[:STOP, None], of_waves[:4], of_waves[4:]
 
 
 def _open_share(cells_inside):
@@ -68,9 +104,9 @@ def _between(a, b, weight):
     return a + weight * (b - a)
 
 
-def _between_blades(casting, tangential, outwards, right, up, cells):
+def _between_blades(casting, second, first, right, up, cells):
     """The share of each ray's cell that is between the blades of an iris."""
-    x, y = tangential * up + outwards * right, outwards * up - tangential * right
+    x, y = second * right[1] + first * right[0], first * up[0] + second * up[1]
     margin, bend, slope = map(np.float32, casting.blade_shape)
     part = np.ones(x.shape, np.float32)
     for across, along in casting.blades:

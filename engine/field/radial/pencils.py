@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 
 from ...image.pixel_grid import PixelGrid
-from ...kernels.cast import rays_shape
+from ...kernels.cast import HeightRays, rays_shape
 from ...rays.ray_table import RayTable
 from ...rays.stop_places import SQUARES, cell_size, stop_places
 
@@ -124,7 +124,7 @@ class Pencils:
         return RayReach(self, nearness, axis_px, shrinkage, tiles)
 
     def packed(self) -> np.ndarray:
-        """The rays for the loops: array (height, eight, 2 + 6 wavelengths, 8), see `kernels.cast.Casting.rays`."""
+        """The rays for the loops: array (height, eight, 2 + 6 wavelengths, 8), see `kernels.cast.HeightRays`."""
         rays = np.concatenate([self.far_px, self.moved_px, self.inside[None], self.light[None]])
         quantities, wavelengths, heights, count = rays.shape
         rays = rays.transpose(2, 1, 0, 3).reshape(heights, wavelengths * quantities, count)
@@ -275,8 +275,8 @@ def _cells_inside(rays, heights_mm, stop, margin, cell):
 
 
 def packed_pencils(rays: RayTable, wavelengths_nm: np.ndarray, sensor: PixelGrid, focal_mm: float,
-                   counts: Sequence[int], reach: float) -> tuple[np.ndarray, float]:
-    """Several sets of `pencils`, by counts, for the loops: `kernels.cast.Casting`'s rays and heights per pixel."""
+                   counts: Sequence[int], reach: float) -> HeightRays:
+    """Several sets of `pencils`, by counts, for the loops."""
     packed = np.empty(rays_shape(HEIGHTS, sum(counts) // 8, wavelengths_nm.size), np.float32)
     first = 0
     for count in counts:
@@ -285,7 +285,7 @@ def packed_pencils(rays: RayTable, wavelengths_nm: np.ndarray, sensor: PixelGrid
             eights = bundle.packed()
             packed[:, first:first + eights.shape[1]] = eights
             first += eights.shape[1]
-    return packed, bundle.heights_per_px
+    return HeightRays(packed, bundle.heights_per_px)
 
 
 def packed_values(count: int, wavelengths: int) -> int:
@@ -313,8 +313,8 @@ class PixelRays:
         return pencils(self._table, wavelengths_nm, self._sensor, focal_mm, count, reach=reach)
 
     def packed(self, wavelengths_nm: np.ndarray, focal_mm: float, counts: Sequence[int],
-               reach: float) -> tuple[np.ndarray, float]:
-        """Sets of rays for the compiled loops: the first two fields of `kernels.cast.Casting`."""
+               reach: float) -> HeightRays:
+        """Sets of rays for the compiled loops."""
         return packed_pencils(self._table, wavelengths_nm, self._sensor, focal_mm, counts, reach)
 
     def irradiance_per_radiance(self, wavelength_nm: float) -> np.ndarray:
