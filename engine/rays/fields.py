@@ -141,6 +141,33 @@ def _rays_of_fields(system, view, media, points, number, x_mm, y_mm):
             "lost": ~((error < AIMED) & np.isfinite(path_mm))}
 
 
+def aim_at_places(system: System, view: View, points: FieldPoints, places_mm: np.ndarray, x_mm: np.ndarray,
+                  y_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Slopes at points of the stop of rays to places on the sensor.
+
+    Parameters
+    ----------
+    system, view
+    points : FieldPoints
+        Of these places.
+    places_mm : array (2, place)
+    x_mm, y_mm : arrays (ray,)
+        Points of the stop.
+
+    Returns
+    -------
+    slope : array (2, wavelength, place, ray)
+    aimed : bool array (wavelength, place, ray)
+        Rays that do reach the place.
+    """
+    with np.errstate(all="ignore"):
+        found = [_aimed(_missed_places(system, view, media), places_mm, points.slope[:, number], x_mm, y_mm,
+                        PLACE_STEP * system.stop_semi_aperture_mm)
+                 for number, media in enumerate(system.indices_at(points.wavelengths_nm).T)]
+    slopes, errors = zip(*found, strict=True)
+    return np.stack(slopes, axis=1), np.stack(errors) < AIMED
+
+
 def _traced(system, media, x_mm, y_mm, slope_x, slope_y) -> BothWays:
     """`trace_both_ways` at one wavelength: arrays (..., ray)."""
     rays = (np.asarray(each)[None] for each in np.broadcast_arrays(x_mm, y_mm, slope_x, slope_y))

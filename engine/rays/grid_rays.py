@@ -14,10 +14,10 @@ from ..prescription.prescription import Prescription
 from ..prescription.system import System
 from ..runtime.errors import LensError
 from ..runtime.values import Value
+from .fields import aim_at_places, find_fields, view_of
 from .focus import build_system
 from .lost_rays import continued, without_lost
-from .place_aiming import aim_at_places
-from .pupil import DEGREE, polynomial_weights
+from .pupil import area_ratio, polynomial_weights
 from .ray_table import (
     FINE_UM,
     MARGIN_TO_WEIGHT,
@@ -29,7 +29,9 @@ from .ray_table import (
     sensor_rays,
     traced_quantities,
 )
+from .rays import Pupil
 from .splines import EVEN, FREE, even_place, periodic_spline_matrix, spline_matrix, splines
+from .trace import trace_both_ways
 
 PLACES, AZIMUTHS = 9, 32  # places from the middle of the field to its end, in x and in y
 RADII, FINER_RADII, SKETCHED_RADII = 17, 33, 13
@@ -225,23 +227,26 @@ def _places_mm(ends_mm, mirrored, count):
 
 def _trace(system: System, axes_mm, wavelengths_nm, radii, azimuths, reach):
     """Quantities of the table's rays: array (quantity, wavelength, row, column, radius, azimuth)."""
-    indices = system.indices_at(wavelengths_nm)
-    radius, azimuth = np.sin(np.pi / 2 * np.linspace(0, 1, radii)), 2 * np.pi / azimuths * np.arange(azimuths)
-    semi_mm = reach * system.stop_semi_aperture_mm
-    stop_mm = semi_mm * np.stack([np.outer(radius, np.sin(azimuth)), np.outer(radius, np.cos(azimuth))]).reshape(2, -1)
-    y_mm, x_mm = np.meshgrid(*axes_mm, indexing="ij")
-    places_mm = np.stack([[0.0, *x_mm.ravel()], [0.0, *y_mm.ravel()]])  # the first is the axis
-    slope_x, slope_y, aimed = aim_at_places(system, indices, places_mm, *stop_mm)
-    values, margin = traced_quantities(system, indices, *stop_mm, slope_x, slope_y)
+    pupil = Pupil(np.sin(np.pi / 2 * np.linspace(0, 1, radii)), 2 * np.pi / azimuths * np.arange(azimuths))
+    x_mm, y_mm = (reach * system.stop_semi_aperture_mm * each.ravel() for each in (pupil.x, pupil.y))
+    row_mm, column_mm = np.meshgrid(*axes_mm, indexing="ij")
+    places_mm = np.stack([[0.0, *column_mm.ravel()], [0.0, *row_mm.ravel()]])  # the first is on the axis
+    view = view_of(system)
+    slope, aimed = aim_at_places(system, view, find_fields(system, view, places_mm, wavelengths_nm), places_mm, x_mm,
+                                 y_mm)
+    with np.errstate(invalid="ignore"):
+        traced = trace_both_ways(system.prescription, system.indices_at(wavelengths_nm)[:, :, None, None], x_mm, y_mm,
+                                 *slope)
+    from_eye = view.turned(traced.entry - view.viewpoint_mm.reshape(3, 1, 1, 1))
+    values, margin = traced_quantities(system, traced, from_eye, view.turned(traced.before))
     known = aimed & np.isfinite(values[PATH])
     _check_axis(system, known[:, 0, 0], wavelengths_nm)
-    covered = known[:, 1:, 0].all(axis=0)
-    shape = (len(wavelengths_nm), covered.sum(), radii, azimuths)
-    *quantities, cosine_x, cosine_y = without_lost(
-        values[:, :, 1:][:, :, covered].reshape(-1, *shape), margin[:, 1:][:, covered].reshape(shape),
-        known[:, 1:][:, covered].reshape(shape), around=True)
-    weight = np.abs(_area_ratio(radius, azimuth, cosine_x, cosine_y)) / reach**2
-    return _beyond_field(np.stack([*quantities, weight]), covered.reshape(x_mm.shape))
+    covered = np.flatnonzero(known[:, 1:, 0].all(axis=0))
+    values, margin, known = (each[..., covered + 1, :].reshape(*each.shape[:-2], covered.size, *pupil.shape)
+                             for each in (values, margin, known))
+    *quantities, cosine_x, cosine_y = without_lost(values, margin, known, around=True)
+    weight = np.abs(area_ratio(pupil, np.array([cosine_x, cosine_y]))) / reach**2
+    return _beyond_field(np.stack([*quantities, weight]), covered, row_mm.shape)
 
 
 def _check_axis(system, known, wavelengths_nm):
@@ -250,27 +255,15 @@ def _check_axis(system, known, wavelengths_nm):
                         f"no ray through the middle of the stop reaches it at {wavelengths_nm[~known][0]:g} nm")
 
 
-def _area_ratio(radius, azimuth, cosine_x, cosine_y):
-    """As `pupil.area_ratio`, for azimuths around the stop."""
-    radial = scipy.interpolate.make_interp_spline(radius, np.eye(radius.size), k=DEGREE)(radius, nu=1)
-    around = scipy.interpolate.make_interp_spline(
-        np.append(azimuth, 2 * np.pi), np.eye(azimuth.size)[[*range(azimuth.size), 0]], k=DEGREE,
-        bc_type="periodic")(azimuth, nu=1)
-    x_by_radius, y_by_radius = radial @ cosine_x, radial @ cosine_y
-    x_around, y_around = cosine_x @ around.T, cosine_y @ around.T
-    ratio = (x_by_radius * y_around - x_around * y_by_radius)[..., 1:, :] / radius[1:, None]
-    middle = np.broadcast_to(ratio[..., :1, :].mean(axis=-1, keepdims=True), ratio[..., :1, :].shape)
-    return np.concatenate([middle, ratio], axis=-2) * np.sign(middle[..., :1])
-
-
-def _beyond_field(values, covered):
-    """Values (quantity, wavelength, covered place, radius, azimuth) on the complete mesh of places: array (quantity,
+def _beyond_field(values, covered, shape):
+    """Values (quantity, wavelength, place, radius, azimuth) of covered places on the complete mesh: array (quantity,
     wavelength, row, column, radius, azimuth), continued beyond the places that chief rays reach."""
-    (quantities, waves, _, *stop), (rows, columns) = values.shape, covered.shape
-    complete = np.zeros((quantities, waves, *stop, rows, columns))
+    complete = np.zeros((*values.shape[:2], *values.shape[3:], np.prod(shape)))
     complete[..., covered] = np.moveaxis(values, 2, -1)
-    if not covered.all():
-        complete = continued(complete.reshape(-1, rows, columns), covered, order=BEYOND).reshape(complete.shape)
+    known = np.isin(np.arange(complete.shape[-1]), covered).reshape(shape)
+    complete = complete.reshape(*complete.shape[:-1], *shape)
+    if not known.all():
+        complete = continued(complete.reshape(-1, *shape), known, order=BEYOND).reshape(complete.shape)
     return np.moveaxis(complete, (-2, -1), (2, 3))
 
 

@@ -29,7 +29,7 @@ from .lost_rays import without_lost
 from .pupil import area_ratio, polynomial_weights
 from .rays import HalfPupil, trace_pupil
 from .splines import EVEN, FREE, ODD, cubic, even_place, spline_matrix, splines
-from .trace import trace_both_ways
+from .trace import BothWays, trace_both_ways
 
 WAVELENGTHS_NM = (400.0, 417.1, 469.5, 555.9, 653.2, 700.0)  # least oscillation of polynomials over the wave number
 HEIGHTS, PUPIL = 33, HalfPupil(17, 33, close_at_rim=True)
@@ -266,7 +266,10 @@ def _trace(system: System, heights_mm, wavelengths_nm, pupil, reach):
     indices = system.indices_at(wavelengths_nm)
     x_mm, y_mm = (reach * system.stop_semi_aperture_mm * place.ravel() for place in (pupil.x, pupil.y))
     slope_x, slope_y, aimed = aim_at_image(system, indices, heights_mm, x_mm, y_mm)
-    values, margin = traced_quantities(system, indices, x_mm, y_mm, slope_x, slope_y)
+    with np.errstate(invalid="ignore"):
+        traced = trace_both_ways(system.prescription, indices[:, :, None, None], x_mm, y_mm, slope_x, slope_y)
+    from_eye = traced.entry - np.reshape([0.0, 0.0, system.entrance_pupil_mm], (3, 1, 1, 1))
+    values, margin = traced_quantities(system, traced, from_eye, traced.before)
     known = aimed & np.isfinite(values[PATH])
     _check_chief_rays(system, heights_mm, wavelengths_nm, known)
     shape = (*known.shape[:2], *pupil.shape)
@@ -276,18 +279,17 @@ def _trace(system: System, heights_mm, wavelengths_nm, pupil, reach):
     return np.stack([*quantities, weight])
 
 
-def traced_quantities(system: System, indices: np.ndarray, x_mm: np.ndarray, y_mm: np.ndarray, slope_x: np.ndarray,
-                      slope_y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def traced_quantities(system: System, traced: BothWays, from_eye: np.ndarray, before: np.ndarray
+                      ) -> tuple[np.ndarray, np.ndarray]:
     """Quantities of rays through points of the stop.
 
     Parameters
     ----------
     system : System
-    indices : array (surface + 1, wavelength)
-    x_mm, y_mm : arrays (ray,)
-        Points of the stop.
-    slope_x, slope_y : arrays (wavelength, place, ray)
-        Their slopes there; the first ray of the first place is along the axis.
+    traced : BothWays
+        Arrays (..., wavelength, place, ray). The first ray of the first place is along the axis.
+    from_eye, before : arrays (3, wavelength, place, ray)
+        Their entry relative to the viewpoint, and direction there, in the sensor's axes.
 
     Returns
     -------
@@ -296,15 +298,12 @@ def traced_quantities(system: System, indices: np.ndarray, x_mm: np.ndarray, y_m
     margin : array (wavelength, place, ray)
     """
     with np.errstate(invalid="ignore"):
-        traced = trace_both_ways(system.prescription, indices[:, :, None, None], x_mm, y_mm, slope_x, slope_y)
-        before, behind = traced.before, traced.direction
-        about = traced.entry - np.reshape([0.0, 0.0, system.entrance_pupil_mm], (3, 1, 1, 1))
-        from_foot_mm = np.sum(about * before, axis=0)
+        from_foot_mm = np.sum(from_eye * before, axis=0)
         path_mm = from_foot_mm + traced.path_mm
         margin = 1 - np.max([square / semi_mm**2 for square, semi_mm in
                              zip(traced.square_mm2, system.semi_apertures_mm, strict=True)], axis=0)
-        return np.stack([*(about - from_foot_mm * before)[:2], *before[:2] / (1 + before[2]),
-                         path_mm - path_mm[:, :1, :1], *behind[:2]]), margin
+        return np.stack([*(from_eye - from_foot_mm * before)[:2], *before[:2] / (1 + before[2]),
+                         path_mm - path_mm[:, :1, :1], *traced.direction[:2]]), margin
 
 
 def missed_um(values: np.ndarray, system: System) -> float:
