@@ -176,7 +176,8 @@ def _surface(path, number, row, curvatures, stop, private):
     shape = next((command for command in SHAPES if command in row), "")
     for command in OF_SHAPES:
         if command in row and command not in OF_SHAPE[shape] and row[command].figure(1):
-            raise row[command].refusal(f"not a parameter of {shape or 'a surface of revolution'}")
+            raise row[command].refusal(f"expected one of {', '.join(OF_SHAPE[shape])}"
+                                       f"{f' on a surface {shape}' if shape else ', or ' + ', '.join(SHAPES)}")
     value = line.figure(1, 0.0)
     surface = Surface((1 / value if curvatures else value) if value else np.inf, line.figure(2, 0.0), glass,
                       row["CIR"].figure(-1) if "CIR" in row else np.inf, _value(row, "KY") or _value(row, "K"),

@@ -1,8 +1,8 @@
 """.lens: a name, a focal length, and rows of radius, thickness, index, Abbe number, aperture and coating.
 
 The column `semi_ap` contains diameters in all known files, and is halved. The authors of the files dropped the designs'
-aspheric terms. Newer files have a seventh column, the type of the surface: the name of a cylinder is its axis, so that
-`cyl_y` is curved along x. A toroid has the radius along x first, and that of its profile along y in an eighth column.
+aspheric terms. Newer files have a seventh column, the type of the surface: a cylinder is named after its axis, so that
+`cyl_y` is curved along x. A toroid's radius along x is first, and its profile's, along y, in an eighth column.
 """
 
 import json
@@ -93,8 +93,8 @@ def _surface(line):
         raise line.refusal("expected radius or stop, thickness, index, Abbe number, aperture")
     kind = line.words[KIND].lower() if len(line.words) > KIND else SPHERES[0]
     if kind not in KINDS or len(line.words) > (COLUMNS if kind == TOROID else KIND + 1):
-        raise line.refusal(f"expected {kind if kind in KINDS else ', '.join(KINDS)} as last word, or {TOROID} and a "
-                           "radius")
+        raise line.refusal(f"expected one of {', '.join(KINDS)} as the last word, except for the second radius of "
+                           f"{TOROID}")
     stop = line.words[0].lower() == "stop"
     radius_mm = np.inf if stop else line.figure(0) or np.inf
     index, abbe, diameter_mm = (line.figure(at) for at in (2, 3, 4))
@@ -105,5 +105,5 @@ def _surface(line):
     if kind in CYLINDERS_Y:
         return replace(surface, radius_mm=np.inf, radius_x_mm=radius_mm)
     if kind == TOROID:
-        return replace(surface, radius_mm=line.figure(KIND + 1), radius_x_mm=radius_mm, profile="y")
+        return replace(surface, radius_mm=line.figure(KIND + 1), radius_x_mm=line.figure(0), profile="y")
     return surface

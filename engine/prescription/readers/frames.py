@@ -33,8 +33,8 @@ class Frame(NamedTuple):
         """The frame turned about its own axes, one after the other: pairs of axis and degrees, as in `Pose`."""
         axes = self.axes
         for axis, degrees in turns:
-            if degrees:
-                axes = axes @ Pose(tilt_deg=tuple(degrees if axis == name else 0.0 for name in "xyz")).rotation
+            tilts = {"x": (degrees, 0.0, 0.0), "y": (0.0, degrees, 0.0), "z": (0.0, 0.0, degrees)}
+            axes = axes @ Pose(tilt_deg=tilts[axis]).rotation if degrees else axes
         return Frame(self.origin, axes)
 
     def centred(self) -> "Frame":

@@ -11,7 +11,7 @@ from ...runtime.unread import json_names, unread_names
 from ..prescription import Prescription, Surface
 from .reading import Reading, ReadingOptions, with_stop
 
-LENS, SURFACES = "lens", "surface"  # tables by which the format is recognised
+LENS, SURFACES = "lens", "surface"  # the presence of both identifies the format
 KINDS = ("spherical", "flat", "stop", "aspheric", "cylindrical_x", "cylindrical_y")
 STOP, PLANES, ASPHERE = "stop", ("flat", "stop"), "aspheric"
 CYLINDERS = {"cylindrical_x": ("radius_x_mm", "radius_mm"), "cylindrical_y": ("radius_mm", "radius_x_mm")}
@@ -52,7 +52,7 @@ def _tables(table, name):
     """A list of tables in this table; places in errors are counted from 1."""
     rows = table.values.get(name)
     if not isinstance(rows, list) or not rows or not all(isinstance(row, dict) for row in rows):
-        raise table.refusal(name, f"expected a list of [[{table.place.rstrip(', ')}{'.' * bool(table.place)}{name}]]")
+        raise table.refusal(name, "expected a list of tables")
     return [TomlTable(table.path, row, f"{table.place}{name} {number}, ") for number, row in enumerate(rows, 1)]
 
 

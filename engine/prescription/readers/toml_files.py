@@ -9,7 +9,7 @@ from .toml import read_lensfield
 
 
 def read_toml_prescription(path: Path, options: ReadingOptions) -> Reading:
-    """Read a Lensfield prescription, in which unknown names are errors, or a lens file of physical-camera."""
+    """Read a Lensfield prescription, where unknown names are errors, or a lens file of physical-camera."""
     table = read_any_toml(path)
     if {LENS, SURFACES} <= table.values.keys():
         return read_physical_camera(path, table, options)

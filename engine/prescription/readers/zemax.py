@@ -53,13 +53,8 @@ def read_zemax(path: Path, options: ReadingOptions) -> Reading:
     unit_mm = _unit_mm(system)
     makers = system["GCAT"][-1].words[1:] if "GCAT" in system else ()
     _check_ends(path, rows)
-    surfaces: list[Surface] = []
-    for number, row in enumerate(rows[1:-1], 1):
-        surfaces.append(_surface(path, number, row, makers, surfaces[-1].glass if surfaces else ""))
-    surfaces, image_pose = posed(surfaces, list(_frames(rows[1:])))
+    surfaces, image_pose = _lens(path, rows, makers)
     surfaces = [surface.scaled(unit_mm) for surface in surfaces]
-    if _shape(rows[-2]) != BREAK:
-        check_return(path, image_pose)
     sizes = _semi_diameters(rows, surfaces, unit_mm)
     if (options.semi_diameters or SEMI_DIAMETERS[0]) == "aperture":
         surfaces = [replace(surface, semi_aperture_mm=sizes.get(number, surface.semi_aperture_mm))
@@ -125,6 +120,17 @@ def _shape(row):
     return " ".join(row["TYPE"][-1].words[1:2]) if "TYPE" in row else "STANDARD"
 
 
+def _lens(path, rows, makers):
+    """The surfaces in the unit of the file, and the pose of the image plane."""
+    surfaces = []
+    for number, row in enumerate(rows[1:-1], 1):
+        surfaces.append(_surface(path, number, row, makers, surfaces[-1].glass if surfaces else ""))
+    surfaces, image_pose = posed(surfaces, list(_frames(rows[1:])))
+    if _shape(rows[-2]) != BREAK:
+        check_return(path, image_pose)
+    return surfaces, image_pose
+
+
 def _surface(path, number, row, makers, glass_before):
     shape = _shape(row)
     if shape not in SHAPES:
@@ -167,7 +173,7 @@ def _sections(shape, radius_x, *others):
 
 
 def _frames(rows):
-    """Frame of each row behind the object; a coordinate break stays on the axis, where it is without effect."""
+    """Frame of each row behind the object; a coordinate break, without effect on rays, is on the axis."""
     frame = START
     for row in rows:
         frame = _broken(frame, row) if _shape(row) == BREAK else frame

@@ -207,8 +207,8 @@ def close(pose, offset_mm, tilt_deg):
 def test_a_returning_pair_of_coordinate_breaks_displaces_the_surface_between(read):
     """Decentred, then turned about x: +y goes towards +z, and the axis towards -y. The second break returns, from a
     plane as far behind the surface as that is behind the first break."""
-    there, back = (0.3, -0.2, 3.0, 0.0, 0.0, 0), (-0.3, 0.2, -3.0, 0.0, 0.0, 1)
-    lens = read(*broken((there, 1.0), ((), -1.0), (back, 48.5)), ("DISZ 4.75E+1", "DISZ 0"))
+    tilt, back = (0.3, -0.2, 3.0, 0.0, 0.0, 0), (-0.3, 0.2, -3.0, 0.0, 0.0, 1)
+    lens = read(*broken((tilt, 1.0), ((), -1.0), (back, 48.5)), ("DISZ 4.75E+1", "DISZ 0"))
     lean, gap = np.radians(3.0), lens.surfaces[2]
     assert gap == Surface(thickness_mm=gap.thickness_mm, glass="SCHOTT N-BK7")
     assert gap.thickness_mm == pytest.approx(np.cos(lean))
@@ -218,8 +218,8 @@ def test_a_returning_pair_of_coordinate_breaks_displaces_the_surface_between(rea
 
 def test_turns_of_a_coordinate_break_follow_one_another(read):
     """About the turned axes; poses turn about fixed ones. The z axes of both agree."""
-    there, back = (0.0, 0.0, 10.0, 20.0, 30.0, 0), (0.0, 0.0, -10.0, -20.0, -30.0, 1)
-    pose = read(*broken((there, 1.0), (back, 47.5)), ("DISZ 4.75E+1", "DISZ 0"),
+    tilt, back = (0.0, 0.0, 10.0, 20.0, 30.0, 0), (0.0, 0.0, -10.0, -20.0, -30.0, 1)
+    pose = read(*broken((tilt, 1.0), (back, 47.5)), ("DISZ 4.75E+1", "DISZ 0"),
                 form("TOROIDAL", -0.5, -80.0)).surfaces[3].pose
     x, y, z = np.radians((10, 20, 30))
     along_z = (np.sin(y), -np.sin(x) * np.cos(y), np.cos(x) * np.cos(y))  # by hand: about x of one turned about y
