@@ -18,13 +18,15 @@ from .engine.field.overscan import CAMERA_VIEW, LENS_VIEW, VIEWS
 from .engine.lens.formats import FORMATS, format_mm
 from .engine.library import LensSource
 from .engine.library.bodies import CameraSource, load_camera
+from .engine.prescription.tolerances import GRADES
+from .engine.rays.rings import MOST_TILT_DEG
 from .engine.runtime.setting import check_choices, documented, option_of, setting, settings_of
 from .engine.spectral.spectra import parse_wavelengths
 from .engine.spectral.wavelength_choice import IMAGE_WAVELENGTHS, SpectralOptions
 
 CAMERA = "camera"
 BY_SCENE, ON = "scene", "on"
-RING_FIELDS = "focus", "f_number", "focused_wide_open"
+RING_FIELDS = "focus", "f_number", "focused_wide_open", "tilt_deg", "copy", "copy_grade"
 CAMERA_FIELDS = "camera", "iso", "shutter_s", "noise", "develop", "dng"
 FOLLOWER_FIELDS = "picture", "state", "source"
 """Fields that a program sets when it starts a render and monitors it."""
@@ -74,6 +76,24 @@ class RenderRequest:
         False, name="Focused Wide Open", kind=bool, panel="", recorded=False,
         text="Focus at the widest aperture, then stop down, as with a rangefinder: a lens with focus shift is then "
              "slightly out of focus. Otherwise, focus at the f-stop in use")
+    tilt_deg: tuple[float, float] = setting(
+        (0.0, 0.0), name="Tilt", kind=float, option="tilt", metavar="X,Y", panel="", subtype="EULER", recorded=False,
+        limits=(-MOST_TILT_DEG, MOST_TILT_DEG),
+        text="Tilt of the lens relative to the sensor, in degrees. X tilts it down: the lower part of the picture, "
+             "such as the ground, is in focus nearer. Y tilts it to the right. The view stays",
+        unset="the scene's")
+    copy: int = setting(
+        0, name="Copy", kind=int, metavar="NUMBER", limits=(0, 2**31 - 1), panel="", recorded=False,
+        unset="the scene's",
+        text="Number of a copy of the lens, whose elements are slightly displaced: one corner is softer than another. "
+             "A number stands for the same copy everywhere. 0: the lens as designed")
+    copy_grade: str = setting(
+        "vintage", name="Grade", panel="", recorded=False, unset="the scene's", text="Tolerances of copies",
+        choices={name: (name.title(), f"Elements displaced by {grade.decentre_um:g} \u00b5m and turned by "
+                                      f"{grade.tilt_arcmin:g}\u2032, all in front of the stop or behind it by "
+                                      f"{grade.group_decentre_um:g} \u00b5m and {grade.group_tilt_arcmin:g}\u2032; "
+                                      "standard deviations")
+                 for name, grade in GRADES.items()})
     lens_quality: str | None = setting(
         None, name="Lens Quality", text="Quality at which a prescription is baked", unset="the tier's", recorded=False,
         choices={quality: (quality.title(), "") for quality in QUALITIES})

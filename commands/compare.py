@@ -29,7 +29,8 @@ TIER = "preview"
 OF_LENSES = "view", "output_folder", *CAMERA_FIELDS
 """Fields that are not the user's: every lens has the view of the scene's camera, and its own folder; the sheet shows
 the light."""
-OF_FILES = "tier", "depth", "focus", "focused_wide_open", "lens_quality"  # fields that a radiance file can obey
+RINGS = tuple(name for name in RING_FIELDS if name != "f_number")
+OF_FILES = "tier", "depth", *RINGS, "lens_quality"  # fields that a radiance file can obey
 
 
 def add_options(compare):
@@ -48,7 +49,7 @@ def add_options(compare):
                          help="folder for the sheet and, in folders, the capture and the pictures")
     add_capture_options(compare, OF_LENSES, {"tier": TIER})
     add_filter_options(compare, of_scene=True)
-    add_rings(compare, camera=True, fields=[name for name in RING_FIELDS if name != "f_number"])
+    add_rings(compare, camera=True, fields=RINGS)
     add_iris(compare, camera=True)
     add_followed(compare.add_argument_group("for programs that run this command"))
     add_untrusted(compare)

@@ -23,7 +23,7 @@ from ...engine.pictures.spectral_exr import write_planes_exr
 from ...engine.rays.rings import AT_REST
 from ...engine.runtime.errors import InputError
 from ...engine.spectral.colour import metamer_weights
-from ...request import RenderRequest
+from ...request import RING_FIELDS, RenderRequest
 from ..scene.changes import take_changes
 from ..scene.lens_cache import SKETCHED, load_lens
 from ..scene.moves import take_moves
@@ -170,7 +170,7 @@ def _lens_request(scene, job, **given):
     request = scene.lensfield.to_request(**given)
     rings = AT_REST
     if has_rings(request.lens):
-        rings = scene_rings(scene, request.focus, request.f_number, request.focused_wide_open)
+        rings = scene_rings(scene, **{name: getattr(request, name) for name in RING_FIELDS})
     return replace(request, view=request.view_on_sensor, lens_quality=request.lens_quality or request.spectral.tier,
                    iris=job.iris, **ring_fields(rings))
 

@@ -8,6 +8,7 @@ from mathutils import Vector
 from ...engine import Lens
 from ...engine.depth.iris import Iris
 from ...engine.library import clamped_rings, has_rings, iris_is_visible, prescription_of
+from ...engine.prescription.tolerances import copy_of
 from ...engine.rays.rings import AT_REST, Rings, resized_rings
 from ...engine.runtime.errors import InputError
 from .camera import lens_for_view
@@ -18,11 +19,13 @@ CAMERA = "camera"
 FEWEST_BLADES = 3
 MOST_ANSWERS = 64
 LEAST = 1e-3  # distance in mm, and f-number: Blender allows 0, and lenses are then clamped to their own range
-FIXED = "the lens is a package, valid for one focus and one f-number: the camera's are ignored"
+FIXED = "the lens is a package, valid for one focus and one f-number: the camera's, tilt and copy are ignored"
 
 
-def scene_rings(scene, focus=None, f_number=None, focused_wide_open=None) -> Rings:
-    """The focus and f-stop from the scene's camera, if its depth of field is on, except for the given values.
+def scene_rings(scene, focus=None, f_number=None, focused_wide_open=None, tilt_deg=None, copy=None,
+                copy_grade=None) -> Rings:
+    """The focus and f-stop from the scene's camera, if its depth of field is on, and the tilt and the copy from the
+    settings, except for the given values.
 
     Parameters
     ----------
@@ -30,18 +33,22 @@ def scene_rings(scene, focus=None, f_number=None, focused_wide_open=None) -> Rin
     focus : float or "camera", optional
         Distance in mm; or the camera's, even if its depth of field is off.
     f_number : float, optional
-    focused_wide_open : bool, optional
-        By default from the settings.
+    focused_wide_open, tilt_deg, copy, copy_grade : optional
+        As in a RenderRequest.
     """
+    settings = scene.lensfield
     camera = scene.camera.data if scene.camera and scene.camera.type == "CAMERA" else None
     turns = camera is not None and camera.dof.use_dof
     if camera and (focus == CAMERA or (focus is None and turns)):
         focus = _as_set(_focus_mm(scene))
     if f_number is None and turns:
         f_number = max(_as_set(camera.dof.aperture_fstop), LEAST)
-    if focused_wide_open is None:
-        focused_wide_open = scene.lensfield.focused_wide_open
-    return Rings(None if focus == CAMERA else focus, f_number, focused_wide_open)
+    focused_wide_open, tilt_deg, copy, copy_grade = (
+        settings.value_of(name) if given is None else given for name, given in (
+            ("focused_wide_open", focused_wide_open), ("tilt_deg", tilt_deg), ("copy", copy),
+            ("copy_grade", copy_grade)))
+    return Rings(None if focus == CAMERA else focus, f_number, focused_wide_open, tilt_deg=tilt_deg,
+                 copy=copy_of(copy, copy_grade))
 
 
 def scene_iris(scene, lens, iris=None, **overrides) -> Iris | None:
@@ -155,4 +162,6 @@ def rings_for(scene, lens):
 
 def ring_fields(rings):
     """The fields of a RenderRequest for these rings; the lens's size follows from the view."""
-    return {"focus": rings.focus_mm, "f_number": rings.f_number, "focused_wide_open": rings.focused_wide_open}
+    copy = {"copy": rings.copy.seed, "copy_grade": rings.copy.grade} if rings.copy else {"copy": 0}
+    return {"focus": rings.focus_mm, "f_number": rings.f_number, "focused_wide_open": rings.focused_wide_open,
+            "tilt_deg": rings.tilt_deg, **copy}

@@ -112,7 +112,7 @@ def _figures(facts, factor, sensor_mm, _):
 
 
 def _draw_rings(layout, scene):
-    """Draw focus and f-stop: the camera's Depth of Field, which controls lenses with rings."""
+    """Draw focus and f-stop, the camera's Depth of Field, which controls lenses with rings; and the tilt."""
     camera, name = scene.camera, scene.lensfield.lens_name_or_path()
     if camera is None or camera.type != "CAMERA":
         return
@@ -129,6 +129,7 @@ def _draw_rings(layout, scene):
     distance.active = dof.focus_object is None
     distance.prop(dof, "focus_distance", text="Distance")
     rings.prop(dof, "aperture_fstop", text="F-Stop")
+    column.row().prop(scene.lensfield, "tilt_deg")
 
 
 def _draw_buttons(layout, scene):
@@ -188,7 +189,7 @@ def _draw_notes(layout, scene):
 
 
 def _draw_view(layout, scene):
-    """Draw the lens's view, its limits, the treatment of depth, and the iris."""
+    """Draw the lens's view, its limits, the treatment of depth, the copy, and the iris."""
     settings, camera = scene.lensfield, scene.camera
     layout.prop(settings, "view")
     if settings.view == "SENSOR":
@@ -203,6 +204,10 @@ def _draw_view(layout, scene):
         return
     dof = camera.data.dof
     layout.prop(settings, "focused_wide_open")
+    copy = layout.column(align=True)
+    copy.prop(settings, "copy")
+    if settings.copy:
+        copy.prop(settings, "copy_grade")
     blades = layout.column(align=True)
     blades.prop(dof, "aperture_blades", text="Iris Blades")
     if dof.aperture_blades >= FEWEST_BLADES:

@@ -3,7 +3,7 @@
 import os
 from dataclasses import replace
 from functools import cache, partial
-from math import isfinite
+from math import degrees, isfinite, radians
 from pathlib import Path
 from zlib import crc32
 
@@ -190,10 +190,13 @@ def _property(name, each):
         return StringProperty(options=BLEND_RELATIVE, update=_choose_path(name), **common)
     if each.kind is str:
         return StringProperty(**common)
-    common |= _finite(zip(("min", "max"), each.limits or (), strict=False))
+    limits = tuple(map(radians, each.limits)) if each.subtype == "EULER" else each.limits or ()
+    common |= _finite(zip(("min", "max"), limits, strict=False))
     common |= _finite(zip(("soft_min", "soft_max"), each.soft_limits or (), strict=False))
     if each.kind is int:
         return IntProperty(**common)
+    if isinstance(default, tuple):
+        return FloatVectorProperty(size=len(default), **common)
     if each.precision is not None:
         common["precision"] = each.precision
     return FloatProperty(**common)
@@ -311,6 +314,8 @@ class LensfieldSettings(bpy.types.PropertyGroup):
     def value_of(self, name):
         """The value of a setting, as the fields of requests and options store it."""
         value, kind = getattr(self, name), self.bl_rna.properties[name].type
+        if self.bl_rna.properties[name].subtype == "EULER":  # in radians
+            return tuple(_as_set(degrees(each)) for each in value)
         return value.lower() if kind == "ENUM" else _as_set(value) if kind == "FLOAT" else value
 
     def to_spectral_options(self, **given):

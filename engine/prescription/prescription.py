@@ -18,6 +18,7 @@ ORIGINS = ("patent", "published", "estimated", "guessed")
 HIGHEST_F_NUMBER = 22.0  # default of the aperture ring
 CLOSEST_FOCUS = 10  # default of the focus ring, in focal lengths
 LEAST_MM, LARGEST_MM = 1e-6, 1e12  # lengths: squares outside this range lose digits
+POSE_DIGITS = 10  # after the decimal point, of lengths and degrees: the rest is rounding
 LEAST_F_NUMBER = 0.5  # light from a half space
 MOST_SURFACES, MOST_TERMS = 300, 100  # several times any lens's: more is damage, and takes minutes
 
@@ -39,6 +40,15 @@ class Pose:
 
     offset_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     tilt_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    @classmethod
+    def of(cls, offset_mm: np.ndarray, rotation: np.ndarray) -> Self:
+        """The pose with this offset and this `rotation`, without digits that are rounding."""
+        turns = (np.arctan2(rotation[2, 1], rotation[2, 2]), -np.arcsin(np.clip(rotation[2, 0], -1, 1)),
+                 np.arctan2(rotation[1, 0], rotation[0, 0]))
+        (x, y, z), (about_x, about_y, about_z) = ((round(float(value), POSE_DIGITS) + 0.0 for value in values)
+                                                  for values in (offset_mm, np.degrees(turns)))
+        return cls((x, y, z), (about_x, about_y, about_z))
 
     @property
     def rotation(self) -> np.ndarray:
@@ -262,6 +272,15 @@ class Prescription:
                        focal_length_mm=self.focal_length_mm and self.focal_length_mm * factor,
                        widest_stop_mm=self.widest_stop_mm and self.widest_stop_mm * factor,
                        image_pose=self.image_pose and self.image_pose.scaled(factor))
+
+    def centred(self) -> Self:
+        """The lens without displacements of its surfaces and of the image plane, except turns about the axis."""
+        if self.image_pose is None and all(surface.pose is None for surface in self.surfaces):
+            return self
+        surfaces = (surface if surface.pose is None else
+                    replace(surface, pose=Pose(tilt_deg=(0.0, 0.0, surface.pose.tilt_deg[2])))
+                    for surface in self.surfaces)
+        return replace(self, surfaces=tuple(surfaces), image_pose=None)
 
     def with_glasses(self, names: Mapping[str, str]) -> Self:
         """The same lens with renamed glasses: `names` maps old names to new ones."""

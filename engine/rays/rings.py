@@ -8,9 +8,11 @@ import scipy
 
 from ..prescription.prescription import CLOSEST_FOCUS, Prescription
 from ..prescription.system import system_of
+from ..prescription.tolerances import Copy, as_built
 from ..runtime.errors import LensError
 from .axial_light import aperture_notes
 from .focus import focused
+from .view import tilted
 
 SLACK = 1e-4  # relative tolerance of ring values: smaller differences are rounding
 PUPIL_STEPS, PUPIL_SETTLED = 20, 1e-9  # iterations for the entrance pupil of an internal-focus lens; per focal length
@@ -18,6 +20,7 @@ PUPIL_STEPS, PUPIL_SETTLED = 20, 1e-9  # iterations for the entrance pupil of an
 MOST = 1e300  # limit of every number except a distance
 NEAREST_MM, SMALLEST_STOP = 1e-3, 1e9  # a focus distance and an f-number beyond the range of any lens
 MOST_LENSES = 8  # in the caches
+MOST_TILT_DEG = 45.0
 SIZE_STEPS = 4  # iterations until a scaled lens has the requested focus distance
 
 
@@ -37,23 +40,34 @@ class Rings:
         otherwise at the best focus of the f-number.
     size : float
         Scale that is applied to the lens afterwards. Distances in messages are scaled, too.
+    tilt_deg : (float, float)
+        Turn of the sensor relative to the lens about x, to the right, and about y, upwards. Of positive values, the
+        first tilts the lens down and the second to the right: things there are in focus nearer. The view stays, and so
+        does the focus in its middle.
+    copy : Copy or None
+        A copy with displaced elements; None for the design.
 
     Raises
     ------
     LensError
-        A value that is not positive, or an infinite f-number or size.
+        A value that is not positive, an infinite f-number or size, or a tilt of more than MOST_TILT_DEG.
     """
 
     focus_mm: float | None = None
     f_number: float | None = None
     focused_wide_open: bool = False
     size: float = 1.0
+    tilt_deg: tuple[float, float] = (0.0, 0.0)
+    copy: Copy | None = None
 
     def __post_init__(self) -> None:
         for name, most in (("focus_mm", np.inf), ("f_number", MOST), ("size", MOST)):
             value = getattr(self, name)
             if value is not None and not 0 < value <= most:
                 raise LensError("rings", name, value, "expected a positive number")
+        if np.shape(self.tilt_deg) != (2,) or not np.all(np.abs(self.tilt_deg) <= MOST_TILT_DEG):
+            raise LensError("rings", "tilt_deg", self.tilt_deg,
+                            f"expected two angles of at most {MOST_TILT_DEG:g} degrees")
 
 
 AT_REST = Rings()
@@ -85,15 +99,16 @@ def turned(prescription: Prescription, rings: Rings = AT_REST) -> TurnedLens:
 
     The stop's size is computed for infinity and does not change with focus. Variable gaps of the prescription are
     interpolated linearly over the magnification, between the positions for which they are given. Without variable
-    gaps, the lens moves as a unit.
+    gaps, the lens moves as a unit. Displaced parts do not change the image plane: it is the centred lens's.
 
     Raises
     ------
     LensError
         The lens forms no image of an object at this distance.
     """
-    widest_stop, far = _wide_open(prescription)
-    f_number, stop_warnings = _f_number(prescription, far, rings.f_number)
+    design = prescription.centred()
+    widest_stop, far = _wide_open(design)
+    f_number, stop_warnings = _f_number(design, far, rings.f_number)
     stop = "stop", widest_stop.aperture[1] * (far.f_number / f_number)  # exactly the widest stop at its f-number
     lens, focus_warnings = widest_stop, ()
     if rings.focus_mm is not None:
@@ -102,10 +117,21 @@ def turned(prescription: Prescription, rings: Rings = AT_REST) -> TurnedLens:
         lens = replace(focused(lens), aperture=stop)
     else:
         lens = focused(replace(lens, aperture=stop))
-    surfaces = tuple(replace(surface, gaps_mm=()) for surface in lens.surfaces)
-    lens = replace(lens, surfaces=surfaces, focused_at_mm=(), widest_stop_mm=widest_stop.aperture[1],
-                    notes=_noted(prescription.notes, aperture_notes(far.prescription)))
+    surfaces = tuple(replace(surface, gaps_mm=(), pose=given.pose)
+                     for surface, given in zip(lens.surfaces, prescription.surfaces, strict=True))
+    lens = replace(lens, surfaces=surfaces, image_pose=prescription.image_pose, focused_at_mm=(),
+                   widest_stop_mm=widest_stop.aperture[1],
+                   notes=_noted(prescription.notes, aperture_notes(far.prescription)))
+    lens = _tilted(lens, rings.tilt_deg) if any(rings.tilt_deg) else lens
+    lens = as_built(lens, rings.copy) if rings.copy else lens
     return TurnedLens(lens, _focus_mm(lens), f_number, stop_warnings + focus_warnings)
+
+
+def _tilted(lens, tilt_deg):
+    if lens.image_pose:
+        raise LensError(lens.name, "image_pose", lens.image_pose.tilt_deg,
+                        "the file tilts or displaces the sensor: set the tilt to 0, or remove it from the file")
+    return tilted(system_of(lens), tilt_deg)
 
 
 def widest_f_number(prescription: Prescription) -> float:

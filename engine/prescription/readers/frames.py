@@ -8,9 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ...runtime.errors import LensError
-from ..prescription import Pose, Surface
+from ..prescription import POSE_DIGITS, Pose, Surface
 
-DIGITS = 10  # after the decimal point, of lengths and degrees: the rest is rounding
 ROUNDING = 1e-10  # of distances between surfaces, as a share of the distance from the first
 
 
@@ -70,17 +69,12 @@ def check_return(path: Path, image_pose: Pose | None) -> None:
 
 
 def _rounded(value):
-    return round(float(value), DIGITS) + 0.0  # no negative zero
+    return round(float(value), POSE_DIGITS) + 0.0  # no negative zero
 
 
 def _pose(frame):
     """Pose in a frame; None on the axis. The place along the axis does not belong to it."""
-    axes = frame.axes
-    turns = (np.arctan2(axes[2, 1], axes[2, 2]), -np.arcsin(np.clip(axes[2, 0], -1, 1)),
-             np.arctan2(axes[1, 0], axes[0, 0]))
-    x, y = (_rounded(value) for value in frame.origin[:2])
-    tilt_x, tilt_y, tilt_z = (_rounded(np.degrees(turn)) for turn in turns)
-    pose = Pose((x, y, 0.0), (tilt_x, tilt_y, tilt_z))
+    pose = Pose.of(frame.origin * (1, 1, 0), frame.axes)
     return None if pose == Pose() else pose
 
 

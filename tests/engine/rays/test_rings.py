@@ -8,8 +8,10 @@ from scipy.optimize import brentq
 
 from lensfield.engine import LensError
 from lensfield.engine.library import bundled_names, prescription_of, prescription_path
-from lensfield.engine.prescription.prescription import Prescription, Surface
+from lensfield.engine.prescription.prescription import Pose, Prescription, Surface
 from lensfield.engine.prescription.system import system_of
+from lensfield.engine.prescription.tolerances import Copy
+from lensfield.engine.rays.fields import view_of
 from lensfield.engine.rays.focus import build_system
 from lensfield.engine.rays.rays import HalfPupil, trace_pupil
 from lensfield.engine.rays.rings import (
@@ -230,3 +232,39 @@ def test_a_lens_moved_as_a_unit_blurs_where_moving_gaps_do_not():
     with_gaps = turned(lens, Rings(1.0))
     assert axial_rms_um(with_gaps.prescription) == pytest.approx(4, abs=1)
     assert axial_rms_um(turned(rigid, Rings(with_gaps.focus_mm)).prescription) == pytest.approx(31, abs=2)
+
+
+@pytest.mark.one_blender
+def test_a_tilted_lens_stays_focused_in_the_middle_and_its_plane_of_focus_leans():
+    """By the hinge rule, the plane in focus of a thin lens with the focal length f meets the plane of the lens at f /
+    sin t from its middle: below a lens that is tilted down."""
+    at_rest, tilted_deg = turned(prescription_of("tessar-50mm")).prescription, (4.0, -2.5)
+    lens = turned(prescription_of("tessar-50mm"), Rings(tilt_deg=tilted_deg)).prescription
+    assert replace(lens, image_pose=None) == at_rest and lens.image_pose.tilt_deg == (*tilted_deg, 0.0)
+    view = view_of(system_of(lens))
+    assert view.nearness == 0
+    left_right, down_up = np.sin(np.radians(tilted_deg))[::-1]
+    np.testing.assert_allclose(view.lean * system_of(lens).efl_mm,  # tangents along the light: upwards from below
+                               (-left_right, down_up), rtol=0.05)
+
+
+@pytest.mark.one_blender
+def test_a_copy_differs_from_the_design_in_poses_only():
+    design = turned(prescription_of("nikkor-28mm"), Rings(2000.0, 5.6))
+    copy = turned(prescription_of("nikkor-28mm"), Rings(2000.0, 5.6, copy=Copy(3, "dropped")))
+    assert not copy.prescription.radial and copy.focus_mm == design.focus_mm
+    centred = tuple(replace(surface, pose=None) for surface in copy.prescription.surfaces)
+    assert replace(copy.prescription, surfaces=centred) == design.prescription
+
+
+@pytest.mark.parametrize("tilt_deg", [(46.0, 0.0), (0.0, float("nan")), (1.0,)])
+def test_an_impossible_tilt_is_an_error(tilt_deg):
+    with pytest.raises(LensError, match="rings: tilt_deg is .*expected two angles of at most 45 degrees"):
+        Rings(tilt_deg=tilt_deg)
+
+
+def test_a_sensor_that_is_tilted_already_is_not_tilted_again():
+    lens = replace(prescription_of("tessar-50mm"), image_pose=Pose(tilt_deg=(1.0, 0.0, 0.0)))
+    assert turned(lens).prescription.image_pose == lens.image_pose
+    with pytest.raises(LensError, match="image_pose is .*the file tilts or displaces the sensor"):
+        turned(lens, Rings(tilt_deg=(2.0, 0.0)))
