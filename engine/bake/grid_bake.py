@@ -23,8 +23,8 @@ from .wavefront import Wavefronts, wavefronts_of
 from .window import needed_width_um, pitch_for_um
 
 MARGIN = 1.04  # of the grid, relative to the sensor
-PUPIL = FullPupil(17, 40)  # of the survey
-AT_ONCE = 4  # places in a step of a thread
+PUPIL = FullPupil(13, 32)  # of the survey
+AT_ONCE = 8  # places in a step of a thread
 BETWEEN = "In the middle of the grid's cells and of their edges"
 
 
@@ -78,13 +78,15 @@ def _lines(system, view: View, wavelengths_nm, quality: Quality):
     """Lines of the grid, y and x in the upright picture, and the share of misplaced light between its nodes."""
     prescription = system.prescription
     coarse_mm = first_lines_mm(sensor_mm(system), mirrored(prescription), MARGIN)
+    if np.isinf(quality.between):
+        return coarse_mm, 0.0
     middle = np.argmin(np.abs(wavelengths_nm - prescription.reference_wavelength_nm))
-    survey_nm = np.unique([wavelengths_nm[0], wavelengths_nm[middle]])
+    survey_nm = wavelengths_nm[[middle]]
     width_um = needed_width_um(_survey(system, view, _nodes(system, view, coarse_mm, survey_nm).inside_mm, survey_nm))
 
     def psfs_at(y_mm, x_mm):
         places_mm, _ = within_field(system, view, -np.stack([x_mm, y_mm]), survey_nm)
-        return survey_psfs(system, _survey(system, view, places_mm, survey_nm), width_um)
+        return survey_psfs(system, _survey(system, view, places_mm, survey_nm), width_um)[:, 0]
 
     *lines_mm, error = adaptive_grid_mm(coarse_mm, psfs_at, quality.between, quality.most_nodes)
     return tuple(lines_mm), error

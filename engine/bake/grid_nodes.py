@@ -24,15 +24,18 @@ def adaptive_grid_mm(lines_mm: tuple[np.ndarray, np.ndarray], psfs_at: Callable[
                      tolerance: float, most: int) -> tuple[np.ndarray, np.ndarray, float]:
     """Lines between whose nodes PSFs can be mixed, by halving intervals until the error is small enough.
 
+    Errors along y are computed on the coarsest lines of x, and those along x on the coarsest lines of y. In the middle
+    of a cell, the error is at most their sum.
+
     Parameters
     ----------
     lines_mm : (array, array)
         Of the coarsest grid, y and x.
     psfs_at : function (y_mm, x_mm)
-        PSFs of unit sum at places, (place,) arrays: array (place, wavelength, v, u).
+        PSFs of unit sum at places, (place,) arrays: array (place, v, u).
     tolerance : float
         Share of misplaced light allowed in the middle of the grid's cells and of their edges, averaged over the
-        picture; inf for the coarsest grid.
+        picture.
     most : int
         Number of nodes.
 
@@ -40,56 +43,40 @@ def adaptive_grid_mm(lines_mm: tuple[np.ndarray, np.ndarray], psfs_at: Callable[
     -------
     y_mm, x_mm : arrays
     error : float
-        The actual share; 0 if any is allowed.
+        The actual share.
     """
-    if np.isinf(tolerance):
-        return *lines_mm, 0.0
-    known = {}
-    lines_mm = list(lines_mm)
+    across_mm, known = lines_mm[::-1], ({}, {})
     while True:
-        fine_mm = [np.sort(np.concatenate([line, (line[1:] + line[:-1]) / 2])) for line in lines_mm]
-        psfs = _looked_up(known, psfs_at, *fine_mm)
-        errors, error = _errors(psfs, *(np.diff(line) for line in lines_mm))
-        if error <= tolerance:
-            break
-        chosen = _halved(errors, [line.size for line in lines_mm], tolerance, most)
-        if not any(each.size for each in chosen):
-            break
+        errors = [_errors(psfs, psfs_at, line, other, axis) for axis, (psfs, line, other) in
+                  enumerate(zip(known, lines_mm, across_mm, strict=True))]
+        error = 2 / 3 * sum(map(np.sum, errors))
+        halved = _halved(errors, [line.size for line in lines_mm], tolerance, most) if error > tolerance else ()
+        if not any(each.size for each in halved):
+            return *lines_mm, float(error)
         lines_mm = [np.sort(np.concatenate([line, (line[each] + line[each + 1]) / 2]))
-                    for line, each in zip(lines_mm, chosen, strict=True)]
-    return *lines_mm, error
+                    for line, each in zip(lines_mm, halved, strict=True)]
 
 
-def _looked_up(known, psfs_at, y_mm, x_mm):
-    """PSFs at the crossings of lines: array (y, x, wavelength, v, u); computed unless they are known."""
-    places = [(float(y), float(x)) for y in y_mm for x in x_mm]
-    new = [place for place in places if place not in known]
-    known.update(zip(new, psfs_at(*np.array(new).reshape(-1, 2).T), strict=True))
-    psfs = np.stack([known[place] for place in places])
-    return psfs.reshape(y_mm.size, x_mm.size, *psfs.shape[1:])
-
-
-def _errors(psfs, heights_mm, widths_mm):
-    """Misplaced light in the intervals along y and along x, and in all cells, from PSFs at nodes, alternating with those
-    between them."""
-    def misplaced(mixed, truth):
-        return np.abs(mixed - truth).sum(axis=(-2, -1)).mean(axis=-1)
-
-    nodes = psfs[::2, ::2]
-    rows, columns = (nodes[1:] + nodes[:-1]) / 2, (nodes[:, 1:] + nodes[:, :-1]) / 2
-    over_y = misplaced(rows, psfs[1::2, ::2])
-    over_x = misplaced(columns, psfs[::2, 1::2])
-    middles = misplaced((columns[1:] + columns[:-1]) / 2, psfs[1::2, 1::2])
-    cells = (middles + (over_y[:, 1:] + over_y[:, :-1]) / 2 + (over_x[1:] + over_x[:-1]) / 2) / 3
-    error = float(np.average(cells, weights=heights_mm[:, None] * widths_mm))
-    return (over_y.mean(axis=1) * heights_mm / heights_mm.sum(), over_x.mean(axis=0) * widths_mm / widths_mm.sum()), error
+def _errors(known, psfs_at, line_mm, across_mm, axis):
+    """Misplaced light in the intervals of a line, on other lines across it: each interval's part of the mean."""
+    middles_mm = (line_mm[1:] + line_mm[:-1]) / 2
+    new = [place for place in (*line_mm, *middles_mm) if place not in known]
+    if new:
+        places = np.meshgrid(new, across_mm, indexing="ij")
+        psfs = psfs_at(*(each.ravel() for each in places[::1 if axis == 0 else -1]))
+        known.update(zip(new, psfs.reshape(len(new), across_mm.size, *psfs.shape[1:]), strict=True))
+    at_lines, at_middles = (np.stack([known[place] for place in each]) for each in (line_mm, middles_mm))
+    misplaced = np.abs((at_lines[1:] + at_lines[:-1]) / 2 - at_middles).sum(axis=(-2, -1)).mean(axis=1)
+    return misplaced * np.diff(line_mm) / np.ptp(line_mm)
 
 
 def _halved(errors, sizes, tolerance, most):
-    """Indices of the intervals along y and along x to halve: the worst ones, and as many as there is room for."""
-    worst = sorted(((error, axis, index) for axis, row in enumerate(errors) for index, error in enumerate(row)),
+    """Indices of the intervals along y and along x to halve: those with the largest part of the error, and as many as
+    there is room for."""
+    worst = sorted(((part, axis, index) for axis, row in enumerate(errors) for index, part in enumerate(row)),
                    reverse=True)
-    worst = worst[:max(1, -(-sum(error > tolerance for error, *_ in worst) // AT_ONCE))]
+    mean = tolerance / len(worst)
+    worst = worst[:max(1, -(-sum(part > mean for part, *_ in worst) // AT_ONCE))]
     chosen, sizes = ([], []), list(sizes)
     for _, axis, index in worst:
         if (sizes[axis] + 1) * sizes[1 - axis] <= most:

@@ -1,6 +1,7 @@
 """Bake qualities: field heights, rays and sums of each."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -41,7 +42,7 @@ class Quality:
     sums: Sums
     edges: tuple[int, int]
 
-    @property
+    @cached_property
     def full_pupil(self) -> FullPupil:
         """Rays of each wavefront across the complete stop, as close as those of `pupil`."""
         radii, azimuths = self.pupil.shape
@@ -49,9 +50,9 @@ class Quality:
 
 
 QUALITIES = {
-    "preview": Quality(0.03, 41, 150, 1920, HalfPupil(17, 21), 5,
+    "preview": Quality(0.03, 41, 100, 1920, HalfPupil(17, 21), 5,
                        Sums(degree=12, oversampling=0.9, repeat=1.1, fringes=11.5, beyond=0.02), (48, 64)),
-    "standard": Quality(0.01, 81, 400, 2880, HalfPupil(25, 33), 6,
+    "standard": Quality(0.01, 81, 300, 2880, HalfPupil(25, 33), 6,
                         Sums(degree=16, oversampling=1.3, repeat=1.3, fringes=13.5, beyond=0.01), (96, 128)),
     "reference": Quality(0.002, 161, 1000, 3840, HalfPupil(41, 65), 7,
                          Sums(degree=20, oversampling=2.0, repeat=3.0, fringes=np.inf, beyond=0.001), (96, 128)),

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -77,13 +78,18 @@ class Wavefronts:
         The first is in direction cosines at the image. Its ratio to the axis is the relative illumination of a
         Lambertian object, because radiance is conserved along rays. The second is in the source's coordinates.
         """
-        quadrature, sides = PupilQuadrature(self.pupil, radii, azimuths), 2 if self.pupil.mirrored else 1
+        quadrature, sides = _quadrature(self.pupil, radii, azimuths), 2 if self.pupil.mirrored else 1
         area = np.empty((2, *self.chief_height_mm.shape))
         for at in np.ndindex(self.chief_height_mm.shape):
             passing = quadrature.cells * quadrature.coverage(self.limits[:, *at])
             for number, coordinates in enumerate((self.ray, self.source)):
                 area[number, *at] = sides * np.sum(np.abs(quadrature.splines.jacobian(*coordinates[:, *at])) * passing)
         return area[0], area[1]
+
+
+@lru_cache(maxsize=4)
+def _quadrature(pupil, radii, azimuths):
+    return PupilQuadrature(pupil, radii, azimuths)
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,7 @@ import scipy
 
 from ..prescription.system import System
 from ..runtime.errors import LensError
-from .rays import HalfPupil, trace_pupil
+from .rays import FullPupil, trace_pupil
 
 CHIEF_RAYS = 49
 
@@ -41,10 +41,10 @@ def _chief_rays(system):
     last_field, = system.fields_of([system.last_height_mm])
     fields = np.linspace(0, 1, CHIEF_RAYS) * last_field
     nm = system.prescription.reference_wavelength_nm
-    return fields, trace_pupil(system, system.heights_of(fields), [nm], HalfPupil(1, 1)).chief_height_mm[0]
+    return fields, trace_pupil(system, system.heights_of(fields), [nm], FullPupil(1, 1)).chief_height_mm[0]
 
 
 def image_radius_mm(system: System) -> float:
     """Distance from the axis at which the last chief ray meets the image plane, at the reference wavelength."""
     nm = system.prescription.reference_wavelength_nm
-    return float(abs(trace_pupil(system, [system.last_height_mm], [nm], HalfPupil(1, 1)).chief_height_mm[0, 0]))
+    return float(abs(trace_pupil(system, [system.last_height_mm], [nm], FullPupil(1, 1)).chief_height_mm[0, 0]))

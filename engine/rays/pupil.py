@@ -55,11 +55,17 @@ def _continuation(pupil, sign):
 
 def area_ratio(pupil: Pupil, coordinates: np.ndarray) -> np.ndarray:
     """Area in coordinates (2, ..., radius, azimuth) per unit area of the stop; negative where rays have crossed."""
-    splines = PupilSplines(pupil, pupil.radii[1:], pupil.azimuths)
+    splines = _splines_to_rays(pupil)
     jacobian = splines.jacobian(*coordinates) / pupil.radii[1:, None]
     middle = np.broadcast_to(jacobian[..., :1, :].mean(axis=-1, keepdims=True), jacobian[..., :1, :].shape)
     jacobian = np.concatenate([middle, jacobian], axis=-2)
     return jacobian * np.sign(middle[..., :1])
+
+
+@lru_cache(maxsize=8)
+def _splines_to_rays(pupil):
+    """Splines to the rays themselves, for slopes, except those of radius 0."""
+    return PupilSplines(pupil, pupil.radii[1:], pupil.azimuths)
 
 
 class PupilQuadrature:
