@@ -9,6 +9,7 @@
 
 #define TOGETHER 16 /* pixels: their data fit in 4 KB of the stack, the limit on Windows */
 #define MOST_TOUCHED (LF_LARGEST_FOOTPRINT + 2)
+#define MESH_VALUES 6
 
 typedef struct { /* position and width of some pixels' footprints in one direction */
     double middle[TOGETHER], width[TOGETHER];
@@ -49,28 +50,31 @@ static void find_footprints(const lf_geometry *lens, const lf_capture *capture, 
 }
 
 /* As find_footprints, from a mesh, for pixels of row y. */
-static void find_on_mesh(const lf_geometry *lens, const lf_capture *capture, int64_t y, int64_t x,
+static void find_on_mesh(const lf_geometry *lens, const lf_capture *capture, int32_t x, int32_t y,
                          extents *restrict rows, extents *restrict columns, float *restrict factor)
 {
-    const double step = (double)lens->mesh_step;
-    const int64_t last_row = lens->mesh_rows - 2, last_column = lens->mesh_columns - 2, row_step = 6 * lens->mesh_columns;
-    const int64_t row = y / lens->mesh_step < last_row ? y / lens->mesh_step : last_row;
-    const double down = (double)(y - row * lens->mesh_step) / step;
-    for (int i = 0; i < TOGETHER; i++) {
-        const int64_t at = (x + i) / lens->mesh_step, column = at < last_column ? at : last_column;
-        const double on = (double)(x + i - column * lens->mesh_step) / step;
-        const double *above = lens->mesh + row * row_step + 6 * column, *below = above + row_step;
-        double value[6];
-        for (int k = 0; k < 6; k++) {
-            const double left = above[k] + down * (below[k] - above[k]);
-            const double right = above[k + 6] + down * (below[k + 6] - above[k + 6]);
-            value[k] = left + on * (right - left);
+    const int32_t step = (int32_t)lens->mesh_step, last_row = (int32_t)lens->mesh_rows - 2;
+    const int32_t last_column = (int32_t)lens->mesh_columns - 2, row = y / step < last_row ? y / step : last_row;
+    const double per_px = 1 / (double)step, down = (double)(y - row * step) * per_px;
+    const double *above = lens->mesh + (int64_t)row * lens->mesh_columns * MESH_VALUES;
+    for (int32_t i = 0, end; i < TOGETHER; i = end) { /* pixels in the same cell */
+        const int32_t cell = (x + i) / step < last_column ? (x + i) / step : last_column, first = cell * step;
+        const double *left = above + (int64_t)cell * MESH_VALUES, *left_below = left + lens->mesh_columns * MESH_VALUES;
+        double from[MESH_VALUES], rise[MESH_VALUES];
+        for (int k = 0; k < MESH_VALUES; k++) {
+            const double right = left[k + MESH_VALUES] + down * (left_below[k + MESH_VALUES] - left[k + MESH_VALUES]);
+            from[k] = left[k] + down * (left_below[k] - left[k]);
+            rise[k] = (right - from[k]) * per_px;
         }
-        rows->middle[i] = capture->centre_row + value[0];
-        columns->middle[i] = capture->centre_column + value[1];
-        rows->width[i] = value[2];
-        columns->width[i] = value[3];
-        factor[i] = value[5] <= 1 ? (float)value[4] : 0;
+        end = cell < last_column && first + step - x < TOGETHER ? first + step - x : TOGETHER;
+        for (int32_t p = i; p < end; p++) {
+            const double on = (double)(x + p - first);
+            rows->middle[p] = capture->centre_row + from[0] + on * rise[0];
+            columns->middle[p] = capture->centre_column + from[1] + on * rise[1];
+            rows->width[p] = from[2] + on * rise[2];
+            columns->width[p] = from[3] + on * rise[3];
+            factor[p] = from[5] + on * rise[5] <= 1 ? (float)(from[4] + on * rise[4]) : 0;
+        }
     }
 }
 
@@ -172,7 +176,7 @@ int OF_VARIANT(lf_footprints)(const lf_geometry *lens, const lf_capture *capture
         for (int64_t x = 0; x < out->columns; x += TOGETHER) {
             const int n = out->columns - x < TOGETHER ? (int)(out->columns - x) : TOGETHER;
             float *to = out->values + y * out->row_step + x;
-            if (lens->mesh) find_on_mesh(lens, capture, y, x, &down, &across, factor);
+            if (lens->mesh) find_on_mesh(lens, capture, (int32_t)x, (int32_t)y, &down, &across, factor);
             else find_footprints(lens, capture, (int32_t)x, (double)y - lens->centre_row, &down, &across, factor);
             find_touched(&down, capture->rows, &rows);
             find_touched(&across, capture->columns, &columns);

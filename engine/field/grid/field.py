@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NoReturn
 
 import numpy as np
@@ -16,8 +17,8 @@ from ..in_capture import in_capture
 from ..mirror_symmetry import Planes
 from ..psf_samples import psf_radius_px, telling_wavelengths
 from .capture import overscan_px, reach_px
-from .geometry import GridGeometry, SplineFit
-from .ideal_image import ROUNDING, GridIdealImage
+from .geometry import FieldEnd, GridGeometry, SplineFit
+from .ideal_image import GridIdealImage
 from .layout import GridLayout
 from .node_psfs import NodePsfs, Part, PlacedPsfs
 from .nodes import PlaneNodes
@@ -35,6 +36,8 @@ class GridField:
     ----------
     lens : GridLens
     wavelength_nm : float
+    end : FieldEnd
+        Of the lens.
 
     Raises
     ------
@@ -42,8 +45,8 @@ class GridField:
         If the wavelength is outside the lens data, or the distortion folds the field.
     """
 
-    def __init__(self, lens: GridLens, wavelength_nm: float) -> None:
-        self._lens, self._optics = lens, lens.at_wavelength(wavelength_nm)
+    def __init__(self, lens: GridLens, wavelength_nm: float, end: FieldEnd) -> None:
+        self._lens, self._optics, self._end = lens, lens.at_wavelength(wavelength_nm), end
         self._geometry = GridGeometry(self._optics, lens.name)
         self.transmittance = self._optics.transmittance
 
@@ -74,11 +77,10 @@ class GridField:
         return light / on_axis
 
     def within(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
-        return self._geometry.end(x_mm, y_mm) <= 1 + ROUNDING
+        return self._end.within(x_mm, y_mm)
 
     def share_beyond(self, frame: PixelGrid) -> float:
-        x_mm, y_mm = frame.axes_mm()
-        return float(1 - self.within(x_mm[None, :], y_mm[:, None]).mean())
+        return self._end.share_beyond(frame)
 
     def psfs(self, part: Part, planes: Planes) -> PlacedPsfs:
         return PlacedPsfs(NodePsfs(self._optics, planes.picture.pitch_um, part), _extent_mm(self._lens),
@@ -86,8 +88,8 @@ class GridField:
 
     def ideal_image(self, capture: PixelGrid, planes: Planes, *, vignette: bool, precision: str,
                     memory: MemoryBudget) -> GridIdealImage:
-        return GridIdealImage(self._lens, self._geometry, self.transmittance, capture, planes, vignette=vignette,
-                              precision=precision, memory=memory)
+        return GridIdealImage(self._lens, self._geometry, self._end if vignette else None, self.transmittance, capture,
+                              planes, precision=precision, memory=memory)
 
 
 @dataclass(frozen=True)
@@ -109,13 +111,16 @@ class GridFieldMap:
         return _extent_mm(self.lens)
 
     def at_wavelength(self, wavelength_nm: float) -> GridField:
-        return GridField(self.lens, wavelength_nm)
+        return GridField(self.lens, wavelength_nm, self._end)
+
+    @cached_property
+    def _end(self):
+        return FieldEnd(self.lens)
 
     def covered_diagonal(self, sensor_mm: tuple[float, float]) -> float:
-        field = self.at_wavelength(float(self.lens.nearest_nm(self.lens.reference_wavelength_nm)))
         share = np.linspace(0, 1, DIAGONAL_PLACES)
         half_mm = np.outer(np.array(sensor_mm) / 2, share)
-        inside = np.array([field.within(x * half_mm[0], y * half_mm[1]) for x in (-1, 1) for y in (-1, 1)]).all(axis=0)
+        inside = np.array([self._end.within(x * half_mm[0], y * half_mm[1]) for x in (-1, 1) for y in (-1, 1)]).all(axis=0)
         return float(share[np.argmin(inside) - 1]) if not inside.all() else 1.0
 
     def overscan_px(self, capture: PixelGrid, wavelengths_nm: Sequence[float] | np.ndarray,

@@ -5,13 +5,15 @@ from functools import cached_property
 import numpy as np
 import scipy
 
-from ...lens.grid_lens import MonochromaticGrid
+from ...image.pixel_grid import PixelGrid
+from ...lens.grid_lens import GridLens, MonochromaticGrid
 from ...runtime.errors import LensError
 
 DEGREE = 3
 CONVERGENCE = 16  # a spline through every other node is that much farther off, because errors fall with the 4th power
 NEWTON_STEPS, NEWTON_TOLERANCE = 60, 1e-12  # tolerance relative to the extent of the field
 LONGEST_STEP = 0.25  # of the extent
+ROUNDING = 1e-9  # of the end of the field
 CHECKED = 4  # places between nodes at which the distortion is checked
 
 
@@ -25,8 +27,18 @@ class GridTable:
     """
 
     def __init__(self, y_mm: np.ndarray, x_mm: np.ndarray, values: np.ndarray) -> None:
-        self._y_mm, self._x_mm, self._values = y_mm, x_mm, values
+        self.y_mm, self.x_mm, self._values = y_mm, x_mm, values
         self._spline = _spline(y_mm, x_mm, values)
+
+    @classmethod
+    def of(cls, lens: GridLens | MonochromaticGrid, values: np.ndarray, signs: tuple[int, int] = (1, 1)
+           ) -> "GridTable":
+        """From a table of a lens, whose values in mirrored rows and columns are multiplied by these signs."""
+        y_mm, x_mm = (_unfolded(places_mm, 0, mirrored, -1)
+                      for places_mm, mirrored in zip((lens.y_mm, lens.x_mm), lens.mirrored, strict=True))
+        for axis in (0, 1):
+            values = _unfolded(values, axis, lens.mirrored[axis], signs[axis])
+        return cls(y_mm, x_mm, values)
 
     def __call__(self, x_mm: np.ndarray, y_mm: np.ndarray, dx: int = 0, dy: int = 0) -> np.ndarray:
         """Values, or derivatives of these orders, at places on the grid: x_mm and y_mm broadcast."""
@@ -38,13 +50,42 @@ class GridTable:
             return values
         return self._spline.ev(y_mm, x_mm, dy, dx)
 
+    def held(self, x_mm: np.ndarray, y_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The nearest places on the grid."""
+        return np.clip(x_mm, self.x_mm[0], self.x_mm[-1]), np.clip(y_mm, self.y_mm[0], self.y_mm[-1])
+
     @cached_property
     def residual(self) -> float:
         """Estimate of the largest error between nodes: from the nodes that a spline through the others misses."""
-        coarse = _spline(self._y_mm[::2], self._x_mm[::2], self._values[::2, ::2])
-        rows, columns = (axis[:(axis.size - 1) // 2 * 2 + 1] for axis in (self._y_mm, self._x_mm))
+        coarse = _spline(self.y_mm[::2], self.x_mm[::2], self._values[::2, ::2])
+        rows, columns = (axis[:(axis.size - 1) // 2 * 2 + 1] for axis in (self.y_mm, self.x_mm))
         missed = coarse(rows, columns) - self._values[:rows.size, :columns.size]
         return float(np.abs(missed).max()) / CONVERGENCE
+
+
+class FieldEnd:
+    """The end of a lens's field, which is the same at all wavelengths."""
+
+    def __init__(self, lens: GridLens) -> None:
+        self._table = GridTable.of(lens, lens.within)
+        self._shares: dict[PixelGrid, float] = {}
+
+    def __call__(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
+        """Distance from the middle relative to the end of the field or of the grid, whichever is nearer."""
+        sides = (np.abs(place - (axis[0] + axis[-1]) / 2) / (np.ptp(axis) / 2)
+                 for place, axis in ((x_mm, self._table.x_mm), (y_mm, self._table.y_mm)))
+        return np.maximum(self._table(*self._table.held(x_mm, y_mm)), np.maximum(*sides))
+
+    def within(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
+        """Whether the lens data cover places."""
+        return self(x_mm, y_mm) <= 1 + ROUNDING
+
+    def share_beyond(self, frame: PixelGrid) -> float:
+        """The fraction of a frame's pixels that are beyond the lens data."""
+        if frame not in self._shares:
+            x_mm, y_mm = frame.axes_mm()
+            self._shares = {frame: 1 - float(self.within(x_mm[None, :], y_mm[:, None]).mean())}
+        return self._shares[frame]
 
 
 class SplineFit:
@@ -80,24 +121,17 @@ class GridGeometry:
     """
 
     def __init__(self, optics: MonochromaticGrid, lens_name: str) -> None:
-        y_mm, x_mm = (_unfolded(getattr(optics, name), 0, mirrored, -1)
-                      for name, mirrored in zip(("y_mm", "x_mm"), optics.mirrored, strict=True))
-        self.y_mm, self.x_mm = y_mm, x_mm
-
-        def table(values, signs=(1, 1)):
-            for axis in (0, 1):
-                values = _unfolded(values, axis, optics.mirrored[axis], signs[axis])
-            return GridTable(y_mm, x_mm, values)
-
-        self._source = table(optics.source_mm[..., 0], (1, -1)), table(optics.source_mm[..., 1], (-1, 1))
-        self._illumination, self._flux = table(optics.relative_illumination), table(optics.point_flux)
-        self._end = table(optics.within)
+        self._source = tuple(GridTable.of(optics, optics.source_mm[..., axis], signs)
+                             for axis, signs in enumerate(((1, -1), (-1, 1))))
+        self.y_mm, self.x_mm = self._source[0].y_mm, self._source[0].x_mm
+        self._illumination = GridTable.of(optics, optics.relative_illumination)
+        self._flux = GridTable.of(optics, optics.point_flux)
         self.distortion, self.illumination = SplineFit(*self._source), SplineFit(self._illumination)
         self._check_distortion(optics.wavelength_nm, lens_name)
 
     @property
     def nbytes(self) -> int:
-        return 5 * self.y_mm.size * self.x_mm.size * np.dtype(float).itemsize
+        return 4 * self.y_mm.size * self.x_mm.size * np.dtype(float).itemsize
 
     def source_mm(self, x_mm: np.ndarray, y_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Positions in the ideal image of light that lands at places: two arrays (...)."""
@@ -143,15 +177,8 @@ class GridGeometry:
         held = self._held(x_mm, y_mm)
         return self.relative_illumination(*held) * np.maximum(self._flux(*held), 0)
 
-    def end(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
-        """Distance from the middle relative to the end of the field or of the grid, whichever is nearer."""
-        sides = (np.abs(place - (axis[0] + axis[-1]) / 2) / (np.ptp(axis) / 2)
-                 for place, axis in ((x_mm, self.x_mm), (y_mm, self.y_mm)))
-        return np.maximum(self._end(*self._held(x_mm, y_mm)), np.maximum(*sides))
-
     def _held(self, x_mm, y_mm):
-        """The nearest places on the grid."""
-        return np.clip(x_mm, self.x_mm[0], self.x_mm[-1]), np.clip(y_mm, self.y_mm[0], self.y_mm[-1])
+        return self._flux.held(x_mm, y_mm)
 
     def _check_distortion(self, wavelength_nm, lens_name):
         y_mm, x_mm = (np.interp(np.arange(CHECKED * (axis.size - 1) + 1) / CHECKED, np.arange(axis.size), axis)

@@ -11,11 +11,10 @@ from ..footprints import RIM_PX, Footprints
 from ..ideal_image import IdealImage
 from ..in_capture import in_capture
 from ..mirror_symmetry import Planes
-from .geometry import GridGeometry
+from .geometry import ROUNDING, FieldEnd, GridGeometry
 
 COARSEST_PX = 16  # largest step of a mesh
 MESH_ERROR_PX = 5e-4  # of positions between its points
-ROUNDING = 1e-9  # of the end of the field
 
 
 class GridIdealImage(IdealImage):
@@ -25,18 +24,18 @@ class GridIdealImage(IdealImage):
     ----------
     lens : GridLens
     geometry : GridGeometry
+    end : FieldEnd or None
+        Where pixels stay black; with None, relative illumination is constant beyond the field.
     transmittance : float
         Geometry and transmittance are those at this wavelength.
     capture, planes, precision, memory
         See `IdealImage`.
-    vignette : bool
-        Whether pixels beyond the field stay black; otherwise relative illumination is constant there.
     """
 
-    def __init__(self, lens: GridLens, geometry: GridGeometry, transmittance: float, capture: PixelGrid,
-                 planes: Planes, *, vignette: bool, precision: str, memory: MemoryBudget) -> None:
+    def __init__(self, lens: GridLens, geometry: GridGeometry, end: FieldEnd | None, transmittance: float,
+                 capture: PixelGrid, planes: Planes, *, precision: str, memory: MemoryBudget) -> None:
         super().__init__(capture, planes, precision, memory)
-        self._lens, self._of_lens, self._vignette = lens, geometry, vignette
+        self._lens, self._of_lens, self._end = lens, geometry, end
         self._per_radiance = irradiance_per_radiance(transmittance, lens.f_number_effective)
 
     def compiled_geometry(self) -> MeshGeometry:
@@ -70,7 +69,7 @@ class GridIdealImage(IdealImage):
         width, height = (self._parts * extent for extent in _stretch(slopes))
         pitch_mm = self._capture.picture.pitch_um * 1e-3
         factor = self._per_radiance * self._of_lens.relative_flux(x_mm, y_mm)
-        end = self._of_lens.end(x_mm, y_mm) / (1 + ROUNDING) if self._vignette else np.zeros_like(factor)
+        end = self._end(x_mm, y_mm) / (1 + ROUNDING) if self._end else np.zeros_like(factor)
         return -capture_y_mm / pitch_mm, capture_x_mm / pitch_mm, height, width, factor, end
 
 
