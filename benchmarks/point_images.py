@@ -6,9 +6,8 @@ from functools import cached_property
 import numpy as np
 
 from lensfield.engine import ChannelCache, Lens, SpectralImage
+from lensfield.engine.field.field_map import field_map
 from lensfield.engine.field.mirror_symmetry import Planes
-from lensfield.engine.field.radial.distortion import FieldGeometry
-from lensfield.engine.field.radial.psf_bank import PlacedPsfs, PsfBank
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.plan.plan import Plan
 from lensfield.engine.simulation.channel import Channel
@@ -45,9 +44,7 @@ class PointImages:
 
     @cached_property
     def _true_psfs(self):
-        optics = self.lens.at_wavelength(self.wavelength_nm)
-        return PlacedPsfs(lambda: PsfBank.of(optics, self.grid.pitch_um), FieldGeometry(optics, self.lens.name),
-                          Planes(self.grid, False))
+        return field_map(self.lens).at_wavelength(self.wavelength_nm).psfs(lambda psfs: psfs, Planes(self.grid, False))
 
 
 def point_images(lens: Lens, radiance: SpectralImage, plan: Plan) -> list[PointImages]:

@@ -3,7 +3,8 @@
     python benchmarks/worst_points.py [LENS ...]
 
 A plan's bound must be at least the worst error, and at most twice as large. By default, a varied selection of lenses is
-tested. A second table compares the plan's bound for uniform light with the pixels next to the axis in a picture of it.
+tested, and one of them sampled on a grid: "NAME on a grid". A second table compares the plan's bound for uniform light
+with the pixels next to the axis in a picture of it, for rotationally symmetric lenses.
 """
 
 import sys
@@ -13,10 +14,11 @@ from itertools import product
 
 import numpy as np
 from cases import LENSES, NM
+from on_grid import on_grid
 from point_images import PointImages, point_images
 from timing import machine
 
-from lensfield.engine import Options, Report, SpectralImage, load_lens, simulate
+from lensfield.engine import Lens, Options, Report, SpectralImage, load_lens, simulate
 from lensfield.engine.field.radial.distortion import FieldGeometry
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.plan.choose import make_plan
@@ -25,8 +27,14 @@ from lensfield.engine.runtime.threads import thread_count
 SHAPE_PX, WAVELENGTHS_NM = (576, 768), (420.0, NM, 680.0)
 ACCURACIES = 0.1, 0.01, 0.001
 WIDTHS_PX, UNIFORM_PX, UNIFORM_ACCURACY = (192, 640, 1920), 16, 1e-3
+ON_GRID = " on a grid"
 MOST = 2.0  # limit of the bound relative to the worst error
 LOOKED_AT, CLIMBERS, CLIMBS, STEP_PX = 600, 10, 3, 2
+
+
+def lens_of(name: str) -> Lens:
+    """A lens of the library, or the same on a grid."""
+    return on_grid(load_lens(name.removesuffix(ON_GRID))) if name.endswith(ON_GRID) else load_lens(name)
 
 
 def worst_error(images: PointImages, rng: np.random.Generator) -> float:
@@ -64,7 +72,7 @@ def _climbed(images, start, best):
 
 def bound_and_worst(name: str, accuracy: float) -> tuple[float, float]:
     """A plan's bound for a lens, and the largest error in its frame at three wavelengths."""
-    lens, rng = load_lens(name), np.random.default_rng(0)
+    lens, rng = lens_of(name), np.random.default_rng(0)
     radiance = SpectralImage(np.zeros((len(WAVELENGTHS_NM), *SHAPE_PX)), WAVELENGTHS_NM,
                              pitch_um=1e3 * lens.sensor_mm[0] / SHAPE_PX[1])
     plan = make_plan(Options(accuracy=accuracy), lens, radiance.sampling)
@@ -99,7 +107,8 @@ def table_lines(names: list[str], accuracies: Sequence[float] = ACCURACIES) -> I
         for name, results in rows:
             yield f"{name:<40}" + "".join(f"{compared(*each.result()):>28}" for each in results)
         yield f"{'bound / worst of uniform light, at width':<40}" + "".join(f"{each:>28d}" for each in WIDTHS_PX)
-        rows = [(name, [pool.submit(uniform_bound_and_worst, name, width) for width in WIDTHS_PX]) for name in names]
+        rows = [(name, [pool.submit(uniform_bound_and_worst, name, width) for width in WIDTHS_PX]) for name in names
+                if not name.endswith(ON_GRID)]
         for name, results in rows:
             yield f"{name:<40}" + "".join(f"{compared(*each.result()):>28}" for each in results)
 
@@ -111,5 +120,5 @@ def compared(bound, worst):
 
 if __name__ == "__main__":
     print(machine())
-    for line in table_lines(sys.argv[1:] or LENSES):
+    for line in table_lines(sys.argv[1:] or [*LENSES, f"cooke-triplet-50mm{ON_GRID}"]):
         print(line, flush=True)

@@ -120,7 +120,7 @@ class GridFieldMap:
     def covered_diagonal(self, sensor_mm: tuple[float, float]) -> float:
         share = np.linspace(0, 1, DIAGONAL_PLACES)
         half_mm = np.outer(np.array(sensor_mm) / 2, share)
-        inside = np.array([self._end.within(x * half_mm[0], y * half_mm[1]) for x in (-1, 1) for y in (-1, 1)]).all(axis=0)
+        inside = np.all([self._end.within(x * half_mm[0], y * half_mm[1]) for x in (-1, 1) for y in (-1, 1)], axis=0)
         return float(share[np.argmin(inside) - 1]) if not inside.all() else 1.0
 
     def overscan_px(self, capture: PixelGrid, wavelengths_nm: Sequence[float] | np.ndarray,
