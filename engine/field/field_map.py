@@ -20,7 +20,7 @@ from ..runtime.memory import MemoryBudget
 from .grid.field import GridFieldMap
 from .mirror_symmetry import Planes
 from .radial.field import RadialFieldMap
-from .radial.pencils import Tiles, packed_values
+from .ray_blur import Tiles
 
 Place = Any
 """Places in the field, as the tables of their own field map count them."""

@@ -164,6 +164,7 @@ typedef struct { /* a pixel, whose rays are interpolated between nodes */
     const float *low, *high;   /* two neighbouring nodes */
     int64_t above;             /* in a mesh: floats from them to the nodes above */
     float weight, up_weight;   /* of the second node, and of the nodes above */
+    float chief[LF_TOGETHER][2]; /* in a mesh: position at infinity that those of the rays are relative to */
     float right[2], up[2];     /* x and y of positions, as sums of the first and the second component */
     float cells;               /* of its rays, in a semi-aperture */
 } pixel;
@@ -208,7 +209,8 @@ INLINE void follow(const lf_cast_of *c, const pixel *here, int mesh, int64_t fir
     for (int w = 0; w < wavelengths; w++) {
         const int64_t a = first + 16 + 48 * w;
 #define OF(n, weight, up_weight) at_pixel(here, mesh, a + 8 * n, weight, up_weight)
-        const rays one = OF(0, weight, up_weight), two = OF(1, weight, up_weight);
+        rays one = OF(0, weight, up_weight), two = OF(1, weight, up_weight);
+        if (mesh) one += here->chief[w][0], two += here->chief[w][1];
         const rays by_one = OF(2, weight, up_weight), by_two = OF(3, weight, up_weight);
         const rays part = open_share(OF(4, held, up_held)) * through;
         const masks pass = part > 0;
@@ -271,6 +273,20 @@ INLINE int64_t node_before(double place, int64_t count, float *weight)
     return (int64_t)before;
 }
 
+/* Interpolates the positions of chief rays at a place, in nodes of the finer mesh. */
+INLINE void find_chief(const lf_cast_of *c, double right, double up, pixel *here)
+{
+    const int64_t size = 2 * c->wavelengths, columns = (c->nodes - 1) * c->finer + 1;
+    float across, upwards;
+    const float *a = c->chief + node_before(right, columns, &across) * size;
+    a += node_before(up, (c->mesh_rows - 1) * c->finer + 1, &upwards) * columns * size;
+    const float *b = a + columns * size;
+    for (int64_t n = 0; n < size; n++) {
+        const float low = a[n] + across * (a[n + size] - a[n]), high = b[n] + across * (b[n + size] - b[n]);
+        here->chief[n / 2][n % 2] = low + upwards * (high - low);
+    }
+}
+
 INLINE pixel pixel_of(const lf_cast_of *c, int mesh, int64_t row, int64_t column, float cells)
 {
     const double x = (double)column - c->centre_column, y = c->centre_row - (double)row;
@@ -278,9 +294,11 @@ INLINE pixel pixel_of(const lf_cast_of *c, int mesh, int64_t row, int64_t column
     pixel here = {.cells = cells};
     if (mesh) {
         const int left = c->mirrored_right && x < 0, below = c->mirrored_up && y < 0;
+        const double right = (left ? -x : x) * c->nodes_per_px - c->first_right, up = (below ? -y : y) * c->rows_per_px - c->first_up;
         here.above = c->nodes * node;
-        here.low = c->rays + node_before((left ? -x : x) * c->nodes_per_px - c->first_right, c->nodes, &here.weight) * node
-                   + node_before((below ? -y : y) * c->rows_per_px - c->first_up, c->mesh_rows, &here.up_weight) * here.above;
+        here.low = c->rays + node_before(right, c->nodes, &here.weight) * node
+                   + node_before(up, c->mesh_rows, &here.up_weight) * here.above;
+        find_chief(c, right * (double)c->finer, up * (double)c->finer, &here);
         here.right[0] = left ? -1 : 1;
         here.up[1] = below ? -1 : 1;
     } else {

@@ -83,9 +83,9 @@ class HeightRays:
         return len(self.values), 0, self.heights_per_px
 
     @property
-    def mesh(self) -> tuple[float, float, float, int, int]:
+    def mesh(self) -> tuple[float, float, float, None, int, int, int]:
         """No mesh."""
-        return 0.0, 0.0, 0.0, 0, 0
+        return 0.0, 0.0, 0.0, None, 0, 0, 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +95,11 @@ class MeshRays:
     Attributes
     ----------
     values : float32 array (row, column, eight, 2 + 6 wavelengths, 8)
-        From the lowest row upwards. As `HeightRays`, with x in place of outwards, and y in place of tangential.
+        From the lowest row upwards. As `HeightRays`, with x in place of outwards, and y in place of tangential;
+        positions at infinity are relative to `chief_px`.
+    chief_px : float32 array (finer row, finer column, wavelength, 2)
+        x and y of the chief ray's position at infinity, at the nodes of a mesh with the same ends and several times as
+        many steps: chief rays need the most accurate interpolation.
     nodes_per_px : (float, float)
         Rows, and columns.
     first : (float, float)
@@ -105,6 +109,7 @@ class MeshRays:
     """
 
     values: np.ndarray
+    chief_px: np.ndarray
     nodes_per_px: tuple[float, float]
     first: tuple[float, float]
     mirrored: tuple[bool, bool]
@@ -121,11 +126,19 @@ class MeshRays:
         return columns, rows, self.nodes_per_px[1]
 
     @property
-    def mesh(self) -> tuple[float, float, float, int, int]:
-        """Rows in a pixel, the place of the first column and row, and whether the columns and rows are mirrored."""
+    def finer(self) -> int:
+        """Steps of the finer mesh in a step."""
+        return (len(self.chief_px) - 1) // (len(self.values) - 1)
+
+    @property
+    def mesh(self) -> tuple[float, float, float, int, int, int, int]:
+        """Rows in a pixel, the place of the first column and row, the address of the chief rays, their steps in a step,
+        and whether the columns and rows are mirrored."""
         up, right = self.first
         below, left = self.mirrored
-        return self.nodes_per_px[0], right, up, left, below
+        rows, columns = ((count - 1) * self.finer + 1 for count in self.values.shape[:2])
+        chief = address(self.chief_px, np.float32, (rows, columns, (self.values.shape[3] - STOP) // QUANTITIES, 2))
+        return self.nodes_per_px[0], right, up, chief, self.finer, left, below
 
 
 @dataclass(frozen=True, eq=False)

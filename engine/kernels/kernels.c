@@ -286,7 +286,7 @@ int lf_cast(int variant, const lf_cast_of *c, int64_t first_tile, int64_t end_ti
 {
     if (!within(variant, 0, VARIANTS - 1) || !within(c->wavelengths, 1, LF_TOGETHER) || !fits(blurred) || !fits(clear)
         || blurred->planes != c->wavelengths || clear->planes != c->wavelengths || clear->rows != blurred->rows
-        || clear->columns != blurred->columns || !within(c->nodes, 2, MOST_PX) || !(c->mesh_rows == 0 || within(c->mesh_rows, 2, MOST_PX))
+        || clear->columns != blurred->columns || !within(c->nodes, 2, MOST_PX) || !(c->mesh_rows == 0 || (within(c->mesh_rows, 2, MOST_PX) && within(c->finer, 1, 1 << 10)))
         || !within(c->eights, 1, MOST_PX) || !within(c->blades, 0, MOST_PX) || !within(c->layers, 1, 1 << 10)
         || !within(c->tile_px, 1, MOST_PX) || !within(c->tile_columns, 1, MOST_PX) || !within(c->tile_rows, 1, MOST_PX)
         || !within(c->shrinkage_steps, 1, 1 << 20) || !within(first_tile, 0, end_tile) || end_tile > c->tile_rows * c->tile_columns)

@@ -239,6 +239,9 @@ typedef struct {
     int64_t mesh_rows;    /* 0: nodes are heights */
     double centre_row, centre_column, nodes_per_px; /* of the axis on the sensor */
     double rows_per_px, first_right, first_up; /* of a mesh: the first node's position, in nodes from the axis */
+    const float *chief;   /* (row, column, wavelength, 2) of a finer mesh: positions at infinity that those of a mesh's rays
+                             are relative to */
+    int64_t finer;        /* times as many of its nodes in a pixel, along an axis */
     int32_t mirrored_right, mirrored_up; /* whether pixels on the left, or below, have the mirror images of its rays */
     float per_focal;      /* one over a panoramic capture's focal length in pixels; 0 for a plane capture */
     const float *shrinkage; /* radii in a panoramic capture over those on a plane, at even steps from 0 to 1 of

@@ -68,16 +68,25 @@ def _at_mesh(rays, x, y, eights):
     (below, left), (up, right) = rays.mirrored, rays.first
     side_x, side_y = (np.where(mirrored & (each < 0), np.float32(-1), np.float32(1))
                       for mirrored, each in ((left, x), (below, y)))
-    row, up_weight = _nodes(side_y * y * rays.nodes_per_px[0] - up, rays.values.shape[0])
-    column, weight = _nodes(side_x * x * rays.nodes_per_px[1] - right, rays.values.shape[1])
+    up, right = side_y * y * rays.nodes_per_px[0] - up, side_x * x * rays.nodes_per_px[1] - right
+    (row, up_weight), (column, weight) = (_nodes(*each) for each in zip((up, right), rays.values.shape, strict=False))
     corners = [[_separate(rays.values[row + n, column + m, eights]) for m in (0, 1)] for n in (0, 1)]
 
     def mixed(part, across, upwards):
         return _between(*(_between(low[part], high[part], across) for low, high in corners), upwards)
 
     places, rims = mixed(1, weight, up_weight), mixed(2, *(np.clip(each, 0, 1) for each in (weight, up_weight)))
+    places[:2] += _chief(rays, up * rays.finer, right * rays.finer)
     zero = np.float32(0)
     return corners[0][0][0], places, rims, (side_x[..., None], zero), (zero, side_y[..., None])
+
+
+def _chief(rays, up, right):
+    """Positions of chief rays at places in nodes of their mesh: array (2, wavelength, row, column, 1)."""
+    (row, upwards), (column, across) = (_nodes(*each) for each in zip((up, right), rays.chief_px.shape, strict=False))
+    low, high = (_between(rays.chief_px[row + n, column], rays.chief_px[row + n, column + 1], across[..., None])
+                 for n in (0, 1))
+    return np.moveaxis(_between(low, high, upwards[..., None]), (-1, -2), (0, 1))[..., None]
 
 
 def _nodes(place, count):

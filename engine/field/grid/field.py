@@ -11,7 +11,7 @@ import scipy
 from ...image.pixel_grid import PixelGrid
 from ...image.sampling import Sampling
 from ...lens.grid_lens import GridLens
-from ...rays.ray_table import RayTable
+from ...rays.grid_rays import GridRayTable
 from ...runtime.memory import MemoryBudget
 from ..in_capture import in_capture
 from ..mirror_symmetry import Planes
@@ -22,6 +22,7 @@ from .ideal_image import GridIdealImage
 from .layout import GridLayout
 from .node_psfs import NodePsfs, Part, PlacedPsfs
 from .nodes import PlaneNodes
+from .pencils import PixelRays
 from .picture_psfs import PicturePsfs
 from .psf_table import PsfTables
 from .uniform_light import picture_illumination
@@ -149,8 +150,8 @@ class GridFieldMap:
     def first_order_rays(self, reach: float) -> NoReturn:
         raise NotImplementedError
 
-    def pixel_rays(self, table: RayTable, sensor: PixelGrid) -> NoReturn:
-        raise NotImplementedError
+    def pixel_rays(self, table: GridRayTable, sensor: PixelGrid) -> PixelRays:
+        return PixelRays(table, sensor)
 
 
 def _extent_mm(lens):

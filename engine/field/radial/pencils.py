@@ -12,29 +12,9 @@ from ...image.pixel_grid import PixelGrid
 from ...kernels.cast import HeightRays, rays_shape
 from ...rays.ray_table import RayTable
 from ...rays.stop_places import SQUARES, cell_size, stop_places
+from ..ray_blur import DEPTHS, PORTION, Tiles, area_px, blur_shapes, cells_inside, in_eights, tangents
 
 HEIGHTS = 65  # with linear interpolation of rays between them
-DEPTHS = 9  # with linear interpolation of the rays' reach between them: an upper limit, because rays are straight
-MOST_OPEN = 4.0  # cells from the rim: beyond this, a ray's distance does not matter
-PORTION = 256  # rays that are packed together
-FEW = 8  # rays: fewer do not show a shape
-LEAST_COSINE = 1e-3  # of rays to the axis: a depth along the axis does not define a point sideways of the camera
-
-
-@dataclass(frozen=True, eq=False)
-class Tiles:
-    """Square tiles of a sensor's pixels.
-
-    Attributes
-    ----------
-    right, up : arrays (tile row, tile column)
-        Positions of their middles relative to the axis, in pixels.
-    side_px : int
-    """
-
-    right: np.ndarray
-    up: np.ndarray
-    side_px: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,24 +57,12 @@ class Pencils:
 
     def area_px(self, nearness: float) -> float:
         """Largest area of the blur of the open stop at an inverse depth, in square pixels."""
-        return float(_area_px(self.blur_shapes, nearness).max())
+        return float(area_px(self.blur_shapes, nearness).max())
 
     @cached_property
     def blur_shapes(self) -> np.ndarray:
-        """The shape of the blur of the open stop as a function of the inverse depth q: array (3, height, 2, 2).
-
-        The square root of the determinant of their sum, times 1, q and q^2, is the area at q: the covariances of the
-        passing rays' positions, relative to the covariance of their places in the stop, times the stop's area.
-        """
-        shapes = np.empty((3, self.heights, 2, 2))
-        for height, passing in enumerate(self.inside[0] > -0.5):
-            chosen = passing if passing.sum() >= FEW else np.ones_like(passing)
-            far, moved, stop = (np.asarray(each, float)[:, chosen] for each in
-                                (self.far_px[:, 0, height], self.moved_px[:, 0, height], self.stop))
-            both = np.cov(far, moved)
-            area = np.pi * np.hypot(*self.stop).max() ** 2 / np.sqrt(np.linalg.det(np.cov(stop)))
-            shapes[:, height] = both[:2, :2] * area, (both[:2, 2:] + both[2:, :2]) * area, both[2:, 2:] * area
-        return shapes
+        """`ray_blur.blur_shapes` of the heights: array (3, height, 2, 2)."""
+        return blur_shapes(self.far_px[:, 0], self.moved_px[:, 0], self.inside[0] > -0.5, self.stop)
 
     def known_places(self, right_px: np.ndarray, up_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The nearest places that the rays are known for: see `field_map.RaySample`."""
@@ -125,11 +93,7 @@ class Pencils:
 
     def packed(self) -> np.ndarray:
         """The rays for the loops: array (height, eight, 2 + 6 wavelengths, 8), see `kernels.cast.HeightRays`."""
-        rays = np.concatenate([self.far_px, self.moved_px, self.inside[None], self.light[None]])
-        quantities, wavelengths, heights, count = rays.shape
-        rays = rays.transpose(2, 1, 0, 3).reshape(heights, wavelengths * quantities, count)
-        rays = np.concatenate([np.broadcast_to(self.stop, (heights, *self.stop.shape)), rays], axis=1)
-        return rays.reshape(heights, -1, count // 8, 8).swapaxes(1, 2)
+        return in_eights(self.stop, self.far_px, self.moved_px, self.inside, self.light)
 
 
 class RayReach:
@@ -177,7 +141,7 @@ class RayReach:
 
     def area_px(self, nearness: np.ndarray) -> np.ndarray:
         """Area of the blur of the open stop, without vignetting, at an inverse depth: in square pixels."""
-        return _area_px(self._shapes[:, self._at.astype(int)], nearness)
+        return area_px(self._shapes[:, self._at.astype(int)], nearness)
 
     def bounds_px(self, least: np.ndarray, most: np.ndarray, around_px: np.ndarray) -> list[np.ndarray]:
         """Top, bottom, left and right of the area that rays reach between two inverse depths, in the layer's pixels,
@@ -219,12 +183,6 @@ def _ends(rays, shrinkage, nearness):
     return middle, np.maximum.reduce(distance, axis=(1, 3), where=lit, initial=0)
 
 
-def _area_px(shapes, nearness):
-    """Area of blurs of these `Pencils.blur_shapes`, (3, ..., 2, 2), at inverse depths."""
-    nearness = np.asarray(nearness, float)[..., None, None]
-    return np.sqrt(np.maximum(np.linalg.det(shapes[0] + nearness * (shapes[1] + nearness * shapes[2])), 0))
-
-
 def _area_shrinkage(rays, shrinkage):
     """Factor on areas in the capture's pixels, relative to those on a plane: array (height,)."""
     radius_px = np.hypot(*rays.far_px[:, 0], dtype=float).mean(axis=-1)
@@ -257,21 +215,11 @@ def pencils(rays: RayTable, wavelengths_nm: np.ndarray, sensor: PixelGrid, focal
     heights_mm = np.linspace(0, last_px * pitch_mm, HEIGHTS)
     stop, near = reach * stop_places(count)[:, part], rays.near(wavelengths_nm)
     bundles = near.bundles(heights_mm, -stop)  # the image on the sensor is inverted
-    tangent = bundles.direction[:2] / np.maximum(bundles.direction[2], LEAST_COSINE)
     to_px = focal_mm / pitch_mm
-    inside = _cells_inside(near, heights_mm, stop, bundles.surface_margin, reach * cell_size(count))
-    quantities = stop, tangent[::-1] * to_px, -bundles.entrance_mm[::-1] * to_px, inside, bundles.weight
+    inside = cells_inside(lambda place: near.bundles(heights_mm, -place).surface_margin, stop, bundles.surface_margin,
+                          reach * cell_size(count))
+    quantities = stop, tangents(bundles)[::-1] * to_px, -bundles.entrance_mm[::-1] * to_px, inside, bundles.weight
     return Pencils(last_px, *(each.astype(np.float32) for each in quantities))
-
-
-def _cells_inside(rays, heights_mm, stop, margin, cell):
-    """Distance of rays from the surfaces' rims, in cells: the margin over its slope, from rays half a cell away."""
-    radius = np.hypot(*stop)
-    share = cell / 2 / np.maximum(radius, cell)
-    nearby = (1 - share) * stop, np.cos(share) * stop + np.sin(share) * np.stack([-stop[1], stop[0]])
-    slope = np.hypot(*((rays.bundles(heights_mm, -place).surface_margin - margin) / np.hypot(*(place - stop))
-                       for place in nearby))
-    return np.clip(margin / np.maximum(slope * cell, 1e-9), -MOST_OPEN, MOST_OPEN)
 
 
 def packed_pencils(rays: RayTable, wavelengths_nm: np.ndarray, sensor: PixelGrid, focal_mm: float,

@@ -1,0 +1,101 @@
+"""The rays of pixels: what the fields of all lenses have in common."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..rays.ray_table import SensorRays
+
+DEPTHS = 9  # with linear interpolation of the rays' reach between them: an upper limit, because rays are straight
+MOST_OPEN = 4.0  # cells from the rim: beyond this, a ray's distance does not matter
+PORTION = 256  # rays that are packed together
+FEW = 8  # rays: fewer do not show a shape
+LEAST_COSINE = 1e-3  # of rays to the axis: a depth along the axis does not define a point sideways of the camera
+
+
+@dataclass(frozen=True, eq=False)
+class Tiles:
+    """Square tiles of a sensor's pixels.
+
+    Attributes
+    ----------
+    right, up : arrays (tile row, tile column)
+        Positions of their middles relative to the axis, in pixels.
+    side_px : int
+    """
+
+    right: np.ndarray
+    up: np.ndarray
+    side_px: int
+
+
+def tangents(rays: SensorRays) -> np.ndarray:
+    """Tangents of the rays' angles from the axis, along x and y: array (2, ...)."""
+    return rays.direction[:2] / np.maximum(rays.direction[2], LEAST_COSINE)
+
+
+def cells_inside(margin_at: Callable[[np.ndarray], np.ndarray], stop: np.ndarray, margin: np.ndarray, cell: float
+                 ) -> np.ndarray:
+    """Distance of rays from the surfaces' rims, in cells: the margin over its slope, from rays half a cell away.
+
+    Parameters
+    ----------
+    margin_at : callable (stop)
+        `SensorRays.surface_margin`, array (..., ray), of rays through these places of the stop.
+    stop : array (2, ray)
+    margin : array (..., ray)
+        Theirs.
+    cell : float
+        Side of a ray's cell, in semi-apertures.
+    """
+    radius = np.hypot(*stop)
+    share = cell / 2 / np.maximum(radius, cell)
+    nearby = (1 - share) * stop, np.cos(share) * stop + np.sin(share) * np.stack([-stop[1], stop[0]])
+    slope = np.hypot(*((margin_at(place) - margin) / np.hypot(*(place - stop)) for place in nearby))
+    return np.clip(margin / np.maximum(slope * cell, 1e-9), -MOST_OPEN, MOST_OPEN)
+
+
+def blur_shapes(far_px: np.ndarray, moved_px: np.ndarray, passing: np.ndarray, stop: np.ndarray) -> np.ndarray:
+    """The shape of the blur of the open stop as a function of the inverse depth q: array (3, node, 2, 2).
+
+    The square root of the determinant of their sum, times 1, q and q^2, is the area at q: the covariances of the
+    passing rays' positions, relative to the covariance of their places in the stop, times the stop's area.
+
+    Parameters
+    ----------
+    far_px, moved_px : arrays (2, node, ray)
+    passing : bool array (node, ray)
+    stop : array (2, ray)
+    """
+    shapes = np.empty((3, len(passing), 2, 2))
+    for node, of_node in enumerate(passing):
+        chosen = of_node if of_node.sum() >= FEW else np.ones_like(of_node)
+        far, moved, places = (np.asarray(each, float)[:, chosen] for each in (far_px[:, node], moved_px[:, node], stop))
+        both = np.cov(far, moved)
+        area = np.pi * np.hypot(*stop).max() ** 2 / np.sqrt(np.linalg.det(np.cov(places)))
+        shapes[:, node] = both[:2, :2] * area, (both[:2, 2:] + both[2:, :2]) * area, both[2:, 2:] * area
+    return shapes
+
+
+def area_px(shapes: np.ndarray, nearness: np.ndarray | float) -> np.ndarray:
+    """Area of blurs of these `blur_shapes`, (3, ..., 2, 2), at inverse depths."""
+    nearness = np.asarray(nearness, float)[..., None, None]
+    return np.sqrt(np.maximum(np.linalg.det(shapes[0] + nearness * (shapes[1] + nearness * shapes[2])), 0))
+
+
+def in_eights(stop: np.ndarray, far_px: np.ndarray, moved_px: np.ndarray, inside: np.ndarray, light: np.ndarray
+              ) -> np.ndarray:
+    """Rays for the loops: array (*node, eight, 2 + 6 wavelengths, 8), see `kernels.cast.HeightRays`.
+
+    Parameters
+    ----------
+    stop : array (2, ray)
+    far_px, moved_px : arrays (2, wavelength, *node, ray)
+    inside, light : arrays (wavelength, *node, ray)
+    """
+    rays = np.concatenate([far_px, moved_px, inside[None], light[None]])
+    quantities, wavelengths, *nodes, count = rays.shape
+    rays = np.moveaxis(rays, (0, 1), (-2, -3)).reshape(*nodes, wavelengths * quantities, count)
+    rays = np.concatenate([np.broadcast_to(stop, (*nodes, *stop.shape)), rays], axis=-2)
+    return rays.reshape(*nodes, -1, count // 8, 8).swapaxes(-3, -2)
