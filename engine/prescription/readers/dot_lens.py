@@ -1,8 +1,9 @@
 """.lens: a name, a focal length, and rows of radius, thickness, index, Abbe number, aperture and coating.
 
-The column `semi_ap` contains diameters in all known files, and is halved. The authors of the files dropped the designs'
-aspheric terms. Newer files have a seventh column, the type of the surface: a cylinder is named after its axis, so that
-`cyl_y` is curved along x. A toroid's radius along x is first, and its profile's, along y, in an eighth column.
+The column `semi_ap` contains diameters in all known files of spheres, which a program converted, and is halved. The
+authors of the files dropped the designs' aspheric terms. Newer files have a seventh column, the type of the surface: a
+cylinder is named after its axis, so that `cyl_y` is curved along x. A toroid's radius along x is first, and its
+profile's, along y, in an eighth column. Files with these are written by hand, with semi-diameters.
 """
 
 import json
@@ -29,7 +30,8 @@ F_NUMBER = re.compile(r"(?<![\w-])f/?\s?(\d+(?:\.\d+)?)(?![\d.]*\s*(?:mm|cm))", 
 HEADER_F_NUMBER = re.compile(r"^#.*\bsurfaces\b.*\bf/(\d+(?:\.\d+)?)", re.MULTILINE)
 HEADER_ROUNDING = 0.1  # one decimal, rounded up or down
 ZOOM = re.compile(r"\d\s*-\s*\d[\d.]*\s*mm|\bzoom\b|\bvario", re.IGNORECASE)
-NOTE = "Apertures are read as diameters, and surfaces without aspheric terms: the file does not contain them."
+NOTE = "Apertures are read as {}, and surfaces without aspheric terms: the file does not contain them."
+DIAMETERS, SEMI_DIAMETERS = "diameters", "semi-diameters"
 
 
 def read_dot_lens(path: Path, options: ReadingOptions) -> Reading:
@@ -43,7 +45,10 @@ def read_dot_lens(path: Path, options: ReadingOptions) -> Reading:
     heads = {name.strip(): " ".join(value.split()) for name, value in
              (line.split("#")[0].split(":", 1) for line in text.splitlines() if ":" in line.split("#")[0])}
     rows = numbered(path, (line.split("#")[0] for line in text.splitlines()))
-    surfaces = with_stop(path, [_surface(line) for line in rows if ":" not in " ".join(line.words)], options)
+    halved = [_surface(line) for line in rows if ":" not in " ".join(line.words)]
+    sizes = DIAMETERS if all(surface.radius_x_mm is None for surface in halved) else SEMI_DIAMETERS
+    surfaces = with_stop(path, halved if sizes == DIAMETERS else [
+        replace(surface, semi_aperture_mm=2 * surface.semi_aperture_mm) for surface in halved], options)
     stops = [surface for surface in surfaces if surface.stop]
     if len(stops) != 1:
         raise LensError(path, "stop", f"{len(stops)} rows", "expected one row that begins with stop, or --stop")
@@ -56,7 +61,7 @@ def read_dot_lens(path: Path, options: ReadingOptions) -> Reading:
         name=name, surfaces=surfaces, field=options.field, focal_length_mm=focal_mm,
         focus=options.image_plane or "best",
         aperture=("f_number", f_number) if f_number else ("stop", stops[0].semi_aperture_mm),
-        notes=" ".join(filter(None, (NOTE, zoom, f_number_note))),
+        notes=" ".join(filter(None, (NOTE.format(sizes), zoom, f_number_note))),
         source=" ".join(f"{patent[1] if patent else ''} ({path.name})".split())),
         f_number, unread_names(heads, KNOWN_HEADS))
 

@@ -149,11 +149,16 @@ LAST_ROW = "16.000    0\n"
     ("CYL_Y", dict(radius_mm=np.inf, radius_x_mm=-50.0)), ("spherical", {}),
     ("toric -80.0", dict(radius_mm=-80.0, radius_x_mm=-50.0, profile="y"))])
 def test_cylinders_and_toroids_of_a_dot_lens(tmp_path, kind, changes):
-    """A cylinder is named after its axis, along which it is straight; the second radius of a toroid is along y."""
+    """A cylinder is named after its axis, along which it is straight; the second radius of a toroid is along y. Files
+    with these contain semi-diameters."""
     path = tmp_path / "lens.lens"
     path.write_text(changed(DOT_LENS, (LAST_ROW, LAST_ROW.rstrip() + f"  {kind}\n")))
-    surfaces = read_file(path, ReadingOptions(FIELD)).prescription.surfaces
-    assert surfaces == (STOP, FRONT, replace(Surface(-50.0, 47.5, "", 8.0), **changes))
+    lens = read_file(path, ReadingOptions(FIELD)).prescription
+    factor = 2 if changes else 1
+    expected = STOP, FRONT, replace(Surface(-50.0, 47.5, "", 8.0), **changes)
+    assert lens.surfaces == tuple(replace(surface, semi_aperture_mm=factor * surface.semi_aperture_mm)
+                                  for surface in expected)
+    assert f"Apertures are read as {'semi-' * bool(changes)}diameters" in lens.notes
 
 
 @pytest.mark.parametrize("kind", ["biconic", "toric", "toric x", "toric 0", "cyl_x 3", "sph 3", "toric 1 2"])
