@@ -28,7 +28,11 @@ NUMBER = r"([-+]?\d[\d.]*(?:[eE][-+]?\d+)?)"
 STATED = {kind: re.compile(pattern, re.MULTILINE) for kind, pattern in (
     (".lens", rf"^focal_length:\s*{NUMBER}"), (".txt", rf"^Focal Length\t{NUMBER}"),
     (".dat", rf"\A(?:\s*#.*\n|\s*\n)*\s*{NUMBER}\s*$"), (".toml", rf"^focal_length_mm\s*=\s*{NUMBER}"),
-    ("DeepLens", rf'"foclen":\s*{NUMBER}'), ("lentil", rf'"focal-length-mm-patent":\s*{NUMBER}'))}
+    ("DeepLens", rf'"foclen":\s*{NUMBER}'), ("lentil", rf'"focal-length-mm-patent":\s*{NUMBER}'),
+    ("Ghostlight", rf'"focal_length_mm":\s*{NUMBER}'), ("physical-camera", rf"^focal_length\s*=\s*{NUMBER}"))}
+PROGRAMS = {".json": {"lentil": "optical-elements-patent", "Optiland": "surface_group", "DeepLens": '"surfaces"'},
+            ".lens": {"Ghostlight": "ghostlight-optical"}, ".toml": {"physical-camera": "[[surface]]"}}
+"""Programs that share a suffix, and a part of their files."""
 READ, NOTED, UNKNOWN, REJECTED = "read", "read with notes", "unknown glass", "rejected"
 WRONG, FAILED = "wrong without a note", "failed"
 OUTCOMES = (READ, NOTED, UNKNOWN, REJECTED, WRONG, FAILED)
@@ -53,11 +57,9 @@ def outcomes(path):
 
 
 def _kind(path, text):
-    """The suffix, or the program of a JSON."""
-    signs = {"lentil": "optical-elements-patent", "Optiland": "surface_group", "DeepLens": '"surfaces"'}
-    if path.suffix.lower() != ".json":
-        return path.suffix.lower()
-    return next((name for name, sign in signs.items() if sign in text), ".json")
+    """The program, if several share the suffix, or the suffix."""
+    suffix = path.suffix.lower()
+    return next((name for name, sign in PROGRAMS.get(suffix, {}).items() if sign in text), suffix)
 
 
 def _outcome(path, kind, text, which):
@@ -97,11 +99,11 @@ def _reason(error):
 def table(results):
     """Rows of a table: a format, and the number of lenses with each outcome."""
     counts = Counter((result.kind, result.outcome) for result in results)
-    yield f"{'format':<10}" + "".join(f"{name:>22}" for name in OUTCOMES) + f"{'all':>8}"
+    yield f"{'format':<16}" + "".join(f"{name:>22}" for name in OUTCOMES) + f"{'all':>8}"
     for kind in [*sorted({result.kind for result in results}), "all"]:
         row = [sum(count for (of, outcome), count in counts.items() if outcome == name and kind in (of, "all"))
                for name in OUTCOMES]
-        yield f"{kind:<10}" + "".join(f"{count:>22}" for count in row) + f"{sum(row):>8}"
+        yield f"{kind:<16}" + "".join(f"{count:>22}" for count in row) + f"{sum(row):>8}"
 
 
 def main(arguments=None):
@@ -115,7 +117,7 @@ def main(arguments=None):
     results = [result for path in paths for result in outcomes(path)]
     print(*table(results), sep="\n")
     for kind, reason, count in _reasons(results):
-        print(f"{count:>6}  {kind:<9} {reason}")
+        print(f"{count:>6}  {kind:<15} {reason}")
     shown = OUTCOMES if options.list else (WRONG, FAILED)
     for result in results:
         if result.outcome in shown:

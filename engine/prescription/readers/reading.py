@@ -193,7 +193,8 @@ def _mismatches(prescription, f_number, traced) -> Iterator[tuple[str, str]]:
     """(field, both values) of each stated figure that the surfaces contradict."""
     stated_mm, efl_mm = prescription.focal_length_mm, traced.system.efl_mm
     if stated_mm is not None and not abs(efl_mm - stated_mm) <= TOLERANCE * abs(stated_mm):
-        yield FOCAL_LENGTH, f"{stated_mm:g} mm, and its surfaces give {efl_mm:.4g} mm"
+        along = "" if prescription.radial else " along y"
+        yield FOCAL_LENGTH, f"{stated_mm:g} mm, and its surfaces give {efl_mm:.4g} mm{along}"
     if f_number is None:
         return
     actual, slack = traced.f_number, 1 + TOLERANCE

@@ -69,6 +69,11 @@ def test_the_end_of_the_field_must_be_given(read):
         read()
 
 
+def test_the_stated_focal_length_is_along_y(read):
+    with pytest.raises(LensError, match="focal length is 60 mm, and its surfaces give 49.04 mm along y"):
+        read(("focal_length = 49.0", "focal_length = 60.0"), field=FIELD)
+
+
 def test_unknown_names_are_reported(read):
     assert read((CYLINDER, f"{CYLINDER}\ntilt = 3.0"), field=FIELD).notes == "Not used from the file: tilt."
 
