@@ -12,6 +12,9 @@ from .reading import Reading, ReadingOptions, with_stop
 ELEMENTS, ADJUSTED = "optical-elements-patent", "optical-elements-adjusted"
 PLANE_MM = 99_000  # planes have a radius of 99999 or 100000
 STOP = "iris"
+CYLINDERS = {"cyl-x": ("radius_mm", "radius_x_mm"), "cyl-y": ("radius_x_mm", "radius_mm")}
+"""The curved section and the plane one of a cylinder, which is named after its axis."""
+SHAPES = ("spherical", "aspherical", *CYLINDERS)
 KNOWN_NAMES = (ELEMENTS, ADJUSTED, "company", "product-name", "patent-number", "year", "focal-length-mm-patent",
                "radius", "thickness", "material", "ior", "abbe", "housing-radius", "lens-geometry",
                "aspherical-equation")
@@ -56,15 +59,18 @@ def read_lentil(path: Path, contents: dict, options: ReadingOptions) -> Reading:
 
 def _surface(path, number, row, glass_before):
     shape, thickness = row["lens-geometry"], row["thickness"]
-    if shape not in ("spherical", "aspherical"):
-        raise LensError(path, f"surface {number}", shape, "expected spherical or aspherical")
-    terms = row.get("aspherical-equation") or []
-    radius_mm = float(row["radius"])
+    if shape not in SHAPES:
+        raise LensError(path, f"surface {number}", str(shape), f"expected one of {', '.join(SHAPES)}")
+    radius_mm, terms = float(row["radius"]), tuple(map(float, row.get("aspherical-equation") or []))
+    if shape in CYLINDERS and any(terms):
+        raise LensError(path, f"surface {number}, aspherical-equation", terms, f"expected none for {shape}")
+    radius_mm = np.inf if abs(radius_mm) > PLANE_MM else radius_mm
+    curved, plane = CYLINDERS.get(shape, ("radius_mm", ""))
     stop = row["material"] == STOP
-    return Surface(np.inf if abs(radius_mm) > PLANE_MM else radius_mm,
-                   float(thickness[0] if isinstance(thickness, list) else thickness),
-                   glass_before if stop else _glass(row), float(row["housing-radius"]), 0.0,
-                   (0.0,) * (FIRST_POWER // 2 - 1) + tuple(map(float, terms)) if terms else (), stop)
+    return Surface(thickness_mm=float(thickness[0] if isinstance(thickness, list) else thickness),
+                   glass=glass_before if stop else _glass(row), semi_aperture_mm=float(row["housing-radius"]),
+                   aspheric=(0.0,) * (FIRST_POWER // 2 - 1) + terms if terms and not plane else (), stop=stop,
+                   **{curved: radius_mm} | ({plane: np.inf} if plane else {}))
 
 
 def _glass(row):

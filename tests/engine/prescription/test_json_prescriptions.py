@@ -245,10 +245,23 @@ def test_one_of_several_lentil_lenses_must_be_named(read):
             read(contents, FIELD, "2")
 
 
-def test_a_lens_of_lentil_needs_a_field_and_round_surfaces(read):
+def test_a_lens_of_lentil_needs_a_field_and_known_surfaces(read):
     with pytest.raises(LensError, match="field is missing: lentil does not state .*--field-angle"):
         read(LENTIL)
     bent = copy.deepcopy(LENTIL)
-    bent["0001"]["optical-elements-patent"][1]["lens-geometry"] = "cyl-y"
-    with pytest.raises(LensError, match="surface 2 is cyl-y: expected spherical or aspherical"):
+    bent["0001"]["optical-elements-patent"][1]["lens-geometry"] = "toric"
+    with pytest.raises(LensError, match="surface 2 is toric: expected one of spherical, aspherical, cyl-x, cyl-y"):
         read(bent, FIELD)
+
+
+@pytest.mark.parametrize("kind, changes", [("cyl-x", dict(radius_x_mm=np.inf)),
+                                           ("cyl-y", dict(radius_mm=np.inf, radius_x_mm=50.0))])
+def test_a_cylinder_of_lentil_is_straight_along_its_axis(read, kind, changes):
+    contents = copy.deepcopy(LENTIL)
+    row = contents["0001"]["optical-elements-patent"][1]
+    row["lens-geometry"], contents["0001"]["focal-length-mm-patent"] = kind, 0
+    contents["0001"]["optical-elements-patent"][2]["radius"] = -20.0
+    assert read(contents, FIELD).surfaces[1] == replace(Surface(50.0, 4.0, "1.5168/64.2", 8.0), **changes)
+    row["aspherical-equation"] = [1e-6]
+    with pytest.raises(LensError, match=f"surface 2, aspherical-equation is .* expected none for {kind}"):
+        read(contents, FIELD)
