@@ -27,10 +27,10 @@ def design(request):
 
 def focused(design, position):
     """System of a design at one of its focus positions."""
-    surfaces = tuple(replace(surface, thickness_mm=surface.gaps_mm[position], gaps_mm=()) if surface.gaps_mm else surface
-                     for surface in design.surfaces)
-    return system_of(replace(design, surfaces=surfaces, object_distance_mm=design.focused_at_mm[position],
-                             focused_at_mm=()))
+    surfaces = tuple(replace(surface, gaps_mm=(), thickness_mm=surface.gaps_mm[position]) if surface.gaps_mm
+                     else surface for surface in design.surfaces)
+    return system_of(replace(design, surfaces=surfaces, focused_at_mm=(),
+                             object_distance_mm=design.focused_at_mm[position]))
 
 
 def test_focal_lengths_are_the_patents(design):
@@ -59,7 +59,7 @@ def test_camera_lenses_compress_near_and_far_faces_alike(design):
     assert (squeezes == pytest.approx([1.0] * len(near), abs=0.02)) == (design.name not in PROJECTORS)
 
 
-def test_every_surface_passes_the_whole_stop_on_the_axis(design):
+def test_every_surface_passes_the_full_aperture_on_the_axis(design):
     system = system_of(design)
     heights_mm = np.maximum(np.abs(system.marginal_heights_mm), np.abs(system.across.marginal_heights_mm))
     assert np.min(system.semi_apertures_mm / heights_mm) > 0.88  # the Speed Panchro in its own file, too
