@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..prescription.prescription import Pose
 from ..prescription.system import System, system_of
 from .aiming import AIMED, PLACE_STEP, SLOPE_STEP, broyden_steps
 from .rays import Pupil, TracedRays
@@ -83,10 +82,8 @@ def view_of(system: System) -> View:
 
 def undisturbed(system: System) -> System:
     """The lens with centred surfaces; turns about the axis remain."""
-    surfaces = (surface if surface.pose is None else
-                replace(surface, pose=Pose(tilt_deg=(0.0, 0.0, surface.pose.tilt_deg[2])))
-                for surface in system.prescription.surfaces)
-    return system_of(replace(system.prescription, surfaces=tuple(surfaces)))
+    prescription = system.prescription
+    return system_of(replace(prescription.centred(), image_pose=prescription.image_pose))
 
 
 def find_fields(system: System, view: View, places_mm: np.ndarray, wavelengths_nm: Sequence[float] | np.ndarray
