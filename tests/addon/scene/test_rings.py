@@ -4,6 +4,7 @@ import json
 from math import inf
 
 import bpy
+import numpy as np
 import pytest
 from mathutils import Matrix
 
@@ -16,6 +17,7 @@ from lensfield.commands.render import scene_and_fields
 from lensfield.engine import load_lens
 from lensfield.engine.lens_files.package import write_package
 from lensfield.engine.pictures.spectral_exr import read_exr
+from lensfield.engine.prescription.tolerances import Copy
 from lensfield.engine.rays.rings import AT_REST, Rings
 from lensfield.request import RING_FIELDS, to_arguments
 from small_scenes import WAVELENGTHS_NM, set_world
@@ -55,6 +57,13 @@ def test_arguments_override_the_cameras_rings(scene, dof):
     assert scene_rings(scene, focus=inf, f_number=2.8) == Rings(inf, 2.8)
     scene.lensfield.focused_wide_open = True
     assert scene_rings(scene, focused_wide_open=False) == Rings(1200.0, 8.0)
+
+
+def test_tilt_and_copy_are_settings_of_the_scene(scene, dof):
+    settings = scene.lensfield
+    settings.tilt_deg, settings.copy, settings.copy_grade = np.radians((4, -2.5)), 7, "DROPPED"
+    assert scene_rings(scene) == Rings(1200.0, 8.0, tilt_deg=(4.0, -2.5), copy=Copy(7, "dropped"))
+    assert scene_rings(scene, tilt_deg=(0.0, 0.0), copy=0) == Rings(1200.0, 8.0)
 
 
 @pytest.mark.parametrize("place, distance_mm", [((0, 0, 3), 3000), ((1, 2, 3), 3000), ((0, 0, -2), 2000)])
@@ -114,7 +123,8 @@ def test_rings_follow_keyframes(scene, dof):
     assert 1000 < distances[1] < 1600 and scene.frame_current == 1
 
 
-@pytest.mark.parametrize("rings", [AT_REST, Rings(1234.5), Rings(inf, 2.8), Rings(80.0, 5.6, True)])
+@pytest.mark.parametrize("rings", [AT_REST, Rings(1234.5), Rings(inf, 2.8), Rings(80.0, 5.6, True),
+                                   Rings(tilt_deg=(-1.5, 0.0), copy=Copy(7, "dropped"))])
 def test_the_command_line_preserves_rings(rings):
     words = to_arguments(**ring_fields(rings))
     options = _parser().parse_args(["apply", "Scene_0001_radiance.exr", "--lens", LENS, *words])
@@ -124,7 +134,8 @@ def test_the_command_line_preserves_rings(rings):
 @pytest.mark.parametrize("words, expected", [
     ([], {}),
     (["--focus", "CAMERA", "--f-number", "4"], {"focus": "camera", "f_number": 4.0}),
-    (["--focus", "80cm", "--focused-wide-open"], {"focus": 800.0, "focused_wide_open": True})])
+    (["--focus", "80cm", "--focused-wide-open"], {"focus": 800.0, "focused_wide_open": True}),
+    (["--tilt=-1,2.5", "--copy", "3"], {"tilt_deg": (-1.0, 2.5), "copy": 3})])
 def test_the_command_line_sets_rings(scene, tmp_path, words, expected):
     blend = tmp_path / "scene.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(blend))
