@@ -10,6 +10,7 @@ from lensfield.engine.library import prescription_of
 from lensfield.engine.prescription.prescription import Pose, Prescription, Surface
 from lensfield.engine.prescription.surfaces import sag_and_slope
 from lensfield.engine.prescription.system import system_of
+from lensfield.engine.rays.focus import build_system
 from lensfield.engine.rays.rays import HalfPupil, trace_pupil
 from lensfield.engine.rays.rings import turned
 from lensfield.engine.rays.trace import points_from_image
@@ -92,3 +93,39 @@ def test_displaced_surfaces_and_sensors_are_drawn_where_they_are():
     np.testing.assert_allclose(z_mm[np.abs(y_mm) == 6.0], 8.0, atol=1e-12)
     z_mm, y_mm = lines[-1]  # of the image plane
     assert np.ptp(y_mm) > 0 and np.diff(z_mm) == pytest.approx(-np.tan(np.radians(20)) * np.diff(y_mm))
+
+
+def test_a_cylinder_is_curved_in_one_section_and_a_displaced_surface_is_drawn_displaced():
+    moved = Pose(offset_mm=(0.0, 1.5, 0.25))
+    cylinder = replace(HYPERBOLA, surfaces=(HYPERBOLA.surfaces[0], replace(
+        HYPERBOLA.surfaces[1], radius_mm=np.inf, conic=0.0, radius_x_mm=-10.0, pose=moved)))
+    for section, sag_mm, offset_mm in ((1, 0.0, 1.5), (0, -2.0, 0.0)):  # 10 - sqrt(100 - 36) at 6 mm
+        panel = figure.Figure().add_axes((0, 0, 1, 1))
+        draw_cross_section(panel, replace(system_of(HYPERBOLA), prescription=cylinder), section)
+        z_mm, height_mm = panel.patches[0].get_xy().T
+        rear = z_mm > 3
+        assert (height_mm[rear].min(), height_mm[rear].max()) == pytest.approx((offset_mm - 6, offset_mm + 6))
+        assert z_mm[rear][np.argmax(height_mm[rear])] == pytest.approx(8.25 + sag_mm)
+
+
+def test_rays_of_both_sections_meet_their_places_on_the_sensor():
+    """An f/4 singlet with a stronger section along x; half its sensor is 2 mm wide and 1.5 mm high."""
+    surfaces = (Surface(40.0, 4.0, "1.5/1000", radius_x_mm=30.0, stop=True), Surface(-60.0, 40.0))
+    lens = build_system(Prescription("two sections", surfaces, ("f_number", 4.0), ("angle_deg", 5.0), sensor_mm=(4, 3),
+                                     focus="paraxial"))
+    for section, half_mm in ((1, 1.5), (0, 2.0)):
+        panel = figure.Figure().add_axes((0, 0, 1, 1))
+        draw_cross_section(panel, lens, section)
+        lines = [np.array(line.get_data()) for line in panel.lines]
+        chief_mm = [line[1, -1] for line in lines if line.shape[1] == 4][::8]
+        assert chief_mm == pytest.approx([0, 0.7 * half_mm, half_mm], abs=1e-4)
+        spread_mm = [np.ptp([line[1, -1] for line in lines[8 * field:8 * field + 8]]) for field in range(3)]
+        assert max(spread_mm) > 0.3  # the focus is between those of both sections
+
+
+def test_a_lens_with_two_sections_has_both_in_its_picture():
+    """The section along x, whose image is twice as wide, is in the lower half, at the same scale."""
+    anamorphic = replace(HYPERBOLA, surfaces=(replace(HYPERBOLA.surfaces[0], radius_x_mm=80.0), HYPERBOLA.surfaces[1]))
+    dark = cross_section(system_of(anamorphic), 300)[..., :3].min(axis=-1) < 250
+    upper, lower = dark[:150], dark[150:]
+    assert upper.any() and lower.any() and not np.array_equal(upper, lower)
