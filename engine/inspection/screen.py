@@ -6,15 +6,14 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
-import scipy
 
 from ..prescription.prescription import CLOSEST_FOCUS, Prescription
 from ..prescription.system import System, system_of
-from ..rays.field_heights import even_heights_mm
-from ..rays.focus import axial_contrast, build_system
-from ..rays.rays import HalfPupil, trace_pupil
+from ..rays.focus import FULL_FRAME_MM, axial_contrast, build_system
+from ..rays.rays import FullPupil, trace_pupil
 from ..rays.rings import at_position, widest_f_number, widest_notes
 from ..runtime.errors import LensError
+from .field_lines import CHIEF, chief_ray_lines, light_lines, spot_contrast
 from .finding import SEVERITIES, LensFinding
 from .radial_checks import beyond_the_field
 
@@ -29,12 +28,12 @@ ROUNDING = 0.03  # of apertures in patents
 CHIEF_RAYS = 33
 COVERED = 1e-3  # of the sensor's half diagonal
 WANDERED = 1 / 150  # of the picture's diagonal: a visible disc; measured: up to 1 / 300 from rounding in patents
-STEEPEST = 0.2  # fall of the passing share of the stop from one of LIGHT_HEIGHTS to the next; measured: up to 0.124
+STEEPEST = 0.2  # fall of the passing share of the stop from one of LIGHT_PLACES to the next; measured: up to 0.124
 ROUGHEST = 0.01  # rise of the same; measured: up to 0.002
 DARKEST = 0.03  # the same at the field's end; measured: 0.051 or more
 LEAST_CLOSE_UP = 0.5  # the same on the axis, at any focus; measured: 0.69 or more
-LIGHT_HEIGHTS = 25
-FAN, CHIEF, RIM = HalfPupil(65, 1), HalfPupil(1, 1), HalfPupil(9, 9)
+LIGHT_PLACES = 25
+FAN, CROSS = FullPupil(65, 1), FullPupil(65, 4)
 COLOURS_NM = (430.0, 650.0)
 
 
@@ -115,9 +114,10 @@ def _name(prescription, system):
 
 def _aperture(prescription, system):
     """Whether the surfaces transmit the bundle that the aperture specifies."""
-    rays = trace_pupil(system, [0.0], [system.prescription.reference_wavelength_nm], FAN)
-    reach = np.sqrt(rays.square_height_mm2[:, 0, 0, :, 0]) / system.semi_apertures_mm[:, None]
-    reach[:, rays.lost[0, 0, :, 0]] = np.inf
+    pupil = FAN if prescription.radial else CROSS
+    rays = trace_pupil(system, [0.0], [system.prescription.reference_wavelength_nm], pupil)
+    reach = np.sqrt(rays.square_height_mm2[:, 0, 0]) / system.semi_apertures_mm[:, None, None]
+    reach = np.where(rays.lost[0, 0], np.inf, reach).max(axis=-1)
     widest = float(np.interp(1.0, np.maximum.accumulate(reach.max(axis=0)), FAN.radii))
     if widest < 1 - ROUNDING:
         narrow = int(np.argmax(reach[:, -1])) + 1
@@ -165,7 +165,7 @@ def _position(system: System, stated: bool):
     """Sharpness on the axis, and chief rays up to the field's end, at one focus position."""
     focused = system.prescription
     at = "at infinity" if system.object_at_infinity else f"at {focused.object_distance_mm:.4g} mm"
-    contrast = axial_contrast(system, LINES_PER_MM)
+    contrast = _contrast(system)
     if contrast < LEAST_CONTRAST:
         remedy = ("soft focus, as stated in its character" if SOFT_FOCUS in focused.character else
                   "sharper farther away: the file does not state how its parts move for focusing" if not stated else "")
@@ -176,23 +176,37 @@ def _position(system: System, stated: bool):
     yield from list(_chief_rays(system, at)) or _light(system, at)
 
 
+def _contrast(system):
+    """Contrast on the axis, of LINES_PER_MM on full frame."""
+    if system.prescription.radial:
+        return axial_contrast(system, LINES_PER_MM)
+    sensor_mm = system.prescription.sensor_mm
+    diagonal_mm = np.hypot(*sensor_mm) if sensor_mm else 2 * system.last_height_mm
+    return spot_contrast(system, LINES_PER_MM * FULL_FRAME_MM / diagonal_mm)
+
+
 def _chief_rays(system: System, at: str):
-    heights_mm = even_heights_mm(system, CHIEF_RAYS)
-    rays = trace_pupil(system, heights_mm, [system.prescription.reference_wavelength_nm], CHIEF)
-    reach = np.sqrt(rays.square_height_mm2[:, 0, :, 0, 0]) / system.semi_apertures_mm[:, None]
-    clipped = np.argwhere(reach > 1)
-    if clipped.size:
-        surface, height = min(clipped, key=lambda at: at[1])
-        yield LensFinding("error", f"surface {surface + 1}, semi_aperture_mm",
-                          f"{system.semi_apertures_mm[surface]:g}, and blocks chief rays from an image height of "
-                          f"{rays.chief_height_mm[0, height]:.4g} mm, focused {at}",
-                          "check its radius and semi-aperture, or end the field at that height")
+    for line in chief_ray_lines(system, CHIEF_RAYS):
+        clipped = np.argwhere(line.values > 1)
+        if clipped.size:
+            surface, place = min(clipped, key=lambda at: at[1])
+            yield LensFinding("error", f"surface {surface + 1}, semi_aperture_mm",
+                              f"{system.semi_apertures_mm[surface]:g}, and blocks chief rays from {line.kind}"
+                              f"{line.places[place]}, focused {at}",
+                              "check its radius and semi-aperture, or end the field at that height")
+            return
 
 
 def _light(system: System, at: str):
     """Whether light falls smoothly towards the corners, without a jump or notch from a mistyped aperture."""
-    heights_mm = even_heights_mm(system, LIGHT_HEIGHTS)
-    passing = _passing_shares(system, heights_mm)
+    for line in light_lines(system, LIGHT_PLACES):
+        yield from (findings := list(_light_along(line, at)))
+        if findings:
+            return
+
+
+def _light_along(line, at):
+    passing = line.values
     steps = np.diff(passing)
     if passing[0] < LEAST_CLOSE_UP:
         yield LensFinding("error", "semi_aperture_mm", f"{passing[0]:.0%} of the stop has light on the axis, focused "
@@ -200,21 +214,11 @@ def _light(system: System, at: str):
     for suspect, number in ((steps.min() < -STEEPEST, steps.argmin()), (steps.max() > ROUGHEST, steps.argmax()),
                             (passing[-1] < DARKEST, -2)):
         if suspect:
-            yield LensFinding("warning", "semi_aperture_mm", f"{passing[number]:.0%} of the stop has light at an image "
-                              f"height of {heights_mm[number]:.4g} mm, and {passing[number + 1]:.0%} at "
-                              f"{heights_mm[number + 1]:.4g} mm, focused {at}",
+            yield LensFinding("warning", "semi_aperture_mm", f"{passing[number]:.0%} of the stop has light at "
+                              f"{line.kind}{line.places[number]}, and {passing[number + 1]:.0%} at "
+                              f"{line.places[number + 1]}, focused {at}",
                               "expected a smooth fall towards the corners: look for a mistyped aperture")
             return
-
-
-def _passing_shares(system: System, heights_mm):
-    """Share of the stop's area whose rays pass all apertures: array (height,). Around the chief ray, these have no
-    gaps."""
-    rays = trace_pupil(system, heights_mm, [system.prescription.reference_wavelength_nm], RIM)
-    reach = np.sqrt(rays.square_height_mm2[:, 0]) / system.semi_apertures_mm[:, None, None, None]
-    reach = np.maximum.accumulate(np.where(rays.lost[0], np.inf, reach.max(axis=0)), axis=1)
-    rims = [[np.interp(1.0, along, RIM.radii) for along in of_height.T] for of_height in reach]
-    return scipy.integrate.trapezoid(np.square(rims), RIM.azimuths, axis=1) / np.pi
 
 
 def _tracing_finding(error):
