@@ -193,7 +193,7 @@ def _chief_rays(system: System, at: str):
             yield LensFinding("error", f"surface {surface + 1}, semi_aperture_mm",
                               f"{system.semi_apertures_mm[surface]:g}, and blocks chief rays from {line.kind}"
                               f"{line.places[place]}, focused {at}",
-                              "check its radius and semi-aperture, or end the field at that height")
+                              "check its radius and semi-aperture, or end the field there")
             return
 
 

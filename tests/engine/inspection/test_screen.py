@@ -10,7 +10,7 @@ from lensfield.engine.bake.bake import bake
 from lensfield.engine.inspection.checks import check_lens
 from lensfield.engine.inspection.screen import check_prescription
 from lensfield.engine.library import BUNDLED, bundled_names, described_lenses, prescription_of
-from lensfield.engine.prescription.prescription import Prescription, Surface
+from lensfield.engine.prescription.prescription import Pose, Prescription, Surface
 from lensfield.engine.prescription.readers.toml import read_lensfield
 from lensfield.engine.rays.focus import build_system
 from lensfield.engine.rays.rays import HalfPupil, trace_pupil
@@ -163,3 +163,30 @@ def test_polynomials_fitted_to_fisheyes_do_not_fold(name):
 def test_the_library_is_large_and_its_titles_differ():
     assert len(described_lenses()) >= 60
     assert len({lens.title for lens in described_lenses().values()}) == len(described_lenses())
+
+
+def singlet(rim_mm=np.inf, rim_offset_mm=0.01, **front):
+    """A singlet at f/16, with a rim half-way to the image that is displaced along x: not rotationally symmetric."""
+    rim = Surface(thickness_mm=20.0, semi_aperture_mm=rim_mm, pose=Pose((rim_offset_mm, 0.0, 0.0)))
+    surfaces = (Surface(40.0, 4.0, "1.5/1000", stop=True, **front), Surface(-60.0, 25.0), rim)
+    return Prescription("displaced", surfaces, ("f_number", 16.0), ("image_height_mm", 2.6), sensor_mm=(4.0, 3.0),
+                        focus="best")
+
+
+def test_a_lens_without_rotational_symmetry_passes_as_its_centred_design_does():
+    lens = singlet()
+    centred = replace(lens, surfaces=(*lens.surfaces[:2], replace(lens.surfaces[2], pose=None)))
+    assert summary(lens) == summary(centred) == [("note", "focal_length_mm")]
+
+
+def test_astigmatism_of_a_mistyped_section_lowers_the_contrast():
+    finding = check_prescription(singlet(radius_x_mm=38.0))[0]
+    assert (finding.severity, finding.field) == ("error", "surfaces") and "focused at infinity" in finding.value
+
+
+def test_a_displaced_rim_blocks_chief_rays_on_its_side_of_the_picture():
+    """Half-way to the image, it lets those on the left of the upside-down image pass up to 0.5 mm on the right."""
+    blocked = [finding for finding in check_prescription(singlet(2.5, -2.0)) if "blocks chief rays" in finding.value]
+    assert {(finding.severity, finding.field) for finding in blocked} == {("error", "surface 3, semi_aperture_mm")}
+    x_mm = float(re.search(r"chief rays from x = (\S+), y = 0 mm, focused at infinity", blocked[0].value)[1])
+    assert -1.1 < x_mm < -0.8
