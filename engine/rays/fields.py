@@ -104,7 +104,7 @@ def find_fields(system: System, view: View, places_mm: np.ndarray, wavelengths_n
                        ~(np.stack(errors) < AIMED))
 
 
-def chief_ray_curve(system: System, end_mm: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+def chief_ray_curve(system: System, end_mm: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
     """Distances from the middle of the picture to places on a line to this end, x and y in mm, as far as chief rays
     reach it; and their angles to the camera's axis, in radians, at the reference wavelength: arrays (place,)."""
     share, nm = np.linspace(0, 1, CURVE_PLACES), system.prescription.reference_wavelength_nm
