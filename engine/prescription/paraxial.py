@@ -1,6 +1,6 @@
 """First-order figures of a lens, by matrices of height and reduced angle (y, n u).
 
-They are those of the undisturbed design: poses, including turns about the axis, are ignored.
+They describe the undisturbed design: poses, including turns about the axis, are ignored.
 """
 
 from dataclasses import dataclass

@@ -410,7 +410,7 @@ def _check_sections(surface, name, refuse):
     if len(surface.skews) > len(surface.aspheric) or not np.all(np.isfinite(surface.skews)):
         refuse(f"{name}, skews", surface.skews, "expected a number for each of aspheric")
     if surface.profile and any(surface.skews):
-        refuse(f"{name}, skews", surface.skews, "a toroid has none: expected no profile")
+        refuse(f"{name}, skews", surface.skews, "a toroid is not skewed: expected no profile")
     round_section = {"x": "conic", "y": "conic_x"}.get(surface.profile)
     if round_section and getattr(surface, round_section):
         refuse(f"{name}, {round_section}", getattr(surface, round_section),

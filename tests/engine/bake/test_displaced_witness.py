@@ -18,7 +18,8 @@ NM = 550.0
 TOLERANCE = 1e-12  # of Optiland's search for intersections
 LENS = Prescription("displaced", (
     Surface(-40.0, 3.0, "1.6/40", radius_x_mm=-25.0, profile="y", conic=-0.5, aspheric=(1e-4, 2e-5)),
-    Surface(60.0, 8.0, radius_x_mm=35.0, profile="y", aspheric=(0.0, -2e-5), pose=Pose((0.3, -0.2, 0.1), (3, 1.5, -20))),
+    Surface(60.0, 8.0, radius_x_mm=35.0, profile="y", aspheric=(0.0, -2e-5),
+            pose=Pose((0.3, -0.2, 0.1), (3.0, 1.5, -20.0))),
     Surface(thickness_mm=3.0, stop=True, pose=Pose((0.3, 0.2, -0.1), (4.0, -3.0, 0.0))),
     Surface(thickness_mm=4.0, glass="1.5/60", radius_x_mm=30.0, conic_x=-1.0, pose=Pose(tilt_deg=(0.0, 0.0, 10.0))),
     Surface(-18.0, 40.0, conic=-0.3, pose=Pose((-0.4, 0.3, 0.0), (-2.0, 5.0, 10.0)))),
