@@ -9,8 +9,8 @@ from ..rays.rays import FullPupil
 from ..rays.view import View
 from ..runtime.errors import LensError
 
-PUPIL = FullPupil(9, 16)
-LEAST_RAYS = 3  # that pass
+PUPIL = FullPupil(5, 12)
+LEAST_RAYS = 2  # that pass, in addition to the chief ray
 STEP = 0.95  # towards the axis, until light passes
 MOST_STEPS = 60
 INSIDE = 1 - 1e-9
@@ -48,4 +48,4 @@ def _lit(system, view, places_mm, wavelengths_nm):
     rays = trace_fields(system, view, points, PUPIL)
     passing = ~rays.lost & np.all(rays.square_height_mm2 <= np.reshape(system.semi_apertures_mm, (-1, 1, 1, 1, 1))**2,
                                   axis=0)
-    return np.all((passing.sum(axis=(-2, -1)) >= LEAST_RAYS) & ~points.lost, axis=0)
+    return np.all((passing[..., 1:, :].sum(axis=(-2, -1)) >= LEAST_RAYS) & ~points.lost, axis=0)

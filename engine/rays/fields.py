@@ -74,7 +74,7 @@ def view_of(system: System) -> View:
     media = design.indices_at([prescription.reference_wavelength_nm])[:, 0]
     slope, error = _searched(_missed_points(design, view, media), (axes[2][:, None], np.array([nearness])),
                              np.zeros((2, 1)))
-    landing = view.places_mm(_traced(design, media, 0.0, 0.0, *slope).position)
+    landing = view.places_mm(_traced(design.prescription, media, 0.0, 0.0, *slope).position)
     if not error[0] < AIMED:
         raise view.without_axis(prescription)
     return replace(view, origin_mm=landing[:, 0])
@@ -130,7 +130,7 @@ def _rays_of_fields(system, view, media, points, number, x_mm, y_mm):
     missed = _missed_points(system, view, media)
     slope, error = _aimed(missed, (direction, nearness), points.slope[:, number], x_mm, y_mm,
                           PLACE_STEP * system.stop_semi_aperture_mm)
-    traced = _traced(system, media, x_mm, y_mm, *slope)
+    traced = _traced(system.prescription, media, x_mm, y_mm, *slope)
     to_entry_mm, source = view.object_space(direction[..., None], nearness[:, None], traced.entry)
     path_mm = to_entry_mm + traced.path_mm
     return {"position_mm": view.places_mm(traced.position), "direction": traced.direction, "path_mm": path_mm,
@@ -165,18 +165,38 @@ def aim_at_places(system: System, view: View, points: FieldPoints, places_mm: np
     return np.stack(slopes, axis=1), np.stack(errors) < AIMED
 
 
-def _traced(system, media, x_mm, y_mm, slope_x, slope_y) -> BothWays:
+def _traced(prescription, media, x_mm, y_mm, slope_x, slope_y) -> BothWays:
     """`trace_both_ways` at one wavelength: arrays (..., ray)."""
     rays = (np.asarray(each)[None] for each in np.broadcast_arrays(x_mm, y_mm, slope_x, slope_y))
     indices = media.reshape(-1, 1, *(1,) * np.ndim(slope_x))
     return BothWays(*(each[:, 0] if each.ndim > 1 + np.ndim(slope_x) else each[0]
-                      for each in trace_both_ways(system.prescription, indices, *rays)))
+                      for each in trace_both_ways(prescription, indices, *rays)))
+
+
+def _in_front(prescription, media):
+    """The lens up to its stop, for rays that are only needed there, and its refractive indices."""
+    stop = prescription.stop_index
+    surfaces = (*prescription.surfaces[:stop], replace(prescription.surfaces[stop], glass=""))
+    return replace(_part(prescription, surfaces), image_pose=None), media[:stop + 2]
+
+
+def _behind(prescription, media):
+    """The lens from its stop on, and its refractive indices."""
+    stop = prescription.stop_index
+    return _part(prescription, prescription.surfaces[stop:]), media[stop:]
+
+
+def _part(prescription, surfaces):
+    """A part of a lens, at its present focus."""
+    return replace(prescription, surfaces=tuple(replace(surface, gaps_mm=()) for surface in surfaces), focused_at_mm=())
 
 
 def _missed_places(system, view, media):
     """Function of (x, y) on the sensor and the ray: its error there, in focal lengths."""
+    behind = _behind(system.prescription, media)
+
     def missed(place_x, place_y, x_mm, y_mm, slope_x, slope_y):
-        position = _traced(system, media, x_mm, y_mm, slope_x, slope_y).position
+        position = _traced(*behind, x_mm, y_mm, slope_x, slope_y).position
         return (view.places_mm(position) - np.stack(np.broadcast_arrays(place_x, place_y))) / system.efl_mm
 
     return missed
@@ -184,8 +204,10 @@ def _missed_places(system, view, media):
 
 def _missed_points(system, view, media):
     """Function of an object point and the ray: its error there, as an angle along x and y."""
+    in_front = _in_front(system.prescription, media)
+
     def missed(direction_x, direction_y, direction_z, nearness, x_mm, y_mm, slope_x, slope_y):
-        traced = _traced(system, media, x_mm, y_mm, slope_x, slope_y)
+        traced = _traced(*in_front, x_mm, y_mm, slope_x, slope_y)
         entry, before = traced.entry, traced.before
         away = [each + nearness * (at - eye) for each, at, eye in
                 zip((direction_x, direction_y, direction_z), entry, view.viewpoint_mm, strict=True)]
@@ -197,7 +219,7 @@ def _missed_points(system, view, media):
 def _fields(system, view, media, slope):
     """Tangents, nearness, and their change with the place, of points in focus on chief rays."""
     step = CHIEF_STEP * np.array([[0, 1, -1, 0, 0], [0, 0, 0, 1, -1]])
-    traced = _traced(system, media, 0.0, 0.0, *(slope[..., None] + step[:, None]))
+    traced = _traced(system.prescription, media, 0.0, 0.0, *(slope[..., None] + step[:, None]))
     tangent, nearness = view.in_focus(traced.entry, traced.before)
     place = view.places_mm(traced.position)
     by_slope, place_by_slope = (np.stack([each[..., 1] - each[..., 2], each[..., 3] - each[..., 4]], axis=-1)
