@@ -73,9 +73,12 @@ class GridField:
 
     def relative_illumination(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
         light, grid = picture_illumination(self._optics, self._geometry)
-        on_axis, light = (scipy.ndimage.map_coordinates(light, np.broadcast_arrays(*grid.index_of(*at)), order=1,
-                                                        mode="nearest") for at in ((np.zeros(1), np.zeros(1)), (x_mm, y_mm)))
-        return light / on_axis
+
+        def at(x_mm, y_mm):
+            return scipy.ndimage.map_coordinates(light, np.broadcast_arrays(*grid.index_of(x_mm, y_mm)), order=1,
+                                                 mode="nearest")
+
+        return at(x_mm, y_mm) / at(np.zeros(1), np.zeros(1))
 
     def within(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
         return self._end.within(x_mm, y_mm)

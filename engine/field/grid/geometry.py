@@ -146,8 +146,8 @@ class GridGeometry:
 
     def source_slopes(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
         """Derivatives of `source_mm`, first its x and then its y, with respect to x and y: array (2, 2, ...)."""
-        at = self._held(x_mm, y_mm)
-        return np.stack([np.stack([table(*at, dx=1), table(*at, dy=1)]) for table in self._source])
+        x, y = self._held(x_mm, y_mm)
+        return np.stack([np.stack([table(x, y, dx=1), table(x, y, dy=1)]) for table in self._source])
 
     def landing_mm(self, x_mm: np.ndarray, y_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Places where light at these positions in the ideal image lands: the inverse of `source_mm`."""

@@ -13,7 +13,7 @@ from .node_psfs import NodePsfs, PlacedPsfs
 from .nodes import PlaneNodes
 
 ALONG_PX = 192  # of the picture of uniform light, along the longer side of the field
-KINK = 1 / 8  # largest mean over a pixel minus the value in its middle, relative to a change of slope in the pixel
+KINK = 1 / 8  # largest mean over a pixel minus the value in its middle, relative to a change of slope in it
 
 
 def picture_illumination(optics: MonochromaticGrid, geometry: GridGeometry) -> tuple[np.ndarray, PixelGrid]:
@@ -45,8 +45,10 @@ def unevenness(psfs: NodePsfs, nodes: PlaneNodes) -> float:
     """Upper limit of the relative error of pixels under uniform radiance, which is largest next to rows of nodes.
 
     All light of a pixel has the PSF of its centre. Between nodes, PSFs change linearly along rows and columns, and this
-    makes no difference: their sums and mean offsets are the same. Only where their change has a kink, in the pixels
-    next to a row or column of nodes, is the mean over a pixel up to KINK times the kink off.
+    makes no difference, because each pixel loses to the next one what it gains from the one before. This is not so
+    across a row of nodes, where the change has a kink: a sample at a fraction f of a pixel moves f (1 - f) / 2 times
+    its change too little to the next pixel. In the pixel with the kink, the mean change also differs from the one in
+    its middle, by up to KINK times the kink.
 
     Parameters
     ----------
@@ -56,12 +58,28 @@ def unevenness(psfs: NodePsfs, nodes: PlaneNodes) -> float:
         Those around the grid's pixels.
     """
     rows, columns = (np.unique(axis.indices) for axis in (nodes.rows, nodes.columns))
-    squares = [psfs.squares(row, columns) for row in rows]
-    profiles = [np.stack([square.sum(axis=axis) for square in squares]) for axis in (2, 1)]
+    batches = [[_profiles(samples) for _, samples in psfs.samples(row, columns)] for row in rows]
     pitch_mm = nodes.grid.pitch_um * 1e-3
-    kinks = [_largest_kink(nodes.at_nodes(profile), axis, number, pitch_mm)
-             for number, (axis, profile) in enumerate(zip((nodes.rows, nodes.columns), profiles, strict=True))]
-    return KINK * sum(kinks)
+    error = 0.0
+    for number, axis in enumerate((nodes.rows, nodes.columns)):
+        for scale, kind in ((1, 0), (KINK, 1)):
+            profiles = np.stack([np.concatenate([batch[number][kind] for batch in row]) for row in batches])
+            error += scale * _largest_kink(nodes.at_nodes(profiles), axis, number, pitch_mm)
+    return error
+
+
+def _profiles(samples):
+    """For both axes, arrays (PSF, pixel): light times f (1 - f) / 2, and light, along the axis."""
+    def along(position_px):
+        pixel = np.floor(position_px).astype(int) + samples.radius_px
+        f, size = position_px - np.floor(position_px), 2 * samples.radius_px + 1
+
+        def binned(weight, pixel):
+            return np.stack([np.bincount(pixel, psf * weight, size) for psf in samples.samples])
+
+        return binned(f * (1 - f) / 2, pixel)[:, :-1], binned(1 - f, pixel) + binned(f, pixel + 1)
+
+    return along(samples.v_px), along(samples.u_px)
 
 
 def _largest_kink(profiles, axis, number, pitch_mm):
