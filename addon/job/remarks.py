@@ -10,7 +10,7 @@ import numpy as np
 from ...engine.depth.depth_range import AUTO, OFF, blur_per_nearness_px
 from ...engine.rays.rings import in_metres
 from ...engine.spectral.wavelength_choice import REFERENCE, STANDARD_COLOUR_ERROR
-from ..scene.camera import matching_focal_length_mm
+from ..scene.camera import matching_focal_length_mm, pixel_aspect
 from ..scene.compositor import unreplaced_passes
 from ..scene.render_state import effective_samples
 from ..scene.traced_camera import traces_on_device
@@ -171,6 +171,10 @@ def _of_camera(scene, job):
     if job.traced and job.iris:
         yield Remark("Iris Blades", str(job.iris.blades),
                      "ignored by the traced lens: its stop is round, with the same area")
+    aspect, squeeze = pixel_aspect(scene), job.lens.squeeze
+    if abs(aspect / squeeze - 1) > SAME_VIEW:
+        yield Remark("Pixel Aspect", f"{aspect:.3g}", f"the lens squeezes the picture by {squeeze:.3g}",
+                     "press Match Camera to Lens")
     if camera.type != "PERSP":  # refused, or set by Match Camera to Lens
         return
     matching_mm = matching_focal_length_mm(scene, job.lens)

@@ -60,7 +60,13 @@ def shift_px(scene):
         return 0.0, 0.0
     return tuple(float(f"{part:.6g}") * unit_px  # as the user entered it: Blender's floats are single precision
                  for part, unit_px in zip((camera.data.shift_x, camera.data.shift_y),
-                                          _shift_units_px(camera.data, frame_px(scene)), strict=True))
+                                          _shift_units_px(camera.data, frame_px(scene), pixel_aspect(scene)),
+                                          strict=True))
+
+
+def pixel_aspect(scene):
+    """Width over height of the scene's pixels, as Blender shows them."""
+    return scene.render.pixel_aspect_x / scene.render.pixel_aspect_y
 
 
 def render_region(scene):
@@ -243,10 +249,6 @@ def check_camera(scene, view=LENS_VIEW, camera=None):
     if not camera.data.clip_start < camera.data.clip_end:
         raise SceneError(where, "clipping", f"{camera.data.clip_start:g} to {camera.data.clip_end:g}",
                          "set Clip End beyond Clip Start: the camera sees nothing otherwise")
-    if scene.render.pixel_aspect_x != scene.render.pixel_aspect_y:
-        raise SceneError(f"scene {scene.name!r}", "pixel aspect",
-                         f"{scene.render.pixel_aspect_x:g}:{scene.render.pixel_aspect_y:g}",
-                         "expected square pixels: set both sides of Aspect to 1 in the output properties")
 
 
 def _check_view(camera, where):
@@ -285,7 +287,7 @@ def aim_camera(scene, rotation=None):
     low, high = (corners.min(axis=0), corners.max(axis=0)) if len(corners) else (np.zeros(3), np.zeros(3))
     radius = max(np.linalg.norm(high - low) / 2, NEAREST_M / unit_m)
     camera, frame = scene.camera, frame_px(scene)
-    half_angle = np.arctan(_pixel_mm(camera.data, frame) * min(frame) / 2 / camera.data.lens)
+    half_angle = np.arctan(_pixel_mm(scene, frame) * min(frame) / 2 / camera.data.lens)
     camera.rotation_euler = rotation.to_euler() if rotation else NEW_FILES_ROTATION
     away = camera.rotation_euler.to_matrix() @ Vector((0, 0, 1))
     camera.location = Vector((low + high) / 2) + away * float(radius / np.sin(half_angle))
@@ -306,9 +308,9 @@ def match_camera_to_lens(camera, lens, frame):
     Most lenses become a perspective camera with the correct scale on the axis. A lens that would need more than
     MOST_PLANE times the frame's pixels on a plane becomes a fisheye camera with its own distortion: a rendered viewport
     shows the exact frame. Solid viewports show every camera in perspective; the focal length is set so that their left
-    and right edges match the lens's. The camera's Shift stays.
+    and right edges match the lens's. The camera's Shift stays. The pixels are `frame.squeeze` times as wide as tall.
     """
-    focal_mm, width_mm = lens.capture_focal_length_mm, frame.shape_px[1] * frame.pitch_um * 1e-3
+    focal_mm, width_mm = lens.capture_focal_length_mm / frame.squeeze, frame.shape_px[1] * frame.pitch_um * 1e-3
     nm = reference_nm(lens)
     plane = frame.with_overscan(field_map(lens).overscan_px(frame, [nm], 0))
     if np.prod(plane.shape_px) <= MOST_PLANE * np.prod(frame.shape_px):
@@ -363,7 +365,7 @@ def size_for_view(scene, lens, view):
         return 1.0, lens.sensor_mm if view == LENS_VIEW else format_mm(view)
     check_camera(scene, view)
     camera, frame = scene.camera.data, frame_px(scene)
-    pixel_mm = _pixel_mm(camera, frame)
+    pixel_mm = _pixel_mm(scene, frame)
     factor = camera.lens / lens.capture_focal_length_mm  # camera.lens is in mm, whatever unit Blender displays
     return factor, (frame[1] * pixel_mm, frame[0] * pixel_mm)
 
@@ -371,25 +373,27 @@ def size_for_view(scene, lens, view):
 def matching_focal_length_mm(scene, lens):
     """The focal length with which the scene's perspective camera matches the lens's scale on the axis."""
     frame = frame_px(scene)
-    return lens.capture_focal_length_mm / (pitch_um(lens, frame) * 1e-3) * _pixel_mm(scene.camera.data, frame)
+    return lens.capture_focal_length_mm / (pitch_um(lens, frame) * 1e-3) * _pixel_mm(scene, frame)
 
 
-def _pixel_mm(camera, frame):
-    """Size of a pixel on the camera's own sensor, by Blender's Sensor Fit."""
+def _pixel_mm(scene, frame):
+    """Height of a pixel on the camera's own sensor."""
+    camera, aspect = scene.camera.data, pixel_aspect(scene)
     side_mm = camera.sensor_height if camera.sensor_fit == "VERTICAL" else camera.sensor_width
-    return side_mm / frame[_sized_axis(camera, frame)]
+    return side_mm / _sized_rows(camera, frame, aspect)
 
 
-def _sized_axis(camera, frame):
-    """The axis of rows and columns that Blender's Sensor Fit sizes."""
-    return {"VERTICAL": 0, "HORIZONTAL": 1}.get(camera.sensor_fit, int(np.argmax(frame)))
+def _sized_rows(camera, frame, aspect):
+    """The side of the frame that Blender's Sensor Fit sizes, in heights of its pixels."""
+    rows, columns = frame
+    return {"VERTICAL": rows, "HORIZONTAL": columns * aspect}.get(camera.sensor_fit, max(rows, columns * aspect))
 
 
-def _shift_units_px(camera, frame):
+def _shift_units_px(camera, frame, aspect=1.0):
     """Pixels that a Shift X and a Shift Y of 1 move a camera's sensor. The rows of a panorama are those of Cycles:
     other viewports show it in perspective."""
-    side_px = frame[_sized_axis(camera, frame)]
-    return frame[::-1] if camera.type == "PANO" else (side_px, side_px)
+    side_px = _sized_rows(camera, frame, aspect)
+    return frame[::-1] if camera.type == "PANO" else (side_px / aspect, side_px)
 
 
 def size_warning(lens, adapted, factor):
@@ -431,7 +435,7 @@ def _place_sensor(camera, grid):
     camera.sensor_fit = "HORIZONTAL"
     camera.sensor_width = CAMERA_SENSOR_MM
     camera.shift_x, camera.shift_y = np.divide(((columns - 1) / 2 - column, row - (rows - 1) / 2),
-                                               _shift_units_px(camera, grid.shape_px) * np.array([1.0, grid.squeeze]))
+                                               _shift_units_px(camera, grid.shape_px, grid.squeeze))
     return columns * grid.pitch_um * 1e-3
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from ...engine.inspection.curves import field_angle_rad, reference_nm
 from ...engine.inspection.grid_curves import half_angles_rad, paths
-from ...engine.lens import RadialLens
+from ...engine.lens import Lens, RadialLens
 from ...engine.lens.conventions import four_by_three
 from ...engine.library import LensSource, has_rings, prescription_of
 from ...engine.prescription.system import system_of
@@ -89,6 +89,11 @@ def lens_facts(source: LensSource, rings: Rings = AT_REST, focal_mm: float | Non
         The lens does not exist, or forms no image at this focus.
     """
     return _facts(*identity_of(source), rings, focal_mm)
+
+
+def squeeze_of(lens: Lens | LensSource) -> float:
+    """The squeeze of a lens; 1 unless it is anamorphic."""
+    return lens.squeeze if isinstance(lens, Lens) else lens_facts(lens).squeeze
 
 
 @lru_cache(maxsize=MOST_FACTS)

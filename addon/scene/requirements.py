@@ -9,13 +9,14 @@ import bpy
 
 from .camera import check_camera, frame_px, render_region
 from .errors import SceneError
+from .lens_facts import squeeze_of
 from .linked import check_editable
 from .motion import camera_at
 
 LEAST_PX = 4  # Blender renders no smaller side, whatever the resolution says
 
 
-def check_scene(scene, *, frames=(), view_layer=None, view=None, output_folder=None, **_):
+def check_scene(scene, *, frames=(), view_layer=None, view=None, output_folder=None, lens=None, **_):
     """Raise a SceneError for the first reason why the scene cannot be rendered through a lens.
 
     Parameters
@@ -23,7 +24,7 @@ def check_scene(scene, *, frames=(), view_layer=None, view=None, output_folder=N
     scene : bpy.types.Scene
     frames : iterable of int
         Frames to render: checks all cameras that markers bind to them. Without frames, the active camera.
-    view_layer, view, output_folder, ... : by name
+    view_layer, view, output_folder, lens, ... : by name
         Fields of a RenderRequest; by default the scene's settings.
     """
     settings = scene.lensfield
@@ -33,6 +34,7 @@ def check_scene(scene, *, frames=(), view_layer=None, view=None, output_folder=N
     cameras = dict.fromkeys(camera_at(scene, frame) for frame in frames) or [scene.camera]
     for camera in cameras:
         check_camera(scene, settings.view_text() if view is None else view, camera)
+    _check_pixels(scene, lens)
     if not 0 < scene.unit_settings.scale_length < inf:
         raise SceneError(f"scene {scene.name!r}", "unit scale", f"{scene.unit_settings.scale_length:g}",
                          "expected a positive number: set it in the scene properties, under Units")
@@ -45,6 +47,19 @@ def check_scene(scene, *, frames=(), view_layer=None, view=None, output_folder=N
                          "link its collections into this scene instead")
     _check_view_layers(scene, settings.view_layer if view_layer is None else view_layer)
     render_region(scene)
+
+
+def _check_pixels(scene, lens):
+    """Raise a SceneError for pixels that are not square, unless the lens is anamorphic."""
+    render = scene.render
+    if render.pixel_aspect_x == render.pixel_aspect_y:
+        return
+    lens = scene.lensfield.lens_name_or_path() if lens is None else lens
+    if not lens or squeeze_of(lens) == 1:
+        raise SceneError(f"scene {scene.name!r}", "pixel aspect",
+                         f"{render.pixel_aspect_x:g}:{render.pixel_aspect_y:g}",
+                         "expected square pixels, as the lens is not anamorphic: set both sides of Aspect to 1 in the "
+                         "output properties")
 
 
 def _check_file_names(scene):

@@ -1,12 +1,14 @@
 """Operators: render through the lens, match the camera to it, show its sheet."""
 
+from dataclasses import replace
+
 import bpy
 
 from ...engine.field.overscan import CAMERA_VIEW
 from ...engine.runtime.errors import InputError, one_line
 from ..job.remarks import ENOUGH_SAMPLES
 from ..job.render import render_through_lens
-from ..scene.camera import aim_camera, check_camera, frame_grid, lens_for_view, match_camera_to_lens
+from ..scene.camera import aim_camera, check_camera, frame_grid, lens_for_view, match_camera_to_lens, pixel_aspect
 from ..scene.compositor import show_file
 from ..scene.linked import check_editable
 from . import window_render
@@ -115,7 +117,9 @@ def _match(scene):
     lens, view = lens_now(scene, quality_at_hand(scene)), scene.lensfield.view_text()
     if view != CAMERA_VIEW:
         lens, _ = lens_for_view(scene, lens, view)
-    match_camera_to_lens(scene.camera.data, lens, frame_grid(scene, lens))
+    if lens.squeeze != 1:
+        scene.render.pixel_aspect_x, scene.render.pixel_aspect_y = max(1.0, lens.squeeze), max(1.0, 1 / lens.squeeze)
+    match_camera_to_lens(scene.camera.data, lens, replace(frame_grid(scene, lens), squeeze=pixel_aspect(scene)))
 
 
 class LENSFIELD_OT_add_camera(bpy.types.Operator):

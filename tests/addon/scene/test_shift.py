@@ -1,5 +1,7 @@
 """The camera's Shift moves the sensor in the lens's image circle."""
 
+from types import SimpleNamespace
+
 import bpy
 import numpy as np
 import pytest
@@ -7,8 +9,9 @@ from bpy_extras.object_utils import world_to_camera_view
 from mathutils import Vector
 
 from lensfield import addon
-from lensfield.addon.scene.camera import frame_grid, lens_for_view, match_camera_to_lens
+from lensfield.addon.scene.camera import frame_grid, lens_for_view, match_camera_to_lens, set_up_capture
 from lensfield.addon.scene.lens_cache import load_lens
+from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.pictures.spectral_exr import read_exr
 from small_scenes import material, wall
 from varied_lenses import varied_lens
@@ -24,7 +27,10 @@ def set_shift(camera, right, up):
 
 @pytest.mark.parametrize("shape_px", [(1080, 1920), (1920, 1080)])
 @pytest.mark.parametrize("fit", ["AUTO", "HORIZONTAL", "VERTICAL"])
-def test_the_frame_is_blenders(scene, fit, shape_px):
+@pytest.mark.parametrize("aspect", [1.0, 2.0])
+def test_the_frame_is_blenders(scene, fit, shape_px, aspect):
+    """Also with pixels that an anamorphic lens squeezes."""
+    scene.render.pixel_aspect_x = aspect
     camera = scene.camera.data
     camera.sensor_fit, camera.sensor_width, camera.sensor_height, camera.lens = fit, 23.5, 15.6, 35.0
     scene.render.resolution_y, scene.render.resolution_x = shape_px
@@ -35,7 +41,7 @@ def test_the_frame_is_blenders(scene, fit, shape_px):
     frame = frame_grid(scene, lens_for_view(scene, LENS, "camera")[0])
     for x, y in ((0.0, 0.0), (0.3, -0.2), (-0.1, 0.25)):  # tangents
         place = world_to_camera_view(scene, scene.camera, scene.camera.matrix_world @ Vector((x, y, -1)) * 1.0)
-        row, column = frame.index_of(35.0 * x, 35.0 * y)
+        row, column = frame.index_of(35.0 * x / aspect, 35.0 * y)
         right, up = (column + 0.5) / shape_px[1], 1 - (row + 0.5) / shape_px[0]
         np.testing.assert_allclose((right, up), place[:2], atol=2e-6)
 
@@ -49,6 +55,18 @@ def test_matching_the_camera_keeps_the_shift_of_a_portrait(scene):
     assert scene.camera.data.sensor_fit == "HORIZONTAL"
     np.testing.assert_allclose(frame_grid(scene, LENS).centre_px, frame.centre_px, atol=1e-3)
     assert frame.centre_px == pytest.approx((959.5 + 0.25 * 1920, 539.5 - 0.1 * 1920))
+
+
+def test_a_squeezed_capture_is_shifted_alike(scene):
+    frame, focal_mm = PixelGrid((100, 160), 20.0, squeeze=1.8).shifted(30, -12), 50.0
+    scene.render.resolution_y, scene.render.resolution_x = frame.shape_px
+    scene.render.pixel_aspect_x = 1.8
+    set_up_capture(scene.camera.data, SimpleNamespace(capture_focal_length_mm=focal_mm), frame)
+    left, lower, right, upper = frame.edges_mm
+    corners = [Vector((1.8 * x_mm / focal_mm, y_mm / focal_mm, -1)) for x_mm, y_mm in ((left, lower), (right, upper))]
+    bpy.context.view_layer.update()
+    first, last = (world_to_camera_view(scene, scene.camera, scene.camera.matrix_world @ corner) for corner in corners)
+    np.testing.assert_allclose((first[:2], last[:2]), ((0, 0), (1, 1)), atol=1e-5)
 
 
 def waves(scene, distance_m, side_m, period_m):
