@@ -1,6 +1,7 @@
 """Small lenses and images whose behaviour can be worked out by hand."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -13,7 +14,6 @@ from lensfield.engine.lens import GridLens, RadialLens
 PIXEL_BY_PIXEL = Options(method="paper", section_size=1)
 SENSOR_POINT, POINT_UM = ((1.0,),), 1e-6  # a PSF of one sample that is much smaller than a pixel: no blur
 HEIGHTS_MM = np.linspace(0, 2, 11)
-COLUMNS_MM, ROWS_MM = np.linspace(-2.5, 2.5, 11), np.linspace(-2, 2, 9)
 
 
 def make_lens(psf=SENSOR_POINT, real_height_mm=None, relative_illumination=None, *, psf_pitch_um=None,
@@ -34,31 +34,6 @@ def make_lens(psf=SENSOR_POINT, real_height_mm=None, relative_illumination=None,
         psf=np.broadcast_to(psf, nm.shape + psf.shape[-2:]), psf_pitch_um=psf_pitch_um,
         enclosed_energy=np.ones_like(height), transmittance=np.broadcast_to(transmittance, nm.shape[:1]))
     return RadialLens(**facts | changes)
-
-
-def make_grid_lens(psf=SENSOR_POINT, source_mm=None, relative_illumination=None, *, psf_pitch_um=None,
-                   wavelengths_nm=(400.0, 700.0), x_mm=COLUMNS_MM, y_mm=ROWS_MM,
-                   mirrored=(False, False), **changes):
-    """A lens without rotational symmetry, and without blur, distortion or shading, except for the given properties.
-
-    `psf` is one PSF (v, u) for the complete field, or a table; `source_mm`, a pair, and `relative_illumination` are
-    functions of (wavelength_nm, x_mm, y_mm). Mirrored halves of the places are left out.
-    """
-    y_mm, x_mm = (np.asarray(places)[np.asarray(places) >= 0] if half else places
-                  for places, half in zip((y_mm, x_mm), mirrored, strict=True))
-    nm, y, x = np.meshgrid(wavelengths_nm, y_mm, x_mm, indexing="ij")
-    psf = np.asarray(psf, dtype=float)
-    facts = dict(
-        name="hand-made", efl_mm=10.0, magnification=-0.1, f_number_effective=2.0, object_distance_mm=100.0,
-        entrance_pupil_mm=5.0, sensor_mm=(4.8, 3.6), reference_wavelength_nm=550.0, wavelengths_nm=wavelengths_nm,
-        y_mm=y_mm, x_mm=x_mm, mirrored=mirrored,
-        source_mm=np.stack(np.broadcast_arrays(*(source_mm(nm, x, y) if source_mm else (x, y))), axis=-1),
-        within=np.maximum(abs(x[0]) / np.max(x_mm), abs(y[0]) / np.max(y_mm)),
-        relative_illumination=relative_illumination(nm, x, y) if relative_illumination else np.ones_like(x),
-        psf=np.broadcast_to(psf, nm.shape + psf.shape[-2:]), enclosed_energy=np.ones_like(x),
-        psf_pitch_um=psf_pitch_um or (POINT_UM if psf.shape == (1, 1) else 2.5),
-        transmittance=np.ones(len(wavelengths_nm)))
-    return GridLens(**facts | changes)
 
 
 def tinted(lens):
@@ -121,6 +96,11 @@ def make_grid_lens(psf=SENSOR_POINT, source_mm=lambda nm, x, y: (x, y), relative
         psf_pitch_um=psf_pitch_um or (POINT_UM if psf is SENSOR_POINT else 2.5),
         transmittance=np.broadcast_to(transmittance, nm.shape[:1]))
     return GridLens(**facts | changes)
+
+
+fine_grid_lens = partial(make_grid_lens, rows=9, columns=11, half_mm=(2.0, 2.5), sensor_mm=(4.8, 3.6),
+                         within=lambda x, y: np.maximum(abs(x) / 2.5, abs(y) / 2))
+"""As `make_grid_lens`, with nodes every 0.5 mm, on a sensor that they cover, up to the end of the field."""
 
 
 def turned_coma(x_mm, y_mm):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from lenses import gaussian_psf, make_grid_lens, marked_psf
+from lenses import fine_grid_lens, gaussian_psf, marked_psf
 from lensfield.engine.inspection.grid_sheet import upright
 from lensfield.engine.inspection.info import lens_info, lens_text, table_summary
 from lensfield.engine.inspection.psf_map import tile
@@ -24,7 +24,7 @@ def coloured(nm, x, y):
 def anamorphic(**changes):
     """A squeezed lens with one mirror."""
     facts = {"mirrored": (False, True), "squeeze": 2.0, "wavelengths_nm": NM} | changes
-    return make_grid_lens(gaussian_psf(4, 6, 2.5, 17), coloured, lambda nm, x, y: 1 - 0.02 * x**2 - 0.01 * y, **facts)
+    return fine_grid_lens(gaussian_psf(4, 6, 2.5, 17), coloured, lambda nm, x, y: 1 - 0.02 * x**2 - 0.01 * y, **facts)
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +58,7 @@ def test_a_tile_shows_a_psf_as_the_picture_does():
 
 def test_tiles_are_where_their_psfs_are_in_the_picture(tmp_path):
     """Only the upper right corner of the field has colour."""
-    lens = make_grid_lens(gaussian_psf(4, 4, 2.5, 17), wavelengths_nm=NM)
+    lens = fine_grid_lens(gaussian_psf(4, 4, 2.5, 17), wavelengths_nm=NM)
     psf = lens.psf.copy()
     psf[0, -3:, -3:] = np.roll(psf[0, -3:, -3:], 4, axis=-1)
     write_lens_plot(replace(lens, psf=psf), tmp_path / "sheet.png", [10.0])
@@ -69,8 +69,8 @@ def test_tiles_are_where_their_psfs_are_in_the_picture(tmp_path):
 
 
 @pytest.mark.parametrize("lens", [
-    make_grid_lens(wavelengths_nm=(900.0,), y_mm=(-2, 2), x_mm=(-2.5, 2.5), sensor_mm=(1.0, 3.0), name="$x^{ no maths"),
-    make_grid_lens(gaussian_psf(3, 3, 2.5, 8), wavelengths_nm=np.linspace(400, 700, 31), mirrored=(True, True),
+    fine_grid_lens(wavelengths_nm=(900.0,), rows=2, columns=2, sensor_mm=(1.0, 3.0), name="$x^{ no maths"),
+    fine_grid_lens(gaussian_psf(3, 3, 2.5, 8), wavelengths_nm=np.linspace(400, 700, 31), mirrored=(True, True),
                    sensor_mm=(8.0, 8.0), object_distance_mm=np.inf)], ids=["portrait", "sensor too large"])
 def test_unusual_lenses_have_sheets(lens, tmp_path):
     write_lens_plot(lens, tmp_path / "sheet.png", [10.0])
@@ -108,10 +108,10 @@ def test_the_text_states_the_camera_and_every_place():
 def test_the_plane_of_focus_leans_by_its_slope():
     """Along y the inverse depth rises by 0.001 per mm, and the tangent of the angle by 1 per 10.5 mm: a lean of
     atan(0.0105 * 105)."""
-    info = lens_info(make_grid_lens(focus_slope=(0.0, 1e-3)))
+    info = lens_info(fine_grid_lens(focus_slope=(0.0, 1e-3)))
     assert info["focus_lean_deg"] == pytest.approx([0, np.degrees(np.arctan(0.0105 * 105))])
     assert "plane of focus leans     47.8 degrees towards the lens at the top" in lens_text(info)
-    text = lens_text(lens_info(make_grid_lens(focus_slope=(-1e-3, 1e-3), squeeze=2.0)))
+    text = lens_text(lens_info(fine_grid_lens(focus_slope=(-1e-3, 1e-3), squeeze=2.0)))
     assert "leans     28.9 degrees towards the lens on the left, 47.8 degrees towards the lens at the top" in text
 
 
