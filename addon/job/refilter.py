@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ...engine import ImageError, InputError, Lens
-from ...engine.depth.depth_range import AUTO, OFF, blur_px
+from ...engine.depth.depth_range import AUTO, OFF, blur_px, focus_in_capture
 from ...engine.depth.iris import opening
 from ...engine.field.field_map import field_map
 from ...engine.field.overscan import CAMERA_VIEW, LENS_VIEW
@@ -291,7 +291,10 @@ def _blur_warning(lens, captured, iris):
     """A line if blur needs light from beyond the edge of a captured layer; "" otherwise."""
     layers, lacking, reach = captured.layers, [0.0], opening(iris, lens).reach / 2
     for layer in layers.layers if layers else ():
-        blur = np.where(layer.alpha > 0, np.abs(blur_px(lens, layers.grid.pitch_um, layer.depth_mm)) * reach, 0)
+        rows, columns = (np.arange(side.start, side.stop) for side in layer.place)
+        in_focus = focus_in_capture(lens, layers.sampling.grid, rows[:, None], columns)
+        blur_of_layer = np.abs(blur_px(lens, layers.grid.pitch_um, layer.depth_mm, in_focus))
+        blur = np.where(layer.alpha > 0, blur_of_layer * reach, 0)
         for axis, (place, shown) in enumerate(zip(layer.place, _shown(captured), strict=True)):
             ends = (shown.start - place.start, blur.take(0, axis)), (place.stop - shown.stop, blur.take(-1, axis))
             lacking += [blurs.max() - beyond for beyond, blurs in ends if beyond >= 0 and blurs.any()]

@@ -9,13 +9,13 @@ from ..image.layers import Radiance
 from ..image.nonfinite import clamp_fireflies, clamp_layers, refuse_fireflies
 from ..image.spectral_image import RADIANCE, SpectralImage
 from ..lens import Lens
-from ..rays.ray_table import RayTable
+from ..rays.grid_rays import LensRays
 from ..runtime.errors import ImageError
 from .cast import CastPlane, cast
 from .iris import Iris, opening
 
 
-def capture_planes(radiance: Radiance, lens: Lens, rays: Callable[[float], RayTable], *, fireflies: str,
+def capture_planes(radiance: Radiance, lens: Lens, rays: Callable[[float], LensRays], *, fireflies: str,
                    most_rays: int, most_of_lamps: int, iris: Iris | None, times: int,
                    progress: Callable[[float], object],
                    stage: Callable[[str], AbstractContextManager[object]]) -> Iterator[CastPlane]:
@@ -25,7 +25,7 @@ def capture_planes(radiance: Radiance, lens: Lens, rays: Callable[[float], RayTa
     ----------
     radiance : SpectralImage or LayeredRadiance
     lens : Lens
-    rays : callable (reach) -> RayTable
+    rays : callable (reach) -> LensRays
         Called only for layers: traces the lens's rays, as far out as the iris reaches.
     fireflies : "refuse" or "clamp"
         See `Options`.

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..field.field_map import field_map, packed_ray_values
+from ..field.field_map import field_map
 from ..image.detail import split_by_detail
 from ..image.layers import LayeredRadiance, Radiance
 from ..kernels.cast import TOGETHER, Casting
@@ -14,7 +14,7 @@ from ..kernels.cast import cast as compiled_cast
 from ..kernels.library import NUMPY, running
 from ..kernels.numpy_cast import cast as numpy_cast
 from ..lens import Lens
-from ..rays.ray_table import RayTable
+from ..rays.grid_rays import LensRays
 from ..rays.stop_places import cell_size
 from ..runtime.scratch import SAMPLE_BYTES
 from ..runtime.threads import thread_pool
@@ -59,7 +59,7 @@ class CastPlane:
     clamped: int = 0
 
 
-def cast(layered: LayeredRadiance, lens: Lens, trace: Callable[[], RayTable], *, most_rays: int = 64,
+def cast(layered: LayeredRadiance, lens: Lens, trace: Callable[[], LensRays], *, most_rays: int = 64,
          most_of_lamps: int | None = None, iris: Iris | None = None, times: int = 1,
          progress: Callable[[float], object] = lambda fraction: None) -> Iterator[CastPlane]:
     """Cast layered radiance along the lens's rays: yield a plane for each wavelength.
@@ -74,7 +74,7 @@ def cast(layered: LayeredRadiance, lens: Lens, trace: Callable[[], RayTable], *,
     layered : LayeredRadiance
     lens : Lens
         It determines the depths in focus.
-    trace : callable () -> RayTable
+    trace : callable () -> LensRays
         Returns the lens's rays, as far out as the iris reaches. Called only if light is out of focus, or an
         out-of-focus surface in front of light.
     most_rays : int
@@ -93,7 +93,7 @@ def cast(layered: LayeredRadiance, lens: Lens, trace: Callable[[], RayTable], *,
     CastPlane
         Bit-identical for all variants of the compiled loop and any number of threads; numpy differs by rounding.
     """
-    layers = prepare_layers(layered.layers, layered.grid, lens)
+    layers = prepare_layers(layered.layers, layered.sampling.grid, lens)
     if not _blurred(layers):
         return _in_focus(layers, layered, times, progress)
     return _cast(layers, layered, lens, trace(), most_rays, most_of_lamps or most_rays, opening(iris, lens), times,
@@ -125,6 +125,7 @@ def _cast(layers, layered, lens, rays, most_rays, most_of_lamps, stop, times, pr
     ends = pixel_rays.sample(wavelengths_nm[[0, -1]], focal_mm, SAMPLE_RAYS, stop.reach)
     layers = [layer.near_surfaces(_reach_px(layer, ends)) for layer in layers]
     projection, per_focal = capture.projection, capture.pitch_um * 1e-3 / focal_mm
+    per_focal_px = (0.0, 0.0) if projection.is_plane else (per_focal * capture.squeeze, per_focal)
     meetings = plan_meetings(layers, ends, sensor, lambda radius_px: projection.shrinkage(radius_px * per_focal),
                              most_rays, most_of_lamps)
     counts = np.unique(meetings.counts[meetings.counts > 0])
@@ -138,7 +139,7 @@ def _cast(layers, layered, lens, rays, most_rays, most_of_lamps, stop, times, pr
             scale = 1.0 if all(layer.largest(group) <= SUMMABLE for layer in layers) else DIMMED
             casting = Casting(
                 pixel_rays.packed(wavelengths_nm[group], focal_mm, counts.tolist(), stop.reach),
-                sensor.centre_px, 0.0 if projection.is_plane else per_focal, projection.shrinkage_table,
+                sensor.centre_px, per_focal_px, projection.shrinkage_table,
                 stop.iris.directions, stop.shape, stop.reach * cell_size(8),
                 layer_arrays(layers, lens, group, levels, scale),
                 tuple(scale * FAINT * float(abs(plane.mean(dtype=np.float64))) for plane in sharp), meetings.kinds,
@@ -170,17 +171,17 @@ def _first_eights(counts, of_tiles):
     return np.append(0, np.cumsum(counts // 8))[np.searchsorted(counts, of_tiles)]
 
 
-def casting_bytes(layered: Radiance, most_of_lamps: int) -> float:
+def casting_bytes(layered: Radiance, lens: Lens, most_of_lamps: int) -> float:
     """Peak memory of `cast` in addition to the layers and the lens; 0 for flat radiance, which is not cast.
 
-    `most_of_lamps` is as in `cast`.
+    `lens` and `most_of_lamps` are as in `cast`.
     """
     if not isinstance(layered, LayeredRadiance):
         return 0.0
     capture_px, frame_px = (math.prod(shape) for shape in (layered.grid.shape_px, layered.grid.frame_px))
     layers_px = [layer.alpha.size for layer in layered.layers]
     together = min(TOGETHER, layered.wavelengths_nm.size)
-    rays = packed_ray_values(most_of_lamps, together)
+    rays = field_map(lens).packed_ray_values(most_of_lamps, together)
     levels = LEVELS_PX * (together + 1) * sum(layers_px) + COVER_PLANES * capture_px
     group = together * (capture_px + 2 * frame_px) + max(rays + max(levels, TABLE_VALUES),
                                                          TABLE_VALUES + RAY_PLANES * frame_px)

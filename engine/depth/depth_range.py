@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..field.in_capture import from_capture
 from ..image.pixel_grid import PixelGrid
 from ..lens.entrance_pupil import entrance_pupil_diameter_mm, focus_nearness
 from ..lens.lens import Lens
@@ -29,11 +30,13 @@ class DepthCheck:
     blur_um : float
         Allowed diameter of the defocus blur on the sensor.
     near_mm, far_mm : float
-        Range of depths with at most this blur; far_mm may be inf.
+        Range of depths with at most this blur, on the axis; far_mm may be inf.
     nearest_mm, farthest_mm : float
         Range of depths in the picture; inf for the background.
     outside_fraction : float
-        Fraction of the pixels whose depth is not between near_mm and far_mm.
+        Fraction of the pixels whose depth is not in that range.
+    leaning : bool
+        Whether the plane of focus leans, so that the range depends on the place.
     """
 
     blur_um: float
@@ -42,12 +45,14 @@ class DepthCheck:
     nearest_mm: float
     farthest_mm: float
     outside_fraction: float
+    leaning: bool = False
 
     @property
     def text(self) -> str:
         """One line for a report."""
+        on_axis = " on the axis" if self.leaning else ""
         return (f"{self.outside_fraction:.1%} of the frame is outside the lens data's depth range, "
-                f"{_metres(self.near_mm)} to {_metres(self.far_mm)}, where defocus blurs by at most {self.blur_um:.3g} "
+                f"{_metres(self.near_mm)} to {_metres(self.far_mm)}{on_axis}, where defocus blurs by at most {self.blur_um:.3g} "
                 f"um; the scene spans {_metres(self.nearest_mm)} to {_metres(self.farthest_mm)}")
 
 
@@ -85,11 +90,31 @@ def sharp_range_mm(lens: Lens, blur_um: float) -> tuple[float, float]:
         focal_mm * pupil_mm / beyond if beyond > 0 else np.inf)
 
 
-def blur_px(lens: Lens, pitch_um: float, depth_mm: ArrayLike) -> np.ndarray:
+def focus_in_capture(lens: Lens, capture: PixelGrid, rows: ArrayLike, columns: ArrayLike) -> float | np.ndarray:
+    """The inverse depth in focus at pixels of a capture, per mm: an array if the plane of focus leans.
+
+    Beyond 90 degrees from the axis, it is the axis's.
+    """
+    if not any(lens.focus_slope):
+        return focus_nearness(lens)
+    nearness = focus_nearness(lens, *from_capture(*capture.position_mm(rows, columns), lens, capture))
+    return np.where(np.isnan(nearness), focus_nearness(lens), nearness)
+
+
+def blur_px(lens: Lens, pitch_um: float, depth_mm: ArrayLike, in_focus: ArrayLike | None = None) -> np.ndarray:
     """Diameter of the defocus blur of points at these depths, signed: positive nearer than the plane of focus.
 
     It is D f (1 / s - 1 / S), in the notation of `sharp_range_mm`. The difference in blur between two depths is
-    therefore independent of the focus distance.
+    therefore independent of the focus distance. A squeezed picture has the blur of its height or width, whichever is
+    larger.
+
+    Parameters
+    ----------
+    lens : Lens
+    pitch_um : float
+    depth_mm : array
+    in_focus : array, optional
+        Inverse depths in focus, per mm; by default that on the axis.
 
     Returns
     -------
@@ -97,12 +122,13 @@ def blur_px(lens: Lens, pitch_um: float, depth_mm: ArrayLike) -> np.ndarray:
     """
     with np.errstate(divide="ignore"):
         nearness = 1 / np.asarray(depth_mm, dtype=float)
-    return blur_per_nearness_px(lens, pitch_um) * (nearness - focus_nearness(lens))
+    return blur_per_nearness_px(lens, pitch_um) * (nearness - (focus_nearness(lens) if in_focus is None else in_focus))
 
 
 def blur_per_nearness_px(lens: Lens, pitch_um: float) -> float:
     """D f in pixels times mm: the derivative of `blur_px` with respect to the inverse depth."""
-    return entrance_pupil_diameter_mm(lens) * lens.capture_focal_length_mm / (pitch_um * 1e-3)
+    per_nearness_px = entrance_pupil_diameter_mm(lens) * lens.capture_focal_length_mm / (pitch_um * 1e-3)
+    return per_nearness_px * max(1.0, lens.squeeze**-2)  # along the width, pupil and focal length are over the squeeze
 
 
 def focus_range_px(lens: Lens, pitch_um: float) -> tuple[float, float]:
@@ -148,7 +174,7 @@ def planar_depth_mm(depth_mm: ArrayLike, lens: Lens, capture: PixelGrid) -> np.n
 
 
 def check_depth(depth_mm: ArrayLike, lens: Lens, pitch_um: float, blur_um: float | None = None, *,
-                empty: ArrayLike = False) -> DepthCheck:
+                empty: ArrayLike = False, in_focus: ArrayLike | None = None) -> DepthCheck:
     """Compare a picture's depths with the range for which the lens's PSFs, computed for one object plane, are valid.
 
     Parameters
@@ -163,6 +189,8 @@ def check_depth(depth_mm: ArrayLike, lens: Lens, pitch_um: float, blur_um: float
         Allowed diameter of the defocus blur; one pixel pitch by default.
     empty : bool array (row, column), optional
         Pixels of the background without light, which cannot be out of focus.
+    in_focus : array (row, column), optional
+        Inverse depths in focus of a plane of focus that leans, per mm; by default that on the axis.
 
     Returns
     -------
@@ -176,15 +204,18 @@ def check_depth(depth_mm: ArrayLike, lens: Lens, pitch_um: float, blur_um: float
     depth_mm = np.asarray(depth_mm, dtype=float)
     known = ~np.isnan(depth_mm)
     visible = known & ~np.asarray(empty)
-    known_mm = depth_mm[visible if visible.any() else known]
+    counted = visible if visible.any() else known
+    known_mm = depth_mm[counted]
     if not known_mm.size:
         raise ImageError("depth", "pixels", "empty", "expected at least one pixel with a depth")
     known_mm = np.where(known_mm >= BACKGROUND_MM, np.inf, known_mm)
     blur_um = float(pitch_um if blur_um is None else blur_um)
     near_mm, far_mm = sharp_range_mm(lens, blur_um)
     outside = (known_mm < near_mm) | (known_mm > far_mm)
+    if in_focus is not None:
+        outside = np.abs(blur_px(lens, pitch_um, known_mm, np.asarray(in_focus)[counted])) > blur_um / pitch_um
     return DepthCheck(blur_um, float(near_mm), float(far_mm), float(known_mm.min()), float(known_mm.max()),
-                      float(outside.sum() / known.sum()) if visible.any() else 0.0)
+                      float(outside.sum() / known.sum()) if visible.any() else 0.0, in_focus is not None)
 
 
 def _metres(distance_mm):

@@ -13,7 +13,7 @@ from ..image.pixel_grid import PixelGrid
 from ..image.projection import FISHEYE
 from ..lens import Lens
 from ..lens.entrance_pupil import focus_nearness
-from ..rays.ray_table import RayTable
+from ..rays.grid_rays import LensRays
 from ..rays.stop_places import cell_size
 from .depth_range import blur_per_nearness_px
 from .iris import Iris, opening
@@ -54,7 +54,7 @@ class LensTables:
     stop_radius: np.ndarray
 
 
-def lens_tables(lens: Lens, rays: RayTable, frame: PixelGrid, iris: Iris | None = None,
+def lens_tables(lens: Lens, rays: LensRays, frame: PixelGrid, iris: Iris | None = None,
                 vignette: bool = False) -> LensTables:
     """The tables of a lens on a frame.
 
@@ -62,7 +62,7 @@ def lens_tables(lens: Lens, rays: RayTable, frame: PixelGrid, iris: Iris | None 
     ----------
     lens : Lens
         Its data cover `COLOURS_NM`.
-    rays : RayTable
+    rays : LensRays
         Its rays, as far out as the iris reaches.
     frame : PixelGrid
         Without overscan.
@@ -122,7 +122,7 @@ def _bokeh(lens, rays, frame, iris):
     far_px, moved_px, light, place = sample.bundles(right_px, up_px)
     chief_mm = field.at_wavelength(green_nm).source_mm(right_px * pitch_mm, up_px * pitch_mm)
     chief_px = np.stack(chief_mm, axis=-1)[:, :, None] / pitch_mm
-    aberrations_px = far_px + focus_nearness(lens) * moved_px - chief_px
+    aberrations_px = far_px + np.asarray(focus_nearness(lens, *chief_mm))[..., None, None] * moved_px - chief_px
     light = light * stop.open_share(place, cell_size(RAYS) * stop.reach)
     total = np.maximum(light.sum(axis=-1, keepdims=True), np.finfo(np.float32).tiny)
     tables = (moved_px / per_nearness_px, aberrations_px * pitch_mm / lens.capture_focal_length_mm, light / total,

@@ -78,7 +78,7 @@ def plan_meetings(layers: list[PreparedLayer], rays: RaySample, sensor: PixelGri
         here["steps"] = np.where(met, steps, -1)
         here["focused"] = met & (look.sharpest > 0)
         here["opaque"] = met & (look.clearest == 1)
-        blurs.append(_Blur(met, reach, least, most, np.clip(layer.in_focus, least, most), look))
+        blurs.append(_Blur(met, reach, least, most, np.clip(layer.in_focus_near(tiles.right, tiles.up), least, most), look))
         even += np.where(met, look.mean_light, 0)
         uncovered &= ~met | (look.clearest < OPAQUE)
         focus_behind &= ~met | (look.clearest * look.dullest < OPAQUE)

@@ -11,8 +11,7 @@ from ..image.layers import Layer
 from ..image.pixel_grid import PixelGrid
 from ..kernels.cast import LayerArrays, LevelArrays
 from ..lens import Lens
-from ..lens.entrance_pupil import focus_nearness
-from .depth_range import blur_per_nearness_px, focus_range_px, focus_share
+from .depth_range import blur_per_nearness_px, focus_in_capture, focus_range_px, focus_share
 
 NEAREST_MM = 1e-3
 SHARPER = 1 / 12  # of differences; this subtracts a variance of 1/6, that of a pixel and of a cell as large as it
@@ -30,14 +29,14 @@ class PreparedLayer:
         Inverse depth per mm, also where the layer is transparent, and the focus share, which is below 0 far from
         anything opaque.
     capture : PixelGrid
-    in_focus : float
-        Inverse depth of the plane of focus, per mm.
+    in_focus : float or array (row, column)
+        Inverse depth of the plane of focus, per mm: an array if it leans.
     """
 
     layer: Layer
     depth: np.ndarray
     capture: PixelGrid
-    in_focus: float
+    in_focus: float | np.ndarray
 
     @property
     def goes_on(self) -> tuple[bool, bool, bool, bool]:
@@ -55,6 +54,14 @@ class PreparedLayer:
         """Row and column of the axis in the layer's pixels."""
         (row, column), (top, left) = self.capture.centre_px, self.layer.origin_px
         return row - top, column - left
+
+    def in_focus_near(self, right_px: np.ndarray, up_px: np.ndarray) -> float | np.ndarray:
+        """Inverse depth in focus at the layer's pixels nearest to places relative to the axis."""
+        if np.ndim(self.in_focus) == 0:
+            return self.in_focus
+        row, column = (np.clip(np.rint(at), 0, n - 1).astype(int) for at, n in
+                       zip((self.axis_px[0] - up_px, self.axis_px[1] + right_px), self.layer.alpha.shape, strict=True))
+        return np.asarray(self.in_focus)[row, column]
 
     @cached_property
     def focused(self) -> bool:
@@ -142,7 +149,8 @@ def _prepared(layer, capture, lens):
     nearness = np.zeros(known.shape, np.float32)
     np.divide(1, np.maximum(layer.depth_mm, NEAREST_MM), out=nearness, where=known)
     nearness = filled(nearness, known)
-    in_focus = focus_nearness(lens)
+    (top, left), (rows, columns) = layer.origin_px, known.shape
+    in_focus = focus_in_capture(lens, capture, top + np.arange(rows)[:, None], left + np.arange(columns))
     blur_px = blur_per_nearness_px(lens, capture.pitch_um) * (nearness - in_focus)
     share = focus_share(blur_px, focus_range_px(lens, capture.pitch_um))
     return PreparedLayer(layer, np.stack([nearness, share], axis=-1, dtype=np.float32), capture, in_focus)

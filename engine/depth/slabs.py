@@ -13,9 +13,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..image.pixel_grid import PixelGrid
-from ..lens.entrance_pupil import focus_nearness
 from ..lens.lens import Lens
-from .depth_range import DepthCheck, blur_per_nearness_px, blur_px, check_depth, focus_range_px, focus_share
+from .depth_range import (
+    DepthCheck,
+    blur_per_nearness_px,
+    blur_px,
+    check_depth,
+    focus_in_capture,
+    focus_range_px,
+    focus_share,
+)
 
 MOST_SLABS = 12
 MOST_LOOKED = 200_000  # pixels, enough for the edges
@@ -134,10 +141,12 @@ def plan_slabs(depth_mm: ArrayLike, capture: PixelGrid, lens: Lens, *, accuracy:
     look = _look(depth_mm, light, empty, capture, lenses, overscan_px, reach)
     in_frame = np.all(look.beyond_px == 0, axis=0) & (look.empty | ~np.isnan(look.planar_mm))
     check = check_depth(np.where(look.empty, np.inf, look.planar_mm)[in_frame], lens, capture.pitch_um,
-                        empty=look.empty[in_frame]) if in_frame.any() else None
+                        empty=look.empty[in_frame], in_focus=_within(look.in_focus[0], in_frame)
+                        ) if in_frame.any() else None
     reaching_mm = look.planar_mm[look.reaching]
-    shares = [focus_share(blur_px(one, capture.pitch_um, reaching_mm), focus_range_px(one, capture.pitch_um))
-              for one in lenses]
+    shares = [focus_share(blur_px(one, capture.pitch_um, reaching_mm, _within(in_focus, look.reaching)),
+                          focus_range_px(one, capture.pitch_um))
+              for one, in_focus in zip(lenses, look.in_focus, strict=True)]
     if np.all(np.array(shares) >= 1 - accuracy):
         return SlabPlan(False, (), (look.least_px,), 0.0, 0.0, check)
     uncut = look.places(uncut_mm) + [body for body in look.places(bodies_mm) if np.ptp(body) <= DEEP_PX]
@@ -148,6 +157,11 @@ def plan_slabs(depth_mm: ArrayLike, capture: PixelGrid, lens: Lens, *, accuracy:
     margins = tuple(look.margin_px(near, far) for near, far in zip(ends[:-1], ends[1:], strict=True))
     return SlabPlan(True, tuple(look.scale / place for place in borders), margins, float(behind),
                     float(hidden * behind), check)
+
+
+def _within(in_focus, pixels):
+    """Inverse depths in focus at some pixels; None if it is the same at all pixels."""
+    return in_focus[pixels] if np.ndim(in_focus) else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,8 +185,8 @@ class _Look:
         Rows and columns of the capture between adjacent pixels of the look.
     scale : float
         Place times distance in mm.
-    far_px : (float, float)
-        Minimum and maximum blur at infinity.
+    in_focus : list of float or array
+        Inverse depth in focus of each lens: arrays if the plane of focus leans.
     least_px, most_px : (int, int)
         Rows and columns beyond the frame: with everything in focus, and in the look.
     reach : float
@@ -187,7 +201,7 @@ class _Look:
     beyond_px: np.ndarray
     step_px: np.ndarray
     scale: float
-    far_px: tuple[float, float]
+    in_focus: list[float | np.ndarray]
     least_px: tuple[int, int]
     most_px: tuple[int, int]
     reach: float
@@ -204,8 +218,9 @@ class _Look:
 
     def blur_px(self, place):
         """Largest diameter of the blur of places, as the capture shows it."""
-        return self.stretch / self.cosine * np.maximum(*(np.abs(place + far_px * self.cosine)
-                                                         for far_px in self.far_px))
+        far_px = [-self.scale * nearness for nearness in self.in_focus]  # the blur at infinity
+        return self.stretch / self.cosine * np.maximum(*(np.abs(place + bound.reduce(far_px) * self.cosine)
+                                                         for bound in (np.minimum, np.maximum)))
 
     def places(self, ranges_mm):
         """Places of ranges of distance: [(near, far)]."""
@@ -252,10 +267,10 @@ def _look(depth_mm, light, empty, capture, lenses, overscan_px, reach):
         cosine, tangent = np.cos(angle_rad), np.tan(angle_rad)
         stretch = np.maximum(capture.projection.shrinkage(tangent), capture.projection.radius(tangent)[1])
     scale = max(blur_per_nearness_px(one, capture.pitch_um) * focal_mm / one.capture_focal_length_mm for one in lenses)
-    far_px = [-scale * focus_nearness(one) for one in lenses]
+    in_focus = [focus_in_capture(one, capture, rows[:, None], columns) for one in lenses]
     beyond_px = np.array(np.meshgrid(*beyond_px, indexing="ij"))
     return _Look(planar_mm, light, empty, cosine, stretch, beyond_px, every * step_px, scale,
-                 (min(far_px), max(far_px)), tuple(map(int, overscan_px)), capture.overscan_px, reach)
+                 in_focus, tuple(map(int, overscan_px)), capture.overscan_px, reach)
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ from ..image.pixel_grid import PixelGrid
 from ..image.sampling import Sampling
 from ..kernels.cast import HeightRays, MeshRays
 from ..lens import GridLens, Lens, RadialLens
-from ..rays.ray_table import RayTable
+from ..rays.grid_rays import LensRays
 from ..runtime.memory import MemoryBudget
 from .grid.field import GridFieldMap
 from .mirror_symmetry import Planes
@@ -324,10 +324,13 @@ class FieldMap(Protocol):
     def picture_psfs(self, sampling: Sampling, most_energy: float) -> PicturePsfs:
         """The PSFs on a picture's pixels, trimmed to `most_energy` at least."""
 
-    def first_order_rays(self, reach: float) -> RayTable:
+    def first_order_rays(self, reach: float) -> LensRays:
         """The rays of a lens without aberrations except its distortion, for lenses without a prescription."""
 
-    def pixel_rays(self, table: RayTable, sensor: PixelGrid) -> PixelRays:
+    def packed_ray_values(self, count: int, wavelengths: int) -> int:
+        """Maximum number of values in the result of `PixelRays.packed`, for sets of up to this many rays."""
+
+    def pixel_rays(self, table: LensRays, sensor: PixelGrid) -> PixelRays:
         """The rays of a table from the pixels of a sensor, out to the scene."""
 
 
@@ -337,8 +340,3 @@ def field_map(lens: Lens) -> FieldMap:
         return GridFieldMap(lens)
     assert isinstance(lens, RadialLens)
     return RadialFieldMap(lens)
-
-
-def packed_ray_values(count: int, wavelengths: int) -> int:
-    """Maximum number of values in the result of `PixelRays.packed`."""
-    return packed_values(count, wavelengths)

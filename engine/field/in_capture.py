@@ -1,4 +1,4 @@
-"""Where a capture shows light, given the light's position in the ideal image of a lens."""
+"""Where a capture shows light, given the light's position in the ideal image of a lens, and the reverse."""
 
 import numpy as np
 
@@ -41,3 +41,23 @@ def in_capture(ideal_mm: tuple[np.ndarray, np.ndarray], lens: Lens,
         slopes = shrinkage * identity + (slope - shrinkage) * outwards[:, None] * outwards
     scale = np.outer(across, along).reshape(identity.shape)
     return (across[0] * shown[0], across[1] * shown[1]), scale * slopes
+
+
+def from_capture(x_mm: np.ndarray, y_mm: np.ndarray, lens: Lens, capture: PixelGrid) -> tuple[np.ndarray, np.ndarray]:
+    """Positions in a lens's ideal image of light at positions in a capture: NaN beyond 90 degrees from the axis.
+
+    Parameters
+    ----------
+    x_mm, y_mm : arrays (...), which broadcast
+    lens : Lens
+    capture : PixelGrid
+    """
+    focal_mm = capture.focal_mm or lens.capture_focal_length_mm
+    across, upwards = x_mm * (capture.squeeze / focal_mm), y_mm / focal_mm
+    if not capture.projection.is_plane:
+        radius = np.hypot(across, upwards)
+        angle_rad = capture.projection.angle_rad(radius)
+        stretch = np.divide(np.tan(np.where(angle_rad < np.pi / 2, angle_rad, np.nan)), radius,
+                            out=np.ones_like(radius), where=radius > 0)
+        across, upwards = stretch * across, stretch * upwards
+    return across * (lens.capture_focal_length_mm / lens.squeeze), upwards * lens.capture_focal_length_mm

@@ -105,8 +105,8 @@ INLINE void place(const lf_cast_of *c, const pencil *p, rays depth, rays *x, ray
 {
     *x = p->x + p->by_x * depth;
     *y = p->y + p->by_y * depth;
-    if (c->per_focal > 0) {
-        const rays right = *x * c->per_focal, up = *y * c->per_focal, part = shrunk(c, right * right + up * up);
+    if (c->per_focal_up > 0) {
+        const rays right = *x * c->per_focal_right, up = *y * c->per_focal_up, part = shrunk(c, right * right + up * up);
         *x *= part;
         *y *= part;
     }

@@ -150,8 +150,8 @@ class Casting:
     rays : HeightRays or MeshRays
     centre_px : (float, float)
         Row and column of the axis on the sensor.
-    per_focal : float
-        One over the focal length in pixels of a panoramic capture; 0 for a plane capture.
+    per_focal : (float, float)
+        One over the focal lengths to the right and up, in pixels, of a panoramic capture; 0 for a plane capture.
     shrinkage : float32 array (step,)
         Radii in a panoramic capture over those on a plane, at even steps from 0 to 1 of t / (1 + t), where t is the
         tangent of the angle from the axis.
@@ -179,7 +179,7 @@ class Casting:
 
     rays: HeightRays | MeshRays
     centre_px: tuple[float, float]
-    per_focal: float
+    per_focal: tuple[float, float]
     shrinkage: np.ndarray
     blades: np.ndarray
     blade_shape: tuple[float, float, float]
@@ -224,7 +224,7 @@ def cast(casting: Casting, row: int, blurred: np.ndarray, clear: np.ndarray) -> 
     of_eight = rays_shape(nodes * max(rows, 1), values.shape[1], casting.wavelengths)
     tile_rows, tile_columns = casting.eights.shape
     structure = CAST(address(values, np.float32, of_eight), nodes, values.shape[1], casting.wavelengths, rows,
-                     *casting.centre_px, nodes_per_px, *casting.rays.mesh, casting.per_focal,
+                     *casting.centre_px, nodes_per_px, *casting.rays.mesh, *casting.per_focal,
                      address(casting.shrinkage, np.float32), len(casting.shrinkage) - 1,
                      address(casting.blades, np.float32), len(casting.blades), *casting.blade_shape,
                      casting.cell_of_eight, addressof(layers), len(layers),

@@ -243,7 +243,7 @@ typedef struct {
                              are relative to */
     int64_t finer;        /* times as many of its nodes in a pixel, along an axis */
     int32_t mirrored_right, mirrored_up; /* whether pixels on the left, or below, have the mirror images of its rays */
-    float per_focal;      /* one over a panoramic capture's focal length in pixels; 0 for a plane capture */
+    float per_focal_right, per_focal_up; /* one over a panoramic capture's focal lengths in pixels; 0 for a plane capture */
     const float *shrinkage; /* radii in a panoramic capture over those on a plane, at even steps from 0 to 1 of
                                t / (1 + t), where t is the tangent of the angle from the axis */
     int64_t shrinkage_steps;

@@ -154,8 +154,9 @@ def _moved(places, depth, casting):
     """Positions of rays at an inverse depth: pixels to the right of the axis, and up."""
     far_x, far_y, by_x, by_y = places
     x, y = far_x + by_x * depth, far_y + by_y * depth
-    if casting.per_focal > 0:
-        tangent, last = np.hypot(x, y) * np.float32(casting.per_focal), np.float32(len(casting.shrinkage) - 1)
+    right, up = map(np.float32, casting.per_focal)
+    if up > 0:
+        tangent, last = np.hypot(x * right, y * up), np.float32(len(casting.shrinkage) - 1)
         step = np.fmin(tangent / (1 + tangent) * last, last)  # last for an infinite tangent
         before = np.minimum(step, last - 1).astype(np.int32)
         part = _between(casting.shrinkage[before], casting.shrinkage[before + 1], step - before.astype(np.float32))

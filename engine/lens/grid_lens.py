@@ -68,6 +68,13 @@ class GridLens(Lens):
         """See `Lens`."""
         return int(np.argmin(np.abs(self.y_mm))), int(np.argmin(np.abs(self.x_mm)))
 
+    @property
+    def inverted_ends_mm(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Ends of the nodes' y, and x, in the image as formed by the lens, upside down; from 0 along a mirrored axis."""
+        y_mm, x_mm = ((0.0, float(places[-1])) if mirrored else (-float(places[-1]), -float(places[0]))
+                      for places, mirrored in zip((self.y_mm, self.x_mm), self.mirrored, strict=True))
+        return y_mm, x_mm
+
     def at_wavelength(self, wavelength_nm: float) -> "MonochromaticGrid":
         """Lens data for one wavelength, interpolated as by `RadialLens.at_wavelength`.
 

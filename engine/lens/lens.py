@@ -140,6 +140,12 @@ class Lens(Value):
         return 1.0
 
     @property
+    def focus_slope(self) -> tuple[float, float]:
+        """Rise of the inverse depth in focus, in 1/mm, with x and y of the ideal image, in mm: 0 unless the plane of
+        focus leans."""
+        return 0.0, 0.0
+
+    @property
     def capture_focal_length_mm(self) -> float:
         """Image height over tangent of the object-side chief-ray angle: the pinhole camera with this lens's view.
 

@@ -23,6 +23,7 @@ from .ray_table import (
     MARGIN_TO_WEIGHT,
     PATH,
     WAVELENGTHS_NM,
+    RayTable,
     SensorRays,
     light_within_rims,
     missed_um,
@@ -180,7 +181,7 @@ def _over_stop(radius, azimuth_rad, radii, azimuths):
          np.arange(0, 16 * radius.size + 1, 16)), shape=(radius.size, radii * azimuths))
 
 
-def grid_ray_table(prescription: Prescription, x_mm: tuple[float, float], y_mm: tuple[float, float],
+def grid_ray_table(prescription: Prescription, y_mm: tuple[float, float], x_mm: tuple[float, float],
                    mirrored: tuple[bool, bool], wavelengths_nm: Sequence[float] | np.ndarray = WAVELENGTHS_NM,
                    reach: float = 1.0, *, sketch: bool = False) -> GridRayTable:
     """Trace the ray table of a lens, at its focus and widest stop.
@@ -188,8 +189,8 @@ def grid_ray_table(prescription: Prescription, x_mm: tuple[float, float], y_mm: 
     Parameters
     ----------
     prescription : Prescription
-    x_mm, y_mm : (float, float)
-        Ends of the field, in the image as formed by the lens; only the last along a mirrored axis.
+    y_mm, x_mm : (float, float)
+        Ends of the field, in the image as formed by the lens; 0 and the last along a mirrored axis.
     mirrored : (bool, bool)
         Whether the field's halves along y, and along x, are mirror images.
     wavelengths_nm : sequence of float
@@ -205,15 +206,24 @@ def grid_ray_table(prescription: Prescription, x_mm: tuple[float, float], y_mm: 
         A prescription that cannot be traced.
     """
     system, wavelengths_nm = build_system(prescription), np.asarray(wavelengths_nm, dtype=float)
-    places, azimuths = (SKETCHED_PLACES, SKETCHED_AZIMUTHS) if sketch else (PLACES, AZIMUTHS)
-    axes_mm = [_places_mm(ends_mm, of_axis, places) for ends_mm, of_axis in zip((y_mm, x_mm), mirrored, strict=True)]
-    values = _trace(system, axes_mm, wavelengths_nm, SKETCHED_RADII if sketch else RADII, azimuths, reach)
+    axes_mm = table_axes(y_mm, x_mm, mirrored, SKETCHED_PLACES if sketch else PLACES)
+    values = _trace(system, axes_mm, wavelengths_nm,
+                    table_pupil(SKETCHED_RADII, SKETCHED_AZIMUTHS) if sketch else table_pupil(), reach)
     if not sketch and missed_um(values, system) > FINE_UM:
-        values = _trace(system, axes_mm, wavelengths_nm, FINER_RADII, azimuths, reach)
-    ends_mm = [(0.0 if of_axis else float(each[0]), float(each[-1])) for each, of_axis in
-               zip((y_mm, x_mm), mirrored, strict=True)]
-    return GridRayTable(prescription.name, wavelengths_nm, *ends_mm, mirrored, system.entrance_pupil_mm,
+        values = _trace(system, axes_mm, wavelengths_nm, table_pupil(FINER_RADII), reach)
+    return GridRayTable(prescription.name, wavelengths_nm, y_mm, x_mm, mirrored, system.entrance_pupil_mm,
                         grid_coefficients(values, mirrored).astype(np.float32), reach)
+
+
+def table_axes(y_mm: tuple[float, float], x_mm: tuple[float, float], mirrored: tuple[bool, bool],
+               places: int = PLACES) -> list[np.ndarray]:
+    """y (row,) and x (column,) of a table's places between the ends of the field."""
+    return [_places_mm(*each, places) for each in zip((y_mm, x_mm), mirrored, strict=True)]
+
+
+def table_pupil(radii: int = RADII, azimuths: int = AZIMUTHS) -> Pupil:
+    """The rays of a place in a table."""
+    return Pupil(np.sin(np.pi / 2 * np.linspace(0, 1, radii)), 2 * np.pi / azimuths * np.arange(azimuths))
 
 
 def _places_mm(ends_mm, mirrored, count):
@@ -225,9 +235,8 @@ def _places_mm(ends_mm, mirrored, count):
     return (first_mm + last_mm) / 2 + (last_mm - first_mm) / 2 * across
 
 
-def _trace(system: System, axes_mm, wavelengths_nm, radii, azimuths, reach):
+def _trace(system: System, axes_mm, wavelengths_nm, pupil, reach):
     """Quantities of the table's rays: array (quantity, wavelength, row, column, radius, azimuth)."""
-    pupil = Pupil(np.sin(np.pi / 2 * np.linspace(0, 1, radii)), 2 * np.pi / azimuths * np.arange(azimuths))
     x_mm, y_mm = (reach * system.stop_semi_aperture_mm * each.ravel() for each in (pupil.x, pupil.y))
     row_mm, column_mm = np.meshgrid(*axes_mm, indexing="ij")
     places_mm = np.stack([[0.0, *column_mm.ravel()], [0.0, *row_mm.ravel()]])  # the first is on the axis
@@ -282,3 +291,7 @@ def grid_coefficients(values: np.ndarray, mirrored: tuple[bool, bool]) -> np.nda
         values = np.moveaxis(np.tensordot(over_places, values, 1), 0, axis)
     return np.einsum("ks,la,qwijsa->wijklq", spline_matrix(radii, FREE, EVEN), periodic_spline_matrix(azimuths), values,
                      optimize=True)
+
+
+LensRays = RayTable | GridRayTable
+"""The table of a lens's rays."""

@@ -53,7 +53,7 @@ class ChannelCache:
         ImageError, InputError, LensError
             As `make_plan`, and if there is not enough memory.
         """
-        sampling, casting = radiance.sampling, casting_bytes(radiance, options.most_of_lamps)
+        sampling, casting = radiance.sampling, casting_bytes(radiance, lens, options.most_of_lamps)
         casting += splitting_bytes(math.prod(sampling.grid.shape_px), radiance.detail_times)
         spared = in_place or in_file(radiance.light)
         irradiance = 0 if spared else SAMPLE_BYTES * len(sampling.wavelengths_nm) * math.prod(sampling.grid.frame_px)

@@ -51,7 +51,7 @@ def simulate(radiance: Radiance, lens: Lens, options: Options = BY_RESULT, *,
         Caches the data that frames of an animation share.
     out : float32 array (wavelength, row, column) of the frame, optional
         Array for the irradiance. It may be part of `radiance.cube`, because wavelengths are processed in order.
-    rays : callable (lens, reach) -> RayTable
+    rays : callable (lens, reach) -> LensRays
         Traces the lens's rays for out-of-focus light; `sketched_rays` for coarse pixels.
 
     Returns

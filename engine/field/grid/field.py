@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NoReturn
 
 import numpy as np
 import scipy
@@ -17,12 +16,13 @@ from ..in_capture import in_capture
 from ..mirror_symmetry import Planes
 from ..psf_samples import psf_radius_px, telling_wavelengths
 from .capture import overscan_px, reach_px
+from .first_order import first_order_rays
 from .geometry import FieldEnd, GridGeometry, SplineFit
 from .ideal_image import GridIdealImage
 from .layout import GridLayout
 from .node_psfs import NodePsfs, Part, PlacedPsfs
 from .nodes import PlaneNodes
-from .pencils import PixelRays
+from .pencils import PixelRays, packed_values
 from .picture_psfs import PicturePsfs
 from .psf_table import PsfTables
 from .uniform_light import picture_illumination
@@ -150,8 +150,11 @@ class GridFieldMap:
     def picture_psfs(self, sampling: Sampling, most_energy: float) -> PicturePsfs:
         return PicturePsfs(self.lens, sampling, most_energy)
 
-    def first_order_rays(self, reach: float) -> NoReturn:
-        raise NotImplementedError
+    def first_order_rays(self, reach: float) -> GridRayTable:
+        return first_order_rays(self.lens, reach)
+
+    def packed_ray_values(self, count: int, wavelengths: int) -> int:
+        return packed_values(self.lens.mirrored, count, wavelengths)
 
     def pixel_rays(self, table: GridRayTable, sensor: PixelGrid) -> PixelRays:
         return PixelRays(table, sensor)

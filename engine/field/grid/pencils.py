@@ -1,5 +1,6 @@
 """The rays of each pixel: even samples of the stop, from the nodes of an even mesh over the sensor."""
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -10,7 +11,7 @@ import numpy as np
 from ...image.pixel_grid import PixelGrid
 from ...kernels.cast import MeshRays, rays_shape
 from ...rays.grid_rays import GridRayTable
-from ...rays.stop_places import cell_size, stop_places
+from ...rays.stop_places import SQUARES, cell_size, stop_places
 from ..ray_blur import DEPTHS, PORTION, Tiles, area_px, blur_shapes, cells_inside, in_eights, tangents
 
 STEPS = 20  # of the mesh from the axis to the farthest corner: rays are interpolated linearly between its nodes,
@@ -286,6 +287,13 @@ def _far_px(bundles, sensor, focal_mm):
 def _flat(values):
     """float32 array (..., node, ray) of values (..., row, column, ray)."""
     return values.reshape(*values.shape[:-3], -1, values.shape[-1]).astype(np.float32)
+
+
+def packed_values(mirrored: tuple[bool, bool], count: int, wavelengths: int) -> int:
+    """Maximum number of values in the rays that `PixelRays.packed` returns, for sets of up to this many rays."""
+    half = STEPS / np.sqrt(2)  # of a square, which has the largest area of all sensors with its diagonal
+    nodes = math.prod(math.ceil(half if of_axis else 2 * half) + 1 for of_axis in mirrored)
+    return math.prod(rays_shape(nodes, sum(each for each in SQUARES if each <= count) // 8, wavelengths))
 
 
 class PixelRays:

@@ -17,7 +17,7 @@ from .distortion import FieldGeometry, PolynomialFit, squeeze
 from .first_order import first_order_rays
 from .ideal_image import RadialIdealImage
 from .layout import RadialLayout
-from .pencils import PixelRays
+from .pencils import PixelRays, packed_values
 from .picture_psfs import PicturePsfs
 from .psf_bank import PlacedPsfs, PsfBank
 from .psf_table import PsfTables
@@ -139,6 +139,9 @@ class RadialFieldMap:
 
     def first_order_rays(self, reach: float) -> RayTable:
         return first_order_rays(self.lens, reach)
+
+    def packed_ray_values(self, count: int, wavelengths: int) -> int:
+        return packed_values(count, wavelengths)
 
     def pixel_rays(self, table: RayTable, sensor: PixelGrid) -> PixelRays:
         return PixelRays(table, sensor)

@@ -454,4 +454,4 @@ def test_casting_uses_the_estimated_memory(lens, count, rays):
         del view
     used = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert used < 1.3 * casting_bytes(scene, rays) < 1.3**2 * used
+    assert used < 1.3 * casting_bytes(scene, lens, rays) < 1.3**2 * used
