@@ -63,10 +63,11 @@ def bake_grid(system: System, quality: Quality, wavelengths_nm: np.ndarray, pitc
     needed_um = needed_width_um(_survey(system, view, nodes.inside_mm, _few_nm(wavelengths_nm)))
     samples = samples or picture_samples(needed_um, sensor_mm(system), quality)
     sample_um = pitch_um or pitch_for_um(needed_um, samples)
-    tables = _Tables(system, view, nodes, quality, wavelengths_nm, sample_um, samples)
-    in_threads(tables.compute, -(-nodes.within.size // AT_ONCE), workers, progress)
+    points = find_fields(system, view, nodes.inside_mm, traced_nm(wavelengths_nm, quality.traced))
+    tables = _tables(system, view, points, wavelengths_nm, (sample_um, samples), quality, workers, progress)
+    _check_light(system, nodes, tables.area)
     notes = limit_notes(system.prescription.notes, tables.fringes.max(), BETWEEN, between, quality)
-    return _lens(system, view, nodes, tables, notes)
+    return _lens(system, view, nodes, tables, wavelengths_nm, sample_um, _reference_area(system, view, quality), notes)
 
 
 def _few_nm(wavelengths_nm):
@@ -104,76 +105,93 @@ def _survey(system, view, places_mm, wavelengths_nm):
     return wavefronts_of(system, trace_fields(system, view, points, PUPIL))
 
 
-class _Tables:
-    """The tables over wavelengths and nodes, which are computed in steps.
+@dataclass(frozen=True, eq=False)
+class Tables:
+    """Tables over wavelengths and nodes.
 
     Attributes
     ----------
-    points : FieldPoints
     area, flux : arrays (wavelength, node)
         Irradiance under uniform radiance, in sr: the area in direction cosines of the bundle at the image point; and
         the light that an element of the object sends through the lens, over the element's image area by chief rays.
-    psf : array (wavelength, node, v, u)
-        As shares of all light, in the upright picture.
+    psf : float32 array (wavelength, node, v, u)
+        Of unit sum, in the upright picture.
+    energy : array (wavelength, node)
+        Share of the light in the window.
     fringes : array (node,)
+        Number of the finest fringes in a sample.
     """
 
-    def __init__(self, system, view, nodes: Nodes, quality: Quality, wavelengths_nm, pitch_um, samples):
-        self._system, self._view, self._quality = system, view, quality
-        self._pitch_um, self._samples, self._pupil = pitch_um, samples, quality.full_pupil
-        self.points = find_fields(system, view, nodes.inside_mm, wavelengths_nm)
-        self._traced = find_fields(system, view, nodes.inside_mm, traced_nm(wavelengths_nm, quality.traced))
-        shape = wavelengths_nm.size, nodes.within.size
-        self.area, self.flux, self.fringes = np.empty(shape), np.empty(shape), np.empty(shape[1])
-        self.psf = np.zeros((*shape, samples, samples), np.float32)
-        self.energy = np.zeros(shape)
-
-    def compute(self, step, stopped):
-        """Compute the tables of some nodes."""
-        nodes = slice(step * AT_ONCE, (step + 1) * AT_ONCE)
-        traced = wavefronts_of(self._system, trace_fields(self._system, self._view, self._traced.at(nodes),
-                                                          self._pupil))
-        self._illuminate(nodes, traced)
-        wavefronts = traced.at(self.points.wavelengths_nm)
-        for number, node in enumerate(range(*nodes.indices(self.fringes.size))):
-            psf, self.fringes[node] = psfs_of(traced, wavefronts, number, self._pitch_um, self._samples, self._quality,
-                                              stopped)
-            self.energy[:, node] = psf.sum(axis=(1, 2))
-            self.psf[:, node] = psf[:, ::-1, ::-1] / self.energy[:, node, None, None]
-
-    def _illuminate(self, nodes, traced: Wavefronts):
-        area, source_area = traced.areas(*self._quality.edges)
-        weights = polynomial_weights(1e3 / traced.wavelengths_nm, 1e3 / self.points.wavelengths_nm)
-        (a, b), (c, d) = self._traced.change[..., nodes]
-        self.area[:, nodes] = weights @ area
-        self.flux[:, nodes] = weights @ (source_area * np.abs(a * d - b * c))
+    area: np.ndarray
+    flux: np.ndarray
+    psf: np.ndarray
+    energy: np.ndarray
+    fringes: np.ndarray
 
 
-def _lens(system: System, view: View, nodes: Nodes, tables: _Tables, notes):
-    """The `GridLens` with the baked tables."""
-    prescription, shape = system.prescription, (-1, *nodes.shape)
-    middle = int(np.argmin(np.hypot(*nodes.place_mm)))
-    area, flux, reference_area = tables.area, tables.flux, _reference_area(system, view, tables._quality)
-    per_tangent = _focal_length_mm(system) / np.array([system.squeeze, 1.0])
-    beyond = np.einsum("ijwn,jn->iwn", tables.points.change, nodes.place_mm - nodes.inside_mm)
-    source_mm = -np.moveaxis(tables.points.tangent + beyond, 0, -1) * per_tangent
-    dark = np.argwhere(area <= 0)
+def _tables(system, view, points: FieldPoints, wavelengths_nm, window, quality: Quality, workers, progress) -> Tables:
+    """The tables at all wavelengths, from the rays of the traced ones, in a window of this pitch and samples."""
+    nodes, (pitch_um, samples) = points.lost.shape[1], window
+    tables = Tables(*np.zeros((2, wavelengths_nm.size, nodes)),
+                    np.zeros((wavelengths_nm.size, nodes, samples, samples), np.float32),
+                    np.zeros((wavelengths_nm.size, nodes)), np.zeros(nodes))
+
+    def compute(step, stopped):
+        some = slice(step * AT_ONCE, (step + 1) * AT_ONCE)
+        traced = wavefronts_of(system, trace_fields(system, view, points.at(some), quality.full_pupil))
+        tables.area[:, some], tables.flux[:, some] = _illumination(points.at(some), traced, wavelengths_nm, quality)
+        wavefronts = traced.at(wavelengths_nm)
+        for number, node in enumerate(range(*some.indices(nodes))):
+            psf, tables.fringes[node] = psfs_of(traced, wavefronts, number, pitch_um, samples, quality, stopped)
+            tables.energy[:, node] = energy = psf.sum(axis=(1, 2))
+            tables.psf[:, node] = psf[:, ::-1, ::-1] / np.maximum(energy, np.finfo(float).tiny)[:, None, None]
+
+    in_threads(compute, -(-nodes // AT_ONCE), workers, progress)
+    return tables
+
+
+def _illumination(points: FieldPoints, traced: Wavefronts, wavelengths_nm, quality: Quality):
+    """`Tables.area` and `Tables.flux`: array (2, wavelength, node)."""
+    area, source_area = traced.areas(*quality.edges)
+    (x_by_x, x_by_y), (y_by_x, y_by_y) = points.change
+    flux = source_area * np.abs(x_by_x * y_by_y - x_by_y * y_by_x)
+    return polynomial_weights(1e3 / traced.wavelengths_nm, 1e3 / wavelengths_nm) @ np.stack([area, flux])
+
+
+def _check_light(system, nodes: Nodes, area):
+    dark = np.flatnonzero(np.any(area <= 0, axis=0))
     if dark.size:
-        raise _dark(system, nodes.inside_mm[:, dark[0, 1]])
+        raise LensError(system.prescription.name, "field", f"dark at {np.hypot(*nodes.inside_mm[:, dark[0]]):.4g} mm "
+                        "from the middle", "no light passes the apertures here: reduce the field")
+
+
+def _lens(system: System, view: View, nodes: Nodes, tables: Tables, wavelengths_nm, pitch_um, reference_area, notes):
+    """The `GridLens` with the baked tables."""
+    prescription, shape, area = system.prescription, (-1, *nodes.shape), tables.area
+    middle_area = area[:, np.argmin(np.hypot(*nodes.place_mm)), None]
+    per_tangent = _focal_length_mm(system) / np.array([system.squeeze, 1.0])
     return GridLens(
         name=prescription.name, maker=prescription.maker, story=prescription.story, source=prescription.source,
         notes=notes, efl_mm=system.efl_mm, magnification=system.magnification,
         f_number_effective=0.5 / np.sqrt(reference_area / np.pi), object_distance_mm=prescription.object_distance_mm,
         entrance_pupil_mm=system.entrance_pupil_mm, sensor_mm=sensor_mm(system),
-        reference_wavelength_nm=prescription.reference_wavelength_nm, wavelengths_nm=tables.points.wavelengths_nm,
+        reference_wavelength_nm=prescription.reference_wavelength_nm, wavelengths_nm=wavelengths_nm,
         y_mm=nodes.lines_mm[0], x_mm=nodes.lines_mm[1], mirrored=mirrored(prescription),
-        source_mm=source_mm.reshape(*shape, 2), within=nodes.within.reshape(nodes.shape), squeeze=system.squeeze,
-        focus_slope=tuple(-view.lean / per_tangent),
-        relative_illumination=(area / area[:, middle, None]).reshape(shape),
-        psf=tables.psf.reshape(*shape, *tables.psf.shape[2:]), psf_pitch_um=tables._pitch_um,
+        source_mm=(_source_tangent(system, view, nodes, wavelengths_nm) * per_tangent).reshape(*shape, 2),
+        within=nodes.within.reshape(nodes.shape), squeeze=system.squeeze, focus_slope=tuple(-view.lean / per_tangent),
+        relative_illumination=(area / middle_area).reshape(shape),
+        psf=tables.psf.reshape(*shape, *tables.psf.shape[2:]), psf_pitch_um=pitch_um,
         enclosed_energy=np.minimum(tables.energy, 1).reshape(shape),
-        transmittance=system.transmittance(tables.points.wavelengths_nm),
-        point_flux=(flux / area * area[:, middle, None] / reference_area).reshape(shape))
+        transmittance=system.transmittance(wavelengths_nm),
+        point_flux=(tables.flux / area * middle_area / reference_area).reshape(shape))
+
+
+def _source_tangent(system, view, nodes, wavelengths_nm):
+    """Tangents of the light that lands at nodes, in the upright picture; linear beyond the end of the field: array
+    (wavelength, node, 2)."""
+    points = find_fields(system, view, nodes.inside_mm, wavelengths_nm)
+    beyond = np.einsum("ijwn,jn->iwn", points.change, nodes.place_mm - nodes.inside_mm)
+    return -np.moveaxis(points.tangent + beyond, 0, -1)
 
 
 def _focal_length_mm(system):
@@ -188,8 +206,3 @@ def _reference_area(system, view, quality: Quality):
     points = find_fields(system, view, np.zeros((2, 1)), [system.prescription.reference_wavelength_nm])
     traced = wavefronts_of(system, trace_fields(system, view, points, quality.full_pupil))
     return traced.areas(*quality.edges)[0][0, 0]
-
-
-def _dark(system, place_mm):
-    return LensError(system.prescription.name, "field", f"at {np.hypot(*place_mm):.4g} mm from the axis",
-                     "no light passes the apertures here: reduce the field")
