@@ -34,6 +34,7 @@ from .rays import Pupil
 from .splines import EVEN, FREE, even_place, periodic_spline_matrix, spline_matrix, splines
 from .trace import trace_both_ways
 
+MARGIN = slice(4, 5)  # of the table's quantities
 PLACES, AZIMUTHS = 9, 32  # places from the middle of the field to its end, in x and in y
 RADII, FINER_RADII, SKETCHED_RADII = 17, 33, 13
 SKETCHED_PLACES, SKETCHED_AZIMUTHS = 5, 24
@@ -111,6 +112,10 @@ class GridRayTable(Value):
         """
         return sensor_rays(self._values(x_mm, y_mm, stop, slice(None)), 1.0, 0.0, np.hypot(*stop))
 
+    def surface_margin(self, x_mm: np.ndarray, y_mm: np.ndarray, stop: np.ndarray) -> np.ndarray:
+        """`SensorRays.surface_margin` of `bundles`, in a fraction of the time."""
+        return self._values(x_mm, y_mm, stop, MARGIN)[0]
+
     def irradiance_per_radiance(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
         """Irradiance at a mesh of places under uniform radiance: array (wavelength, row, column), in sr.
 
@@ -144,9 +149,9 @@ class GridRayTable(Value):
         over_stop = _over_stop(np.hypot(*stop) / self.reach, np.arctan2(*stop), radii, azimuths)
         values = []
         for table in self.coefficients[..., quantities]:
-            at_places = np.einsum("yr,xc,rcsaq->saqyx", rows, columns, table, optimize=True)
-            of_rays = over_stop @ at_places.reshape(radii * azimuths, -1)
-            values.append(of_rays.reshape(stop.shape[1], -1, len(y_mm), len(x_mm)).transpose(1, 2, 3, 0))
+            of_rays = over_stop @ table.transpose(2, 3, 4, 0, 1).reshape(radii * azimuths, -1)
+            at_rows = rows @ of_rays.reshape(stop.shape[1], -1, *table.shape[:2])
+            values.append((at_rows @ columns.T).transpose(1, 2, 3, 0))
         return np.stack(values, axis=1)
 
 

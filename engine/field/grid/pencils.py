@@ -261,7 +261,7 @@ def _pencils(table: GridRayTable, sensor: PixelGrid, mesh: Mesh, focal_mm: float
     """The rays of a sensor's pixels at the nodes of a mesh, at the table's wavelengths."""
     places_mm, stop = _places_mm(mesh, sensor), reach * stop_places(count)[:, part]
     bundles = table.bundles(*places_mm, stop)
-    inside = cells_inside(lambda place: table.bundles(*places_mm, place).surface_margin, stop, bundles.surface_margin,
+    inside = cells_inside(lambda place: table.surface_margin(*places_mm, place), stop, bundles.surface_margin,
                           reach * cell_size(count))
     quantities = (_far_px(bundles, sensor, focal_mm), bundles.entrance_mm * _to_px(sensor, focal_mm), inside,
                   bundles.weight)
