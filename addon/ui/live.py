@@ -26,11 +26,10 @@ from ...engine.image.pixel_grid import PixelGrid
 from ...engine.lens.entrance_pupil import focus_nearness
 from ...engine.lens.pinhole import fitting_pitch_um
 from ...engine.library.rays import lens_rays
-from ...engine.runtime.errors import InputError, one_line
+from ...engine.runtime.errors import InputError, LensError, one_line
 from ...engine.runtime.files import stamp_of
 from ..job.named_files import check_named_files
 from ..scene.camera import check_camera, frame_px, shift_px, size_for_view
-from ..scene.errors import SceneError
 from ..scene.focus import Focus, focus_now
 from ..scene.lens_cache import lens_on_sensor, load_lens, scaled_lens
 from ..scene.lens_facts import lens_facts
@@ -45,6 +44,7 @@ from .text_wrap import draw_wrapped
 
 TICK_S = 0.05
 QUALITY = "preview"
+ONLY_RADIAL = "Live and Quick Look show no others: use Preview"
 ONLY_SOLID = "Live shows a panoramic camera in Solid viewports only"
 NO_DEPTH = "Live shows no defocus: turn on Viewport Overlays to give this viewport its depth"
 
@@ -179,14 +179,6 @@ def _tick():
     return None
 
 
-def check_radial(scene, at_rest, view):
-    """Raise a SceneError if a scene's lens is not rotationally symmetric; `view` is the name of what shows only those.
-    """
-    if not at_rest.radial:
-        raise SceneError(f"scene {scene.name!r}", "lens", scene.lensfield.lens_text(),
-                         f"{view} shows rotationally symmetric lenses only: use Preview")
-
-
 def frame_question(scene, at_rest):
     """Everything that a scene's Frame depends on: hashable arguments of `read_frame`.
 
@@ -222,8 +214,11 @@ def read_frame(name, stamp, rings, focal_mm, sensor_mm, shape_px, right_up_px, i
 
 
 def frame_lens(name, rings, focal_mm, sensor_mm):
-    """The Lens of these arguments of `read_frame`."""
-    lens = load_lens(name, lens_facts(name, rings, focal_mm).rings, QUALITY, wavelengths_nm=COLOURS_NM)
+    """The Lens of these arguments of `read_frame`, if it is rotationally symmetric."""
+    facts = lens_facts(name, rings, focal_mm)
+    if not facts.radial:  # before the bake
+        raise LensError(str(name), "lens", "not rotationally symmetric", ONLY_RADIAL)
+    lens = load_lens(name, facts.rings, QUALITY, wavelengths_nm=COLOURS_NM)
     if focal_mm is not None:
         return scaled_lens(lens, focal_mm / lens.capture_focal_length_mm, sensor_mm)
     return lens_on_sensor(lens, sensor_mm) if sensor_mm else lens
@@ -261,7 +256,6 @@ def _draw_frame(live, scene, space, view, region):
     if at_rest is None:
         _wait(live)
         return
-    check_radial(scene, at_rest, "Live")
     frame = _newest(live, frame_question(scene, at_rest))
     if frame is None:
         return

@@ -25,7 +25,7 @@ from ..scene.quick_look import NAME, new_quick_look, set_lens
 from ..scene.requirements import check_scene
 from ..scene.units import mm_per_unit
 from .lens_at_rest import facts_at_rest
-from .live import check_radial, frame_lens, frame_question
+from .live import frame_lens, frame_question
 from .properties import lens_title
 
 CHECK_S = 1.0
@@ -73,9 +73,7 @@ def add_quick_look(scene):
     """
     check_named_files()
     _check(scene)
-    at_rest = facts_at_rest(scene, None)
-    check_radial(scene, at_rest, NAME)
-    question = quick_look_question(scene, at_rest)
+    question = quick_look_question(scene, facts_at_rest(scene, None))
     answer = read_curves(*question)
     for layer in scene.view_layers:
         layer.use_pass_z = layer.use_pass_z or layer.use
@@ -95,7 +93,6 @@ def follow(scene, wait=False):
         at_rest = facts_at_rest(scene, None if wait else 0.0)
         if at_rest is None:
             return
-        check_radial(scene, at_rest, NAME)
         question = quick_look_question(scene, at_rest)
         if node.node_tree[QUICK_LOOK] != _state(scene, question):
             answer = _answer(scene, question)

@@ -13,7 +13,7 @@ from ..lens.radial_lens import RadialLens
 from ..rays.aiming import broyden_steps
 from ..rays.ray_table import RayTable
 from ..rays.rings import in_metres
-from ..runtime.errors import InputError
+from ..runtime.errors import InputError, LensError
 from .diffraction import point_spread
 from .quality import QUALITIES, Quality
 from .sampling import LEAST_SAMPLES
@@ -116,9 +116,12 @@ def lens_at_depth(lens: RadialLens, rays: RayTable, depth_mm: float) -> RadialLe
     Raises
     ------
     InputError, LensError
-        As `psf_at_depth`.
+        As `psf_at_depth`; or a lens that is not rotationally symmetric.
     """
     _check_depth(depth_mm)
+    if not isinstance(lens, RadialLens):
+        raise LensError(lens.name, "depth", in_metres(depth_mm), "only rotationally symmetric lenses have PSFs of points "
+                        "out of focus: leave it out")
     fineness = QUALITIES["standard"]
     heights, wavelengths = (np.unique(np.rint(np.linspace(0, size - 1, most)).astype(int)) for size, most in
                             ((lens.heights_mm.size, MOST_HEIGHTS), (lens.wavelengths_nm.size, MOST_WAVELENGTHS)))

@@ -8,6 +8,7 @@ from laid_images import lay, render_composite
 from lensfield import addon
 from lensfield.addon.scene.compositor import QUICK_LOOK, compositing_tree, scene_node
 from lensfield.addon.scene.quick_look import new_quick_look, set_lens
+from lensfield.addon.ui.quick_look import follow
 from lensfield.engine import load_lens
 from lensfield.engine.depth.depth_range import blur_per_nearness_px
 from lensfield.engine.depth.iris import Iris, opening
@@ -238,3 +239,12 @@ def test_a_scene_that_no_lens_can_replace_is_refused_and_unchanged(lit_scene):
     with pytest.raises(RuntimeError, match="type: ORTHO|type is ORTHO"):
         bpy.ops.lensfield.quick_look()
     assert links(lit_scene) == before and scene_node(lit_scene, QUICK_LOOK) is None
+
+
+def test_a_lens_without_rotational_symmetry_is_refused_and_its_node_says_why(lit_scene):
+    bpy.ops.lensfield.quick_look()
+    lit_scene.lensfield.copy = 7
+    with pytest.raises(RuntimeError, match="lens.* not rotationally symmetric: .*: use Preview"):
+        bpy.ops.lensfield.quick_look()
+    follow(lit_scene, wait=True)
+    assert "not rotationally symmetric" in scene_node(lit_scene, QUICK_LOOK).label

@@ -1,9 +1,12 @@
 """The asset library of the lenses, on two of them."""
 
+from dataclasses import replace
+
 import bpy
 import pytest
 
 from lensfield.addon.scene.compositor import QUICK_LOOK
+from lensfield.addon.scene.lens_facts import lens_facts
 from lensfield.addon.ui import lens_assets
 from lensfield.engine.library import described_lenses
 
@@ -38,3 +41,14 @@ def test_each_lens_becomes_a_node_group_with_picture_story_and_tags(scene, tmp_p
 def test_a_missing_folder_is_refused(scene, tmp_path):
     with pytest.raises(RuntimeError, match="choose an existing folder"):
         bpy.ops.lensfield.write_lens_assets(directory=str(tmp_path / "missing"))
+
+
+def test_lenses_that_quick_look_does_not_show_are_left_out_and_named(scene, tmp_path, two_lenses, monkeypatch):
+    monkeypatch.setattr(lens_assets, "lens_facts", lambda name: replace(lens_facts(name), radial=name == "tessar-50mm"))
+    steps = lens_assets.lens_asset_steps(tmp_path)
+    with pytest.raises(StopIteration) as finished:
+        while next(steps):
+            pass
+    assert finished.value.value == [two_lenses["cooke-triplet-50mm"].title]
+    with bpy.data.libraries.load(str(tmp_path / lens_assets.FILE), assets_only=True) as (available, _):
+        assert list(available.node_groups) == [two_lenses["tessar-50mm"].title]

@@ -10,6 +10,7 @@ from lensfield.addon.ui import live
 from lensfield.addon.ui.lens_at_rest import facts_at_rest
 from lensfield.addon.ui.lens_view import SAMPLERS, SOURCES, VALUES, View
 from lensfield.addon.ui.session import session
+from lensfield.engine import LensError
 from lensfield.engine.depth.iris import Iris
 from lensfield.engine.rays.rings import Rings
 from waiting import LAST_RESORT_S
@@ -107,6 +108,14 @@ def test_the_blur_is_that_of_the_lens_at_its_focus(live_scene):
     focus, first = frame_of(live_scene).focus, focus_now(live_scene, facts_at_rest(live_scene, LAST_RESORT_S))
     assert focus.focus_m == pytest.approx(1.5, rel=1e-3)
     assert 0.85 * first.blur_px_m < focus.blur_px_m < 0.97 * first.blur_px_m
+
+
+@pytest.mark.parametrize("setting, value", [("copy", 7), ("tilt_deg", (0.07, 0.0))])
+def test_a_lens_without_rotational_symmetry_is_refused_before_its_bake(live_scene, monkeypatch, setting, value):
+    monkeypatch.setattr(live, "load_lens", lambda *_, **__: pytest.fail("baked"))
+    setattr(live_scene.lensfield, setting, value)
+    with pytest.raises(LensError, match="tessar-50mm: lens is not rotationally symmetric: .*: use Preview"):
+        frame_of(live_scene)
 
 
 def test_the_view_maps_camera_space_to_pixels():
