@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..prescription.prescription import Pose
-from ..prescription.surfaces import out_of_own_frame, sag_and_gradient
+from ..prescription.surfaces import from_surface_frame, sag_and_gradient
 from ..prescription.system import System
 from ..rays.fields import find_fields, trace_fields, view_of
 from ..rays.rays import HalfPupil, Pupil, trace_pupil
@@ -152,7 +152,7 @@ def _placed(pose: Pose | None, vertex_mm, section, heights_mm, sag_mm=0.0):
     """Points on a surface along a section, as z and height in the lens: array (point, 2)."""
     x_mm, y_mm = _own_places(pose, section, heights_mm)
     own_mm = np.stack([x_mm, y_mm, np.broadcast_to(sag_mm, x_mm.shape)])
-    position_mm, _ = out_of_own_frame(pose, own_mm, own_mm)
+    position_mm, _ = from_surface_frame(pose, own_mm, own_mm)
     return np.stack([vertex_mm + position_mm[2], position_mm[section]], axis=1)
 
 

@@ -23,7 +23,7 @@ def vertex_curvature(surface: Surface, section: str = "y") -> float:
     return 1 / radius_mm + 2 * term * (1 + skew)
 
 
-def into_own_frame(pose: Pose | None, position: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def to_surface_frame(pose: Pose | None, position: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Rays (3, ...) in the frame of a displaced surface, from those relative to its place on the axis."""
     if pose is None:
         return position, direction
@@ -31,8 +31,8 @@ def into_own_frame(pose: Pose | None, position: np.ndarray, direction: np.ndarra
     return np.tensordot(back, position - _column(pose.offset_mm, position), 1), np.tensordot(back, direction, 1)
 
 
-def out_of_own_frame(pose: Pose | None, position: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The inverse of `into_own_frame`."""
+def from_surface_frame(pose: Pose | None, position: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The inverse of `to_surface_frame`."""
     if pose is None:
         return position, direction
     rotation = pose.rotation

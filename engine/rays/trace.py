@@ -15,10 +15,10 @@ from ..kernels.tracing import KINDS, TracedSurfaces, trace
 from ..prescription.prescription import Pose, Prescription
 from ..prescription.surfaces import (
     distance_to,
-    into_own_frame,
-    out_of_own_frame,
+    from_surface_frame,
     refracted,
     sag_and_gradient,
+    to_surface_frame,
     unit_normal,
 )
 
@@ -33,7 +33,7 @@ def start_on_stop(prescription: Prescription, x_mm: np.ndarray, y_mm: np.ndarray
     stop = prescription.surfaces[prescription.stop_index]
     position = np.stack([x_mm, y_mm, sag_and_gradient(stop, x_mm, y_mm)[0]])
     direction = np.stack([slope_x, slope_y, np.ones_like(slope_x)]) / np.sqrt(1 + slope_x**2 + slope_y**2)
-    return out_of_own_frame(stop.pose, position, direction)[0], direction
+    return from_surface_frame(stop.pose, position, direction)[0], direction
 
 
 def trace_to_object(prescription: Prescription, indices: np.ndarray, position: np.ndarray, direction: np.ndarray
@@ -56,7 +56,7 @@ def trace_to_object(prescription: Prescription, indices: np.ndarray, position: n
 def trace_from_image(prescription: Prescription, indices: np.ndarray, position: np.ndarray, direction: np.ndarray
                      ) -> tuple[np.ndarray, np.ndarray, np.ndarray | float, list[np.ndarray]]:
     """Trace rays from the image plane back through all surfaces; returns as `trace_to_object`."""
-    on_axis = out_of_own_frame(prescription.image_pose, position, direction)
+    on_axis = from_surface_frame(prescription.image_pose, position, direction)
     return _back(prescription, indices, *on_axis, len(prescription.surfaces))
 
 
@@ -93,7 +93,7 @@ def points_from_image(prescription: Prescription, indices: np.ndarray, position:
         In front of the first surface, along the light.
     """
     vertices_mm = np.cumsum([0.0, *(surface.thickness_mm for surface in prescription.surfaces)])
-    on_axis = out_of_own_frame(prescription.image_pose, position, direction)
+    on_axis = from_surface_frame(prescription.image_pose, position, direction)
     steps = list(_steps_back(prescription, indices, *on_axis, len(prescription.surfaces)))[::-1]
     relative_mm = [*(step[0] for step in steps), on_axis[0]]
     points_mm = np.stack([_moved(point, vertex) for point, vertex in zip(relative_mm, vertices_mm, strict=True)])
@@ -109,7 +109,7 @@ def trace_to_image(prescription: Prescription, indices: np.ndarray, position: np
     """
     stop = prescription.stop_index
     position, direction, height_mm2 = _bent(
-        prescription.surfaces[stop], *into_own_frame(prescription.surfaces[stop].pose, position, direction),
+        prescription.surfaces[stop], *to_surface_frame(prescription.surfaces[stop].pose, position, direction),
         indices[stop] / indices[stop + 1])
     path_mm, square_mm2 = 0.0, [height_mm2]
     for number in range(stop + 1, len(prescription.surfaces)):
@@ -119,7 +119,7 @@ def trace_to_image(prescription: Prescription, indices: np.ndarray, position: np
         path_mm = path_mm + section_mm
         square_mm2.append(height_mm2)
     position = _moved(position, -prescription.surfaces[-1].thickness_mm)
-    position, direction = into_own_frame(prescription.image_pose, position, direction)
+    position, direction = to_surface_frame(prescription.image_pose, position, direction)
     to_image_mm = -position[2] / direction[2]
     return position + to_image_mm * direction, direction, path_mm + indices[-1] * to_image_mm, square_mm2
 
@@ -203,7 +203,7 @@ def _poses(prescription):
 
 def _through(surface, position, direction, before, behind):
     """Propagate rays to a surface and refract them there: position, direction, optical path, and squared height."""
-    position, direction = into_own_frame(surface.pose, position, direction)
+    position, direction = to_surface_frame(surface.pose, position, direction)
     distance_mm = distance_to(surface, position, direction)
     position, direction, height_mm2 = _bent(surface, position + distance_mm * direction, direction, before / behind)
     return position, direction, before * distance_mm, height_mm2
@@ -212,7 +212,7 @@ def _through(surface, position, direction, before, behind):
 def _bent(surface, position, direction, ratio):
     """Refract rays on a surface, given in its own frame: position and direction in the lens's, and squared height."""
     refracted_rays = position, refracted(direction, unit_normal(surface, position), ratio)
-    return *out_of_own_frame(surface.pose, *refracted_rays), position[0]**2 + position[1]**2
+    return *from_surface_frame(surface.pose, *refracted_rays), position[0]**2 + position[1]**2
 
 
 def _moved(position, along_mm):

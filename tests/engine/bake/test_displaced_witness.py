@@ -10,7 +10,7 @@ from optiland.optic import Optic  # noqa: E402
 from optiland.rays import RealRays  # noqa: E402
 
 from lensfield.engine.prescription.prescription import Pose, Prescription, Surface  # noqa: E402
-from lensfield.engine.prescription.surfaces import out_of_own_frame  # noqa: E402
+from lensfield.engine.prescription.surfaces import from_surface_frame  # noqa: E402
 from lensfield.engine.prescription.system import system_of  # noqa: E402
 from lensfield.engine.rays.trace import trace_both_ways  # noqa: E402
 
@@ -62,7 +62,7 @@ def test_rays_of_displaced_surfaces():
     optic, image_mm = optic_of(LENS, indices[:, 0])
     theirs = RealRays(*start, *before, np.ones(60), np.full(60, NM * 1e-3))
     optic.surfaces.trace(theirs)
-    position, direction = out_of_own_frame(LENS.image_pose, ours.position[:, 0], ours.direction[:, 0])
+    position, direction = from_surface_frame(LENS.image_pose, ours.position[:, 0], ours.direction[:, 0])
     np.testing.assert_allclose(np.stack([theirs.x, theirs.y, theirs.z - image_mm]), position, rtol=0, atol=1e-9)
     np.testing.assert_allclose(np.stack([theirs.L, theirs.M, theirs.N]), direction, rtol=0, atol=1e-10)
     np.testing.assert_allclose(theirs.opd - 2, ours.path_mm[0], rtol=0, atol=1e-9)

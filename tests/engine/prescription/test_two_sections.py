@@ -14,9 +14,9 @@ from lensfield.engine.prescription.readers import ReadingOptions, read_prescript
 from lensfield.engine.prescription.readers.toml import write_prescription
 from lensfield.engine.prescription.surfaces import (
     distance_to,
-    into_own_frame,
-    out_of_own_frame,
+    from_surface_frame,
     sag_and_gradient,
+    to_surface_frame,
     unit_normal,
     vertex_curvature,
 )
@@ -94,9 +94,9 @@ def test_a_pose_turns_about_x_then_y_then_z_and_moves_afterwards():
     np.testing.assert_allclose(pose.rotation, turned.as_matrix(), atol=1e-15)
     np.testing.assert_allclose((Pose(tilt_deg=(10.0, 0.0, 0.0)).rotation @ (0.0, 1.0, 0.0))[2], np.sin(np.radians(10)))
     ray = np.random.default_rng(5).normal(size=(2, 3, 4, 5))
-    position, direction = out_of_own_frame(pose, *ray)
+    position, direction = from_surface_frame(pose, *ray)
     np.testing.assert_allclose(position[:, 2, 3], turned.apply(ray[0][:, 2, 3]) + pose.offset_mm, atol=1e-14)
-    np.testing.assert_allclose(into_own_frame(pose, position, direction), ray, atol=1e-14)
+    np.testing.assert_allclose(to_surface_frame(pose, position, direction), ray, atol=1e-14)
 
 
 @pytest.mark.parametrize("surface, words", [
