@@ -38,7 +38,9 @@ class PupilSplines:
         return product(self._radial[0] @ table, self._azimuthal[odd][0])
 
     def jacobian(self, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-        """Signed area in the coordinates (first, second), odd and even in a half pupil, per unit of radius times azimuth.
+        """Signed area in the coordinates (first, second) per unit of radius times azimuth.
+
+        In a half pupil, the first is odd and the second even.
         """
         (radial, radial_slope), odd, even = self._radial, self._azimuthal[True], self._azimuthal[False]
         return (product(radial_slope @ first, odd[0]) * product(radial @ second, even[1])

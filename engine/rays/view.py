@@ -117,10 +117,11 @@ def focus_lean(system: System, axes: np.ndarray) -> np.ndarray:
     """
     prescription, normal = system.prescription, axes[2]
     offset_mm = (prescription.image_pose or Pose()).offset_mm
+    vertex_mm = prescription.surfaces[-1].thickness_mm + normal @ offset_mm / normal[2]
     nearness = 1 / (prescription.object_distance_mm + system.entrance_pupil_mm)
     rise = np.zeros(3)
     for number, section in enumerate((system.across, system)):
-        image_mm = system.prescription.surfaces[-1].thickness_mm + normal @ offset_mm / normal[2] - section.exit_pupil_mm
+        image_mm = vertex_mm - section.exit_pupil_mm
         rise[number] = -_pupil_magnification(section) * normal[number] / normal[2] / image_mm
     rise[2] = (nearness - normal[:2] @ rise[:2]) / normal[2]
     return axes[:2] @ rise

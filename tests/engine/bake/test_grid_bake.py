@@ -121,8 +121,8 @@ def squeezed(anamorphic):
 def test_an_afocal_pair_of_cylinders_squeezes_the_width(anamorphic, squeezed, triplet):
     assert squeezed.squeeze == pytest.approx(SQUEEZE, rel=1e-6) and squeezed.mirrored == (True, True)
     assert squeezed.efl_mm == pytest.approx(triplet.efl_mm, rel=1e-9), "along y"
-    assert squeezed.f_number_effective == pytest.approx(
-        0.5 / np.sqrt(trace_wavefronts(triplet, [0.0], [587.5618], COARSE.pupil).areas(24, 32)[0][0, 0] / np.pi), rel=1e-3)
+    area = trace_wavefronts(triplet, [0.0], [587.5618], COARSE.pupil).areas(24, 32)[0][0, 0]
+    assert squeezed.f_number_effective == pytest.approx(0.5 / np.sqrt(area / np.pi), rel=1e-3)
     np.testing.assert_allclose(squeezed.source_mm[0, 0, 1], (squeezed.x_mm[1], 0), rtol=0.03, atol=1e-9)
     np.testing.assert_allclose(squeezed.source_mm[0, 1, 0], (0, squeezed.y_mm[1]), rtol=0.03, atol=1e-9)
     assert squeezed.point_flux[0, 0, 0] == pytest.approx(1, abs=0.03)
@@ -136,14 +136,19 @@ def test_chief_rays_from_its_sources_land_at_its_nodes(anamorphic, squeezed):
         x_mm, y_mm = squeezed.source_mm[0, row, column]
         towards = -np.array([x_mm * squeezed.squeeze, y_mm]) / squeezed.capture_focal_length_mm
 
-        def traced(slopes):
-            return trace_both_ways(anamorphic.prescription, indices, np.zeros((1, 1)), np.zeros((1, 1)),
-                                   *np.reshape(slopes, (2, 1, 1)))
+        found = scipy.optimize.root(_off, towards / (SQUEEZE, 1.0), (anamorphic, indices, towards), tol=1e-13)
+        landed_mm = _chief_ray(anamorphic, indices, found.x).position[:2, 0, 0]
+        np.testing.assert_allclose(-landed_mm, (squeezed.x_mm[column], squeezed.y_mm[row]), atol=1e-7)
 
-        found = scipy.optimize.root(lambda slopes: (lambda before: before[:2] / before[2] - towards)(
-            traced(slopes).before[:, 0, 0]), towards / (SQUEEZE, 1.0), tol=1e-13)
-        np.testing.assert_allclose(-traced(found.x).position[:2, 0, 0], (squeezed.x_mm[column], squeezed.y_mm[row]),
-                                   atol=1e-7)
+
+def _chief_ray(system, indices, slopes):
+    return trace_both_ways(system.prescription, indices, *np.zeros((2, 1, 1)), *np.reshape(slopes, (2, 1, 1)))
+
+
+def _off(slopes, system, indices, towards):
+    """Tangents of a chief ray in front of the lens, relative to those of an object point at infinity."""
+    before = _chief_ray(system, indices, slopes).before[:, 0, 0]
+    return before[:2] / before[2] - towards
 
 
 def test_a_mirrored_quadrant_is_that_of_the_complete_grid(anamorphic, squeezed, monkeypatch):
