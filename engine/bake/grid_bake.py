@@ -89,8 +89,9 @@ def _lines(system, view: View, wavelengths_nm, quality: Quality):
         places_mm, _ = within_field(system, view, -np.stack([x_mm, y_mm]), survey_nm)
         return survey_psfs(system, _survey(system, view, places_mm, survey_nm), width_um)[:, 0]
 
-    *lines_mm, error = adaptive_grid_mm(coarse_mm, psfs_at, quality.between, quality.most_nodes)
-    return tuple(lines_mm), error
+    most = round(quality.most_nodes * 2 ** (0.5 * mirrored(prescription).count(False)))
+    y_mm, x_mm, error = adaptive_grid_mm(coarse_mm, psfs_at, quality.between, most)
+    return (y_mm, x_mm), error
 
 
 def _nodes(system, view, lines_mm, wavelengths_nm):
@@ -132,9 +133,8 @@ class Tables:
 def _tables(system, view, points: FieldPoints, wavelengths_nm, window, quality: Quality, workers, progress) -> Tables:
     """The tables at all wavelengths, from the rays of the traced ones, in a window of this pitch and samples."""
     nodes, (pitch_um, samples) = points.lost.shape[1], window
-    tables = Tables(*np.zeros((2, wavelengths_nm.size, nodes)),
-                    np.zeros((wavelengths_nm.size, nodes, samples, samples), np.float32),
-                    np.zeros((wavelengths_nm.size, nodes)), np.zeros(nodes))
+    area, flux, energy = np.zeros((3, wavelengths_nm.size, nodes))
+    tables = Tables(area, flux, np.zeros((*area.shape, samples, samples), np.float32), energy, np.zeros(nodes))
 
     def compute(step, stopped):
         some = slice(step * AT_ONCE, (step + 1) * AT_ONCE)
@@ -143,8 +143,8 @@ def _tables(system, view, points: FieldPoints, wavelengths_nm, window, quality: 
         wavefronts = traced.at(wavelengths_nm)
         for number, node in enumerate(range(*some.indices(nodes))):
             psf, tables.fringes[node] = psfs_of(traced, wavefronts, number, pitch_um, samples, quality, stopped)
-            tables.energy[:, node] = energy = psf.sum(axis=(1, 2))
-            tables.psf[:, node] = psf[:, ::-1, ::-1] / np.maximum(energy, np.finfo(float).tiny)[:, None, None]
+            tables.energy[:, node] = sums = psf.sum(axis=(1, 2))
+            tables.psf[:, node] = psf[:, ::-1, ::-1] / np.maximum(sums, np.finfo(float).tiny)[:, None, None]
 
     in_threads(compute, -(-nodes // AT_ONCE), workers, progress)
     return tables

@@ -45,16 +45,17 @@ def adaptive_grid_mm(lines_mm: tuple[np.ndarray, np.ndarray], psfs_at: Callable[
     error : float
         The actual share.
     """
-    across_mm, known = lines_mm[::-1], ({}, {})
+    lines, across_mm = list(lines_mm), lines_mm[::-1]
+    known: tuple[dict, dict] = {}, {}
     while True:
         errors = [_errors(psfs, psfs_at, line, other, axis) for axis, (psfs, line, other) in
-                  enumerate(zip(known, lines_mm, across_mm, strict=True))]
+                  enumerate(zip(known, lines, across_mm, strict=True))]
         error = 2 / 3 * sum(map(np.sum, errors))
-        halved = _halved(errors, [line.size for line in lines_mm], tolerance, most) if error > tolerance else ()
+        halved = _halved(errors, [line.size for line in lines], tolerance, most) if error > tolerance else ()
         if not any(each.size for each in halved):
-            return *lines_mm, float(error)
-        lines_mm = [np.sort(np.concatenate([line, (line[each] + line[each + 1]) / 2]))
-                    for line, each in zip(lines_mm, halved, strict=True)]
+            return lines[0], lines[1], float(error)
+        lines = [np.sort(np.concatenate([line, (line[each] + line[each + 1]) / 2]))
+                 for line, each in zip(lines, halved, strict=True)]
 
 
 def _errors(known, psfs_at, line_mm, across_mm, axis):

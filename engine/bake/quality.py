@@ -21,7 +21,8 @@ class Quality:
     most_heights : int
         Limit of field heights, even if the error is larger; the lens's notes then state the error.
     most_nodes : int
-        Limit of the nodes of a lens without rotational symmetry, as `most_heights`.
+        Limit of the nodes of a quadrant of a lens without rotational symmetry, as `most_heights`; twice as many for a
+        lens without mirror symmetry.
     picture_px : int
         PSF samples are no larger than the pixels of a picture of this width, within the limits of their number.
     pupil : HalfPupil

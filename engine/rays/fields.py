@@ -4,12 +4,13 @@ Coordinates are those of the image, which is upside down: light from the right a
 picture's are their negatives.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..prescription.system import System, system_of
+from ..runtime.errors import LensError
 from .aiming import AIMED, PLACE_STEP, SLOPE_STEP, broyden_steps
 from .rays import Pupil, TracedRays
 from .trace import BothWays, trace_both_ways
@@ -72,11 +73,12 @@ def view_of(system: System) -> View:
         return view
     design = undisturbed(system)
     media = design.indices_at([prescription.reference_wavelength_nm])[:, 0]
-    slope, error = _searched(_missed_points(design, view, media), (axes[2][:, None], np.array([nearness])),
-                             np.zeros((2, 1)))
+    towards = (axes[2][:, None], np.array([nearness]))
+    slope, error = _searched(_missed_points(design, view, media), towards, np.zeros((2, 1)))
     landing = view.places_mm(_traced(design.prescription, media, 0.0, 0.0, *slope).position)
     if not error[0] < AIMED:
-        raise view.without_axis(prescription)
+        raise LensError(prescription.name, "image_pose", prescription.image_pose.tilt_deg,
+                        "no light along its normal gets through the middle of the stop: tilt the sensor less")
     return replace(view, origin_mm=landing[:, 0])
 
 
@@ -237,7 +239,7 @@ def _continued(missed, places_mm):
     return slope
 
 
-def _searched(missed: Callable[..., np.ndarray], targets: Sequence[np.ndarray], slope: np.ndarray):
+def _searched(missed, targets, slope):
     """Slopes of chief rays, from guesses, and their errors."""
     chief, inverse, _ = _linear(missed, targets, slope, None)
     return broyden_steps(missed, (*_flat(targets), *np.zeros_like(chief)), chief, inverse)

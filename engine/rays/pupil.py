@@ -95,9 +95,10 @@ class PupilQuadrature:
         """
         near = with_neighbours(self.pupil, np.all(limits <= 1, axis=0))
         limits = self.splines.values(limits[np.any(limits > 1, axis=(1, 2))])
-        if self.pupil.mirrored or not len(limits):
+        if self.pupil.mirrored:
             return covered(limits) * near[self._nearest]
-        return covered(_closed(limits))[:, 1:-1] * near[self._nearest]
+        share = np.broadcast_to(covered(_closed(limits)), (self.cells.size, limits.shape[-1] + 2))
+        return share[:, 1:-1] * near[self._nearest]
 
 
 def with_neighbours(pupil: Pupil, passing: np.ndarray) -> np.ndarray:

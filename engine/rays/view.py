@@ -13,7 +13,6 @@ import numpy as np
 
 from ..prescription.prescription import Pose, Prescription
 from ..prescription.system import System
-from ..runtime.errors import LensError
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +80,7 @@ class View:
         """Optical paths from object points to points (3, ...) on their rays, relative to the viewpoint; and coordinates
         (2, ...) in their light, over whose area it is evenly distributed.
 
-        The light of an element of the field is its solid angle from the viewpoint times this area, in mm^2: the element
+        The light of an element of the field is the element's area in tangents times this area, in mm^2: the element
         faces the camera, and is Lambertian.
         """
         from_eye = entry - self.viewpoint_mm.reshape(3, *(1,) * (entry.ndim - 1))
@@ -90,11 +89,6 @@ class View:
                    + nearness * np.sum(from_eye**2, axis=0)) / (away + length)
         source = (from_eye - direction * (path_mm / length)) / away
         return path_mm, self.turned(source)[:2]
-
-    def without_axis(self, prescription: Prescription) -> LensError:
-        """The error for light along the camera's axis that does not reach the sensor."""
-        return LensError(prescription.name, "image_pose", prescription.image_pose.tilt_deg,
-                         "no light along its normal gets through the middle of the stop: tilt the sensor less")
 
 
 def sensor_axes(prescription: Prescription) -> np.ndarray:
