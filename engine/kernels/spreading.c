@@ -95,7 +95,7 @@ static void find_heights(int32_t columns, const double *restrict sample_at, int3
 }
 
 /* Positions of row y's pixels in a grid of nodes, beyond whose end they continue. */
-static void find_cells(const lf_places *p, int64_t y, int64_t columns, row_places *row)
+static void find_cells(const lf_places *p, int64_t y, int64_t columns, const row_places *row)
 {
     const int64_t at = y < p->rows ? y : p->rows - 1;
     for (int64_t x = 0; x < columns; x++) {
@@ -107,7 +107,7 @@ static void find_cells(const lf_places *p, int64_t y, int64_t columns, row_place
     }
 }
 
-static void find_row(const lf_places *p, int64_t y, int64_t columns, row_places *row)
+static void find_row(const lf_places *p, int64_t y, int64_t columns, const row_places *row)
 {
     if (p->row_cell) {
         find_cells(p, y, columns, row);

@@ -36,13 +36,14 @@ class Options:
         azimuths; "pixels" gives every pixel a separate PSF from the same table; "auto" chooses the cheapest. "paper" is
         the paper's method, one PSF for each section: by default as published, with sections of 16 px in a space of
         64 px, complete PSFs and double precision. "exact" turns a PSF for every pixel: the reference for the other
-        methods, at about a hundred times their time.
+        methods, at about a hundred times their time. "paper" is for rotationally symmetric lenses.
     section_size : int, optional
         Side of a section in pixels, for "sections" (32) and "paper" (16). With "paper" smaller is more accurate and
         slower; with "sections" it affects only speed.
     azimuths : int, optional
-        Steps from 0 to 45 degrees of the table that PSFs are mixed from, for "sections" and "pixels" (32). More is
-        more accurate, and takes more time and memory.
+        Steps from 0 to 45 degrees of the table that PSFs are mixed from, for "sections" and "pixels" with a
+        rotationally symmetric lens (32). More is more accurate, and takes more time and memory. Tables of other lenses
+        contain the PSFs of the lens data, without steps.
     psf_energy : float, optional
         Fraction of each PSF that is used (0.999999): the light in a circle around the chief ray, whose radius depends
         on the PSF. The rest is left out; the misplaced light is twice this loss.

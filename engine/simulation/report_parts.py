@@ -44,7 +44,8 @@ class Parts(list[Part]):
 
 @dataclass(frozen=True)
 class DistortionFit:
-    """The polynomial of a distortion, and its largest deviation from the table."""
+    """The polynomial of a distortion, and its largest deviation from the table; or, for tables over x and y, the spline
+    through them, and an estimate of its largest error between nodes."""
 
     order: int
     residual_mm: float
@@ -53,7 +54,7 @@ class DistortionFit:
 
 @dataclass(frozen=True)
 class IlluminationFit:
-    """The polynomial of a relative illumination, and its largest deviation from the table."""
+    """As `DistortionFit`, for the relative illumination."""
 
     order: int
     residual: float

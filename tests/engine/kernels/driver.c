@@ -70,7 +70,7 @@ static const double *psf_at(const psf_table *t, int64_t height, int64_t azimuth)
 static psf_table random_table(void)
 {
     const int64_t radius = below(6) ? below(12) : below(70), side = 2 * radius + 1, most = 8 * LF_LONGEST - 3;
-    psf_table t = {side, 2 + below(4), 2 + below(7), 0, {0}};
+    psf_table t = {side, 2 + below(4), below(3) ? 2 + below(7) : 2, 0, {0}};
     int64_t reach[8];
     t.psf = ROOM(double, t.heights * t.azimuths * side * side);
     for (int64_t h = 0; h < t.heights; h++) {
@@ -143,12 +143,40 @@ static lf_places random_places(const psf_table *t, int64_t rows, int64_t columns
     return (lf_places){folded ? -0.5 * (double)below(2) : unit() * (double)rows,
                        folded ? -0.5 * (double)below(2) : unit() * (double)columns,
                        (double)samples / (1 + unit() * (double)(rows + columns)), paraxial, interval, height, samples,
-                       t->heights, t->azimuths, quarter};
+                       t->heights, t->azimuths, quarter, 0, 0, 0, 0, 0, 0};
+}
+
+/* A grid of nodes with two columns of cells: the cell of interval n has the table's heights n and n + 1 as its corners
+   on the left and, at the second azimuth, on the right. */
+static lf_places random_cells(const psf_table *t, int64_t rows, int64_t columns)
+{
+    const int64_t down = 1 + below(rows), across = 1 + below(columns); /* the last ones continue */
+    const int32_t intervals = (int32_t)t->heights - 1, wide = intervals / 2;
+    int32_t *row_cell = ROOM(int32_t, down), *column_cell = ROOM(int32_t, across);
+    float *row_on = ROOM(float, down), *column_on = ROOM(float, across);
+    for (int64_t y = 0; y < down; y++) row_cell[y] = (int32_t)below(intervals - wide), row_on[y] = (float)unit();
+    for (int64_t x = 0; x < across; x++) column_cell[x] = (int32_t)below(wide + 1), column_on[x] = (float)unit();
+    lf_places p = {0};
+    p.azimuths = 2, p.rows = down, p.columns = across;
+    p.row_cell = row_cell, p.column_cell = column_cell, p.row_on = row_on, p.column_on = column_on;
+    return p;
+}
+
+static void mix_at(const psf_table *t, int64_t low, int64_t before, double up, double on, double *psf)
+{
+    for (int64_t i = 0; i < t->side * t->side; i++)
+        psf[i] = (1 - up) * ((1 - on) * psf_at(t, low, before)[i] + on * psf_at(t, low, before + 1)[i])
+                 + up * ((1 - on) * psf_at(t, low + 1, before)[i] + on * psf_at(t, low + 1, before + 1)[i]);
 }
 
 /* The PSF of a pixel, from its definition: array (row, column) of the square. */
 static void mix(const psf_table *t, const lf_places *p, int64_t y, int64_t x, double *psf)
 {
+    if (p->row_cell) {
+        const int64_t row = y < p->rows ? y : p->rows - 1, column = x < p->columns ? x : p->columns - 1;
+        mix_at(t, p->row_cell[row] + p->column_cell[column], 0, p->row_on[row], p->column_on[column], psf);
+        return;
+    }
     const double down = (double)y - p->centre_row, right = (double)x - p->centre_column, pi = 3.141592653589793;
     double azimuth = atan2(down, right), at = sqrt(right * right + down * down) * p->samples_per_px;
     azimuth = (azimuth < 0 ? azimuth + 2 * pi : azimuth) * (double)p->quarter_steps / (pi / 2);
@@ -160,10 +188,7 @@ static void mix(const psf_table *t, const lf_places *p, int64_t y, int64_t x, do
     int64_t low = 0;
     while (low < p->heights - 2 && mm >= p->height[low + 1]) low++;
     const double up = fmin((mm - p->height[low]) / (p->height[low + 1] - p->height[low]), 1);
-    const double on = azimuth - (double)before;
-    for (int64_t i = 0; i < t->side * t->side; i++)
-        psf[i] = (1 - up) * ((1 - on) * psf_at(t, low, before)[i] + on * psf_at(t, low, before + 1)[i])
-                 + up * ((1 - on) * psf_at(t, low + 1, before)[i] + on * psf_at(t, low + 1, before + 1)[i]);
+    mix_at(t, low, before, up, azimuth - (double)before, psf);
 }
 
 static void try_spreading(void)
@@ -171,7 +196,8 @@ static void try_spreading(void)
     const int64_t planes = below(2) ? 1 : 4, rows = 1 + below(9), columns = 1 + below(40), size = 1 + below(9);
     const int64_t down = (rows + size - 1) / size, across = (columns + size - 1) / size;
     psf_table t = random_table();
-    const lf_places places = random_places(&t, rows, columns);
+    const int in_cells = t.azimuths == 2 && below(2);
+    const lf_places places = in_cells ? random_cells(&t, rows, columns) : random_places(&t, rows, columns);
     float *values = ROOM(float, planes * rows * columns);
     uint8_t *lit = ROOM(uint8_t, down * across);
     for (int64_t i = 0; i < planes * rows * columns; i++) values[i] = below(3) ? (float)unit() : 0;
@@ -212,7 +238,8 @@ static void try_spreading(void)
         free(result);
     }
     free_table(&t);
-    void *all[] = {(void *)places.paraxial, (void *)places.interval, (void *)places.height, values, lit, truth, terms, psf, work};
+    void *all[] = {(void *)places.paraxial, (void *)places.interval, (void *)places.height, (void *)places.row_cell,
+                   (void *)places.column_cell, (void *)places.row_on, (void *)places.column_on, values, lit, truth, terms, psf, work};
     for (size_t n = 0; n < sizeof all / sizeof *all; n++) free(all[n]);
 }
 
@@ -225,8 +252,34 @@ static double overlap(double middle, double width, int64_t pixel)
     return to > from ? (to - from) / width : 0;
 }
 
+static double area_mean(const lf_capture *c, int64_t plane, double row, double high, double column, double wide)
+{
+    double sum = 0;
+    for (int64_t j = 0; j < c->rows; j++) {
+        const double in_row = overlap(c->centre_row + row, fmax(high, 1), j);
+        for (int64_t i = 0; in_row > 0 && i < c->columns; i++)
+            sum += in_row * overlap(c->centre_column + column, fmax(wide, 1), i)
+                   * c->values[j * c->row_step + i * c->planes + plane];
+    }
+    return sum;
+}
+
+static double footprint_on_mesh(const lf_geometry *lens, const lf_capture *c, int64_t plane, int64_t y, int64_t x)
+{
+    const int64_t step = lens->mesh_step, last_row = lens->mesh_rows - 2, last_column = lens->mesh_columns - 2;
+    const int64_t row = y / step < last_row ? y / step : last_row, column = x / step < last_column ? x / step : last_column;
+    const double down = (double)(y - row * step) / (double)step, on = (double)(x - column * step) / (double)step;
+    double value[6];
+    for (int k = 0; k < 6; k++) {
+        const double *at = lens->mesh + 6 * (row * lens->mesh_columns + column) + k, *below_it = at + 6 * lens->mesh_columns;
+        value[k] = (1 - down) * ((1 - on) * at[0] + on * at[6]) + down * ((1 - on) * below_it[0] + on * below_it[6]);
+    }
+    return value[5] > 1 ? 0 : value[4] * area_mean(c, plane, value[0], value[2], value[1], value[3]);
+}
+
 static double footprint(const lf_geometry *lens, const lf_capture *c, int64_t plane, int64_t y, int64_t x)
 {
+    if (lens->mesh) return footprint_on_mesh(lens, c, plane, y, x);
     const double down = (double)y - lens->centre_row, right = (double)x - lens->centre_column;
     const double distance = sqrt(right * right + down * down), at = fmin(distance * lens->samples_per_px, (double)lens->samples);
     const int64_t sample = at < (double)lens->samples ? (int64_t)at : lens->samples - 1;
@@ -237,16 +290,23 @@ static double footprint(const lf_geometry *lens, const lf_capture *c, int64_t pl
     }
     if (distance > lens->last_px) return 0;
     const double cos_squared = distance > 0 ? right * right / (distance * distance) : 0;
-    const double high = fmax(curve[1] + (curve[0] - curve[1]) * cos_squared, 1);
-    const double wide = fmax(curve[0] + (curve[1] - curve[0]) * cos_squared, 1);
-    double sum = 0;
-    for (int64_t j = 0; j < c->rows; j++) {
-        const double in_row = overlap(c->centre_row + down * curve[0], high, j);
-        for (int64_t i = 0; in_row > 0 && i < c->columns; i++)
-            sum += in_row * overlap(c->centre_column + right * curve[0], wide, i)
-                   * c->values[j * c->row_step + i * c->planes + plane];
+    const double high = curve[1] + (curve[0] - curve[1]) * cos_squared, wide = curve[0] + (curve[1] - curve[0]) * cos_squared;
+    return curve[2] * area_mean(c, plane, down * curve[0], high, right * curve[0], wide);
+}
+
+/* A mesh of `values` numbers over a picture, each random: numbers of any kind, or footprints in a capture. */
+static lf_geometry random_mesh(int64_t rows, int tame, const lf_capture *c, const double *wild)
+{
+    lf_geometry lens = {0};
+    lens.mesh_step = 1 + below(20), lens.mesh_rows = 2 + rows / lens.mesh_step, lens.mesh_columns = 2 + below(4);
+    double *mesh = ROOM(double, 6 * lens.mesh_rows * lens.mesh_columns);
+    for (int64_t i = 0; i < 6 * lens.mesh_rows * lens.mesh_columns; i++) {
+        const double length = (double)(i % 6 ? c->columns : c->rows);
+        mesh[i] = !tame && below(2) ? wild[below(9)] : i % 6 < 2 ? length * (unit() - 0.5) : i % 6 < 4 ? 0.5 + 1.5 * unit()
+                  : i % 6 == 4 ? unit() : 1.3 * unit();
     }
-    return sum * curve[2];
+    lens.mesh = mesh;
+    return lens;
 }
 
 static void try_footprints(void)
@@ -261,9 +321,10 @@ static void try_footprints(void)
     const int64_t row_step = planes * across + below(5);
     float *values = ROOM(float, down * row_step);
     for (int64_t i = 0; i < down * row_step; i++) values[i] = (float)unit();
-    const lf_geometry lens = {unit() * (double)rows, unit() * (double)columns, (double)samples / (1 + 60 * unit()), curves,
-                              samples, below(3) ? 1e9 : 40 * unit()};
+    const lf_geometry by_curves = {unit() * (double)rows, unit() * (double)columns, (double)samples / (1 + 60 * unit()),
+                                   curves, samples, below(3) ? 1e9 : 40 * unit(), 0, 0, 0, 0};
     const lf_capture c = {values, planes, down, across, row_step, unit() * (double)down, unit() * (double)across};
+    const lf_geometry lens = below(2) ? by_curves : random_mesh(rows, tame, &c, wild);
     for (int v = 0; runs(v); v++) {
         float *result = ROOM(float, planes * rows * columns);
         const lf_picture out = {result, planes, rows, columns, rows * columns, columns};
@@ -275,7 +336,7 @@ static void try_footprints(void)
                            2 * (18 + 4) * SINGLE);
         free(result);
     }
-    free(curves), free(values);
+    free(curves), free(values), free((void *)lens.mesh);
 }
 
 /* Extremes and excess of sections, pixel by pixel. */
