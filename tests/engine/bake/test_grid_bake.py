@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import scipy
 
+from afocal import AFOCAL, SQUEEZE
 from lensfield.engine import LensError
 from lensfield.engine.bake import grid_bake
 from lensfield.engine.bake.bake import bake
@@ -96,14 +97,6 @@ def test_its_coma_points_outwards_everywhere(radial_on_grid, triplet):
                        COARSE.sums)
     assert along == pytest.approx(centroid(psf / psf.sum())[1], abs=0.01) and abs(across) < 0.01
     assert abs(along) > 0.05
-
-
-SQUEEZE = 2.0
-AFOCAL = (Surface(thickness_mm=1.0, glass="1.5/60", semi_aperture_mm=40.0),
-          Surface(radius_x_mm=0.5 * 80, thickness_mm=(SQUEEZE - 1) * 80, semi_aperture_mm=40.0),
-          Surface(radius_x_mm=0.5 * 80 * SQUEEZE, thickness_mm=2.0, glass="1.5/60", semi_aperture_mm=40.0),
-          Surface(thickness_mm=2.0, semi_aperture_mm=40.0))
-"""Thin cylinders of the focal lengths -80 mm and 160 mm, which halve angles along x."""
 
 
 @pytest.fixture(scope="module")
