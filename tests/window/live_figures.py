@@ -19,6 +19,7 @@ LIMITS = {"place": 0.3, "illumination": 0.02, "disc": 0.10}  # px of 1080 rows; 
 BLUR_PX, LEAST_BLUR_PX = 32.0, 8.0  # diameters of discs; the least that is measured
 REDRAWS = 5
 FRAME_PX = 900, 1200  # rows and columns of the render
+SHIFT = 0.07, -0.05  # of the camera, in widths of the frame
 
 
 class Viewport:
@@ -88,6 +89,7 @@ def make_scene():
     dots.parent = wall.parent = camera
     scene.camera = camera
     camera.data.clip_start, camera.data.clip_end = 0.1, 1000
+    camera.data.shift_x, camera.data.shift_y = SHIFT
     scene.unit_settings.system, scene.unit_settings.scale_length = "METRIC", METRES_PER_UNIT
     scene.render.resolution_y, scene.render.resolution_x = FRAME_PX
     scene.render.resolution_percentage = 100
@@ -122,8 +124,12 @@ class Judge:
         self._viewport = viewport
         self.distance = bpy.context.scene.camera.data.dof.focus_distance
 
+    def places(self, parts):
+        """Tangents of places in the frame, which are given from its middle in half sides: array (..., 2)."""
+        return 2 * self.tangents[0] * np.array(SHIFT) + np.asarray(parts) * self.tangents
+
     def view(self):
-        """Middle and scale of the viewport: pixels, and pixels per tangent."""
+        """Axis and scale of the viewport: pixels, and pixels per tangent."""
         matrix, place = self._viewport.space.region_3d.window_matrix, self._viewport.region
         return ((1 - matrix[0][2]) * place.width / 2, (1 - matrix[1][2]) * place.height / 2,
                 matrix[0][0] * place.width / 2)
@@ -180,10 +186,10 @@ def around(picture, position_px, half_px):
 def visible(viewport, judge, tangents):
     """The tangents that the viewport shows, both without the lens and through it."""
     middle, size = np.array(judge.view()[:2]), np.array([viewport.region.width, viewport.region.height])
-    half = np.array(judge.tangents) * judge.view()[2]
+    half, frame = np.array(judge.tangents) * judge.view()[2], middle + judge.places((0, 0)) * judge.view()[2]
     shown = np.asarray(tangents) * judge.view()[2] + middle
     landing = judge.landing_px(tangents, 550.0)
-    fits = np.all((shown > 20) & (shown < size - 20) & (np.abs(landing - middle) < half - 12), axis=1)
+    fits = np.all((shown > 20) & (shown < size - 20) & (np.abs(landing - frame) < half - 12), axis=1)
     return np.asarray(tangents)[fits]
 
 
@@ -213,8 +219,7 @@ def errors(viewport, name):
 
 def place_error(viewport, judge):
     """The largest distance of dots from where the engine sees them, in pixels of a frame of 1080 rows."""
-    x, y = np.meshgrid(GRID[0] * judge.tangents[0], GRID[1] * judge.tangents[1])
-    tangents = visible(viewport, judge, np.stack([x, y], axis=-1).reshape(-1, 2))
+    tangents = visible(viewport, judge, judge.places(np.stack(np.meshgrid(*GRID), axis=-1).reshape(-1, 2)))
     assert len(tangents) >= 9, len(tangents)
     place_dots(tangents, DOT_PX / judge.view()[2], judge.distance)
     yield from viewport.settled()
@@ -243,8 +248,8 @@ def illumination_error(viewport, judge):
     place_dots([(0.0, 0.0)], 1e3, judge.distance)
     yield from viewport.settled()
     middle_px = np.array(judge.view()[:2])
-    half_px = np.array(judge.tangents) * judge.view()[2]
-    position_px = middle_px + 0.98 * half_px * np.stack(np.meshgrid(*GRID), axis=-1).reshape(-1, 2)
+    parts = 0.98 * np.stack(np.meshgrid(*GRID), axis=-1).reshape(-1, 2)
+    position_px = middle_px + judge.places(parts) * judge.view()[2]
     column, row = np.floor(position_px).astype(int).T
     light = viewport.light[row, column, 1]
     lit = light > 0  # beyond the edge of the viewport a fisheye's light is unknown
@@ -260,7 +265,7 @@ def disc_error(viewport, judge):
     most_px = 0.5 * (clip - focus) * per_nearness_px, 0.9 * focus * per_nearness_px
     blurs_px = [sign * min(BLUR_PX, most) for sign, most in zip((1, -1), most_px, strict=True) if most > LEAST_BLUR_PX]
     assert blurs_px
-    tangents = visible(viewport, judge, np.array(LAMPS) * judge.tangents)
+    tangents = visible(viewport, judge, judge.places(LAMPS))
     worst = 0.0
     for blur_px in blurs_px:
         nearness = focus + blur_px / per_nearness_px
