@@ -14,7 +14,7 @@ LEAST_DISTANCE = 2.0  # of the dots in focus, in scene units
 METRES_PER_UNIT = 0.5
 DOT_PX, LAMP_PX = 9.0, 2.5  # sides of dots in focus and of blurred ones, in the viewport
 GRID = np.linspace(-0.83, 0.89, 7), np.linspace(-0.91, 0.77, 5)  # of the dots, in half sides of the frame: lopsided
-LAMPS = (0.03, -0.04), (0.44, 0.52)
+LAMPS = (0.03, -0.04), (0.44, 0.52)  # from the axis, in half sides of the frame
 LIMITS = {"place": 0.3, "illumination": 0.02, "disc": 0.10}  # px of 1080 rows; of the light; of the radius
 BLUR_PX, LEAST_BLUR_PX = 32.0, 8.0  # diameters of discs; the least that is measured
 REDRAWS = 5
@@ -265,7 +265,7 @@ def disc_error(viewport, judge):
     most_px = 0.5 * (clip - focus) * per_nearness_px, 0.9 * focus * per_nearness_px
     blurs_px = [sign * min(BLUR_PX, most) for sign, most in zip((1, -1), most_px, strict=True) if most > LEAST_BLUR_PX]
     assert blurs_px
-    tangents = visible(viewport, judge, judge.places(LAMPS))
+    tangents = visible(viewport, judge, np.array(LAMPS) * judge.tangents)
     worst = 0.0
     for blur_px in blurs_px:
         nearness = focus + blur_px / per_nearness_px
