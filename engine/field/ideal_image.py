@@ -48,7 +48,8 @@ class IdealImage(ABC):
     def irradiance(self, radiance: np.ndarray) -> np.ndarray:
         """Distorted irradiance of a plane of radiance: array (plane, row, column) of `planes`."""
         if self._precision == "float32" and running() != NUMPY:
-            return self._by_kernels(radiance.astype(np.float32, copy=False))
+            plane = radiance.astype(np.float32, copy=False)
+            return self._by_kernels(plane if plane[:1].flags.c_contiguous else plane.copy())
         capture = self._capture.split(radiance, RIM_PX)
         x_mm, y_mm = self._planes.grid.axes_mm()
         ideal = np.empty((len(capture), y_mm.size, x_mm.size), self._precision)

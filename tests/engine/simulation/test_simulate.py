@@ -12,6 +12,7 @@ from lenses import (
     gaussian_psf,
     images_of_points,
     lit_pixels,
+    lopsided_lens,
     make_lens,
     marked_psf,
     points_image,
@@ -315,6 +316,14 @@ def test_irradiance_may_overwrite_its_radiance(options):
     np.testing.assert_array_equal(over.cube, alone.cube)
     np.testing.assert_array_equal(cube[:, 8:-8, 9:-9], alone.cube)
     assert np.shares_memory(over.cube, cube)
+
+
+def test_wavelengths_may_be_interleaved_in_memory():
+    """A lopsided lens has a single plane, which is not copied."""
+    interleaved = np.random.default_rng(0).random((20, 24, 2), dtype=np.float32)
+    one, other = (simulate(SpectralImage(cube, (450.0, 650.0), pitch_um=100.0), lopsided_lens(), Options(accuracy=0.1))
+                  for cube in (np.moveaxis(interleaved, 2, 0), np.moveaxis(interleaved, 2, 0).copy()))
+    assert np.array_equal(one.cube, other.cube)
 
 
 def test_light_outside_the_frame_is_counted_separately():
