@@ -88,9 +88,12 @@ def _draw_errors(panel, rows, name):
             continue
         panel.plot([row.seconds for row in points], [row.relative_l2 for row in points], style.line,
                    marker=style.marker, color=style.colour, markersize=5, linewidth=1.4, label=style.legend)
-        texts = {f"{getattr(row, style.labelled_by):.3g}": row for row in points}
+        texts = {f"{value:.3g}": row for row in points if (value := getattr(row, style.labelled_by)) is not None}
         labels += [(row.seconds, row.relative_l2, text, style.colour) for text, row in texts.items()]
-    paper = next(row for row in rows if row.curve == AS_WRITTEN)
+    paper = next((row for row in rows if row.curve == AS_WRITTEN), None)
+    if paper is None:  # without rotational symmetry
+        _label_points(panel, labels)
+        return
     panel.plot(paper.seconds, paper.relative_l2, "*k", markersize=14, zorder=5, label=AS_WRITTEN)
     ratio = panel.secondary_xaxis("top", functions=(lambda s: s / paper.seconds, lambda r: r * paper.seconds))
     _dress_axis(ratio.xaxis, "times the paper's method")

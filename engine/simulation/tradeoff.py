@@ -68,8 +68,11 @@ class Row:
         The target accuracy.
     wavelengths : int
         Number of wavelengths.
-    seconds, seconds_over_paper : float
-        Wall time, and its ratio to the time of the paper's method on the same picture.
+    seconds : float
+        Wall time.
+    seconds_over_paper : float or None
+        Its ratio to the time of the paper's method on the same picture; None without rotational symmetry, which that
+        method needs.
     peak_mb : float
     relative_l2, maximum_error, l1 : float
         Errors relative to the norm, the maximum and the sum of the reference.
@@ -89,7 +92,7 @@ class Row:
     accuracy: float | None
     wavelengths: int
     seconds: float
-    seconds_over_paper: float
+    seconds_over_paper: float | None
     peak_mb: float
     relative_l2: float
     maximum_error: float
@@ -177,15 +180,20 @@ def description(lens: Lens, pictures: dict[str, SpectralImage]) -> str:
     return f"{lens.name}, {columns} × {rows} px of {radiance.pitch_um:g} µm, {light}"
 
 
-def settings(quick: bool = False) -> list[tuple[str, Options]]:
-    """(curve, Options) of all measurements of a picture; of fewer if `quick`."""
+def settings(lens: Lens, quick: bool = False) -> list[tuple[str, Options]]:
+    """(curve, Options) of all measurements of a picture through a lens; of fewer if `quick`."""
     def some(values):
         return values[1::2] if quick else values
 
-    return [(AS_WRITTEN, Options(method="paper")),
-            *(("paper", Options(method="paper", section_size=size, precision="auto")) for size in some(PAPER_SECTIONS)),
-            *(("pixels", Options(method="pixels", azimuths=n)) for n in some(AZIMUTHS)),
-            *(("sections", Options(method="sections", azimuths=n)) for n in some(AZIMUTHS)),
+    if field_map(lens).rotationally_symmetric:
+        methods = [(AS_WRITTEN, Options(method="paper")),
+                   *(("paper", Options(method="paper", section_size=size, precision="auto"))
+                     for size in some(PAPER_SECTIONS)),
+                   *((method, Options(method=method, azimuths=n)) for method in ("pixels", "sections")
+                     for n in some(AZIMUTHS))]
+    else:
+        methods = [(method, Options(method=method)) for method in ("pixels", "sections")]
+    return [*methods,
             *(("accuracy", Options(accuracy=accuracy)) for accuracy in some(ACCURACIES)),
             *(("precision", Options(**BASE, precision=name)) for name in ("float32", "auto", "float64")),
             *(("PSF support", Options(**BASE, psf_energy=energy)) for energy in some(PSF_ENERGIES))]
@@ -216,7 +224,7 @@ def measure(lens: Lens, pictures: Pictures, spectral: ByWavelengths, *, quick: b
     LensError, ImageError
         As `simulate`; also if a picture is black.
     """
-    chosen, rounds = settings(quick), 1 if quick else ROUNDS
+    chosen, rounds = settings(lens, quick), 1 if quick else ROUNDS
     counts = {name: sorted(thinned, reverse=True)[::2 if quick else 1] for name, thinned in spectral.items()}
     on_progress = _progress_reporter(progress, sum(
         (EXACT_STEPS + len(chosen) * (1 + rounds)) * radiance.wavelengths_nm.size for radiance in pictures.values())
@@ -266,7 +274,7 @@ def _against_most_wavelengths(name, spectral, lens, rounds, on_progress):
     most = max(spectral)
     against = f"{most} wavelengths in Rec. 709"
     chosen = [("wavelengths", Options(**BASE), count) for count in spectral]
-    chosen += [(AS_WRITTEN, Options(method="paper"), most)]
+    chosen += [(AS_WRITTEN, options, most) for curve, options in settings(lens) if curve == AS_WRITTEN]
     rows, best = [], None
     for curve, options, count in chosen:
         on_progress(f"{name}: error and memory, {count} wavelengths", count)
@@ -318,9 +326,9 @@ def _nothing():
 
 
 def _with_times(rows, seconds):
-    """The rows with their times, also relative to the row of the paper's method."""
-    paper_s = next(time_s for row, time_s in zip(rows, seconds, strict=True) if row.curve == AS_WRITTEN)
-    return [replace(row, seconds=time_s, seconds_over_paper=time_s / paper_s)
+    """The rows with their times, also relative to the row of the paper's method, if there is one."""
+    paper_s = next((time_s for row, time_s in zip(rows, seconds, strict=True) if row.curve == AS_WRITTEN), None)
+    return [replace(row, seconds=time_s, seconds_over_paper=paper_s and time_s / paper_s)
             for row, time_s in zip(rows, seconds, strict=True)]
 
 

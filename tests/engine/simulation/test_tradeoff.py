@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from lenses import comatic_lens, make_lens
+from lenses import comatic_lens, fine_grid_lens, gaussian_psf, make_lens
 from lensfield import cli
 from lensfield.engine import Options, SpectralImage
 from lensfield.engine.field.psf_samples import psf_radius_px
@@ -43,7 +43,7 @@ def lens_file(tmp_path_factory):
 def few_settings(monkeypatch):
     chosen = [(tradeoff.AS_WRITTEN, Options(method="paper")), ("sections", Options(section_size=16)),
               ("pixels", Options(method="pixels", azimuths=8))]
-    monkeypatch.setattr(tradeoff, "settings", lambda quick: chosen)
+    monkeypatch.setattr(tradeoff, "settings", lambda *_: chosen)
     monkeypatch.setattr(tradeoff, "WAVELENGTHS", (1, 3))
 
 
@@ -128,6 +128,20 @@ def test_a_lens_that_does_not_blur_has_a_plot_too(few_settings, tmp_path):
     lens = make_lens()
     pictures, _ = tradeoff.standard_pictures(lens, (8, 8))
     rows = tradeoff.measure(lens, {"points": pictures["points"]}, {}, quick=True)
+    tradeoff_plot.write_plot(rows, tmp_path / "plot.png", tradeoff.description(lens, pictures))
+    assert is_png(tmp_path / "plot.png")
+
+
+def test_a_lens_without_rotational_symmetry_is_measured_without_the_papers_method(monkeypatch, tmp_path):
+    monkeypatch.setattr(tradeoff, "ACCURACIES", (0.1, 0.03))
+    lens = fine_grid_lens(gaussian_psf(150, 100, 50.0, 9), psf_pitch_um=50.0)
+    pictures, spectral = tradeoff.standard_pictures(lens, (12, 16))
+    few = {name: {1: thinned[1], 3: thinned[3]} for name, thinned in spectral.items()}
+    rows = tradeoff.measure(lens, {"points": pictures["points"]}, few, quick=True)
+    assert {row.curve for row in rows} == {*CURVES, "wavelengths"} - {tradeoff.AS_WRITTEN, "paper"}
+    assert all(row.seconds > 0 and row.seconds_over_paper is None for row in rows)
+    tradeoff.write_table(rows, tmp_path / "tradeoff.csv")
+    assert {line["seconds_over_paper"] for line in table(tmp_path)} == {""}
     tradeoff_plot.write_plot(rows, tmp_path / "plot.png", tradeoff.description(lens, pictures))
     assert is_png(tmp_path / "plot.png")
 
