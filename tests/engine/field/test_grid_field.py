@@ -82,6 +82,7 @@ def test_the_bound_is_at_most_twice_the_error_at_the_worst_node():
     assert plan.error_bound / 2 < error <= plan.error_bound <= 0.05
 
 
+@pytest.mark.sample(6)
 @pytest.mark.parametrize("shape", [(45, 58), (44, 57)])
 @pytest.mark.parametrize("mirrored", [HALF, QUARTER, (True, False)])
 @pytest.mark.parametrize("method", ["pixels", "sections", "exact"])
@@ -258,6 +259,7 @@ def test_a_panorama_gives_the_same_picture_as_a_plane():
     np.testing.assert_allclose(*pictures, rtol=2e-4)
 
 
+@pytest.mark.sample(12)
 @pytest.mark.skipif(len(available()) < 2, reason="no library of the loops: no compiler")
 @pytest.mark.parametrize("lens", [LOPSIDED, tinted(comatic_grid(9, 9, mirrored=QUARTER)), ANAMORPHIC],
                          ids=["lopsided", "folded", "anamorphic"])

@@ -19,12 +19,12 @@ from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.kernels.collecting import collect
 from lensfield.engine.kernels.excess import excess
 from lensfield.engine.kernels.extremes import extremes
-from lensfield.engine.kernels.footprints import RadialGeometry, footprints
+from lensfield.engine.kernels.footprints import MeshGeometry, RadialGeometry, footprints
 from lensfield.engine.kernels.library import NUMPY, available
 from lensfield.engine.kernels.numpy_reading import random_words
 from lensfield.engine.kernels.reading import Pixels, key, read
 from lensfield.engine.kernels.spots import spots
-from lensfield.engine.kernels.spreading import TablePlaces, spread
+from lensfield.engine.kernels.spreading import PackedTable, TablePlaces, spread
 from lensfield.engine.kernels.tracing import ANGLE, TracedSurfaces, aim, trace
 from lensfield.engine.kernels.turning import TurnableSamples, turn
 from lensfield.engine.kernels.waves import waves
@@ -158,6 +158,8 @@ def test_footprints_never_read_out_of_bounds():
             out = np.empty((planes, 9, 9), np.float32)
             capture = np.ones((5, 7, planes), np.float32)
             footprints(geometry, capture, (2.0, 3.0), slice(None), out)  # may crash otherwise
+            mesh = MeshGeometry.of(random.choice(wild, (3, 4, 6)), 3)
+            footprints(mesh, capture, (2.0, 3.0), slice(None), out)
 
 
 def random_psfs(heights, azimuths, side, random, quarter_turns=4):
@@ -294,6 +296,43 @@ def test_arrays_of_the_wrong_type_or_shape_are_refused():
     for planes in (2, 4):
         with pytest.raises(ValueError, match="sizes"):
             footprints(geometry, np.ones((4, 4, planes), np.float32), (0.0, 0.0), slice(None), out)
+
+
+MESH = MeshGeometry.of(np.ones((2, 3, 6)), 2)
+CELLS = TablePlaces.in_cells((np.array([0, 1]), np.zeros(2)), (np.array([0, 0, 1]), np.zeros(3)), 2)
+
+
+def test_meshes_and_cells_of_impossible_sizes_are_refused():
+    capture, out = np.ones((4, 4, 1), np.float32), np.ones((1, 4, 4), np.float32)
+    footprints(MESH, capture, (0.0, 0.0), slice(None), out)
+    for field, value in (("mesh_rows", 1), ("mesh_columns", 1), ("mesh_step", 0)):
+        broken = MeshGeometry.of(np.ones((2, 3, 6)), 2)
+        setattr(broken._structure, field, value)
+        with pytest.raises(ValueError, match="sizes"):
+            footprints(broken, capture, (0.0, 0.0), slice(None), out)
+    packed = PackedTable.of(np.ones((4, 9), bool), 2, lambda cell, pixels, out: out.fill(cell))
+    light, lit = np.ones((1, 2, 3), np.float32), np.ones((1, 1), bool)
+    assert np.isfinite(spread(packed, CELLS, light, lit, 3, slice(None))).all()
+    for cells in ([0, 2], [-1, 0], [0, 1 << 30]):
+        wrong = TablePlaces.in_cells((np.array(cells), np.zeros(2)), (np.array([0, 0, 1]), np.zeros(3)), 2)
+        with pytest.raises(ValueError, match="sizes"):
+            spread(packed, wrong, light, lit, 3, slice(None))
+
+
+def test_light_of_a_cell_is_mixed_from_its_four_corners():
+    """A PSF of one pixel: 1 and 2 above, 4 and 8 below, times 10 to the power of the cell."""
+    def fill(cell, pixels, out):
+        out[:] = np.where(pixels == 0, 10.0**cell * np.array([[1, 2], [4, 8]])[..., None], 0)
+
+    packed = PackedTable.of(np.ones((4, 1), bool), 2, fill)
+    places = TablePlaces.in_cells((np.array([0, 1]), np.array([0.25, 0.5])),
+                                  (np.array([0, 1, 1]), np.array([0.0, 0.5, 1.0])), 2)
+    light = np.ones((1, 3, 5), np.float32)  # beyond the last row and column, they continue
+    result = in_every_variant(lambda: spread(packed, places, light, np.ones((1, 1), bool), 5, slice(None)))
+    expected = [[1.75, 26.25, 35, 35, 35], [250, 3750, 5000, 5000, 5000], [250, 3750, 5000, 5000, 5000]]
+    np.testing.assert_allclose(result[0], expected, rtol=1e-6)
+    below = in_every_variant(lambda: spread(packed, places.lower(1), light, np.ones((1, 1), bool), 5, slice(1)))
+    np.testing.assert_allclose(below[0], expected[1:2], rtol=1e-6)
 
 
 def a_wavefront(rows, columns, limits):

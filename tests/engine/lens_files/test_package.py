@@ -10,9 +10,9 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from lenses import gaussian_psf, make_lens
+from lenses import gaussian_psf, lopsided_grid, make_lens
 from lensfield.engine import LensError, load_lens
-from lensfield.engine.lens import RadialLens
+from lensfield.engine.lens import GridLens, RadialLens
 from lensfield.engine.lens_files.package import read_package, write_package
 
 ARRAY_FIELDS = [field.name for field in fields(RadialLens) if isinstance(getattr(make_lens(), field.name), np.ndarray)]
@@ -67,6 +67,32 @@ def test_round_trip_keeps_every_field(path, changes):
         else:
             np.testing.assert_array_equal(after, before, err_msg=field.name)
         assert type(after) is type(before)
+
+
+@pytest.mark.parametrize("changes", [{"squeeze": 1.5, "focus_slope": (1e-4, -2e-5)}, {"mirrored": (True, True)}],
+                         ids=str)
+def test_a_lens_over_x_and_y_keeps_every_field(path, changes):
+    lens = lopsided_grid(maker="nobody", transmittance=(0.8, 0.95), **changes)
+    write_package(lens, path)
+    read = read_package(path)
+    assert type(read) is GridLens and json.loads(str(parts(path)["header"]))["version"] == 3
+    for field in fields(GridLens):
+        after, before = getattr(read, field.name), getattr(lens, field.name)
+        if field.name == "psf":
+            np.testing.assert_allclose(after, before, atol=1e-5)
+        else:
+            np.testing.assert_array_equal(after, before, err_msg=field.name)
+        assert type(after) is type(before)
+
+
+@pytest.mark.parametrize("header", [{"mirrored": 3}, {"mirrored": [True]}, {"focus_slope": "up"}, {"squeeze": None},
+                                    {"squeeze": -1}, {"version": 2}, {"version": 4}], ids=str)
+def test_damaged_figures_of_a_lens_over_x_and_y_are_named(path, header):
+    write_package(lopsided_grid(), path)
+    contents = parts(path)
+    facts = json.loads(str(contents["header"])) | header
+    np.savez(path, **contents | {"header": np.array(json.dumps(facts))})
+    error_of(path)
 
 
 def test_load_accepts_a_path(path):

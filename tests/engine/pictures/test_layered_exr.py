@@ -66,12 +66,14 @@ def test_layers_may_extend_beyond_the_picture(layered, path):
     assert_same(layers, layered)
 
 
-@pytest.mark.parametrize("changes", [{"centre_px": (3.25, 20.5)}, {"projection": FISHEYE}])
+@pytest.mark.parametrize("changes", [{"centre_px": (3.25, 20.5)}, {"projection": FISHEYE},
+                                     {"squeeze": 1.5}])
 def test_the_grid_of_layers_round_trips(layered, path, changes):
     grid = PixelGrid(**vars(layered.grid) | changes)
     layered = LayeredRadiance(layered.layers, WAVELENGTHS_NM, grid, 49.5, 1.5)
     read = read_with_layers(written(layered, path, (1, 1)))[2]
     assert read.grid.centre_px == pytest.approx(grid.centre_px) and read.grid.projection == grid.projection
+    assert read.grid.squeeze == grid.squeeze
 
 
 def test_the_first_part_is_the_pinhole_picture(layered, path):

@@ -137,6 +137,18 @@ def test_a_fisheye_of_an_older_file_is_read(path):
     assert read_exr(path).projection == FISHEYE
 
 
+@pytest.mark.parametrize("squeeze", [1.0, 1.33, 2.0, 0.75])
+def test_the_squeeze_of_a_capture_is_the_aspect_of_its_pixels(path, squeeze):
+    write_exr(image(squeeze=squeeze), path)
+    assert read_exr(path).squeeze == squeeze and raw(path)[0]["pixelAspectRatio"] == pytest.approx(squeeze)
+
+
+def test_irradiance_has_no_squeeze(path):
+    foreign(path, {"S0.550nm": 1.0}, **{"lensfield:pitchUm": 5.0, "lensfield:quantity": "irradiance",
+                                        "pixelAspectRatio": 2.0})
+    assert read_exr(path).squeeze == 1
+
+
 @pytest.mark.parametrize("value", ["", "1 x", "-1 0.1", "nan", "1 0 0 0 0", 1.0, None], ids=str)
 def test_a_damaged_polynomial_is_named_with_its_file(path, value):
     attributes = {"lensfield:pitchUm": 5.0, "lensfield:projection": "polynomial"}
