@@ -74,7 +74,8 @@ def plan_meetings(layers: list[PreparedLayer], rays: RaySample, sensor: PixelGri
         met = look.met & (uncovered | (focus_behind & (look.sharpest > 0)))
         here["inverse_depth"] = (least + most) / 2
         here["share"] = (look.sharpest + look.dullest) / 2
-        steps = np.maximum(np.searchsorted(STEPS_PX, reach.blur_px(most - least)), look.clearest < OPAQUE)
+        varied = (look.clearest < OPAQUE) | (layer.leaning & (look.sharpest > look.dullest))
+        steps = np.maximum(np.searchsorted(STEPS_PX, reach.blur_px(most - least)), varied)
         here["steps"] = np.where(met, steps, -1)
         here["focused"] = met & (look.sharpest > 0)
         here["opaque"] = met & (look.clearest == 1)

@@ -55,9 +55,14 @@ class PreparedLayer:
         (row, column), (top, left) = self.capture.centre_px, self.layer.origin_px
         return row - top, column - left
 
+    @property
+    def leaning(self) -> bool:
+        """Whether the plane of focus leans, so that the focus share varies at a depth."""
+        return np.ndim(self.in_focus) > 0
+
     def in_focus_near(self, right_px: np.ndarray, up_px: np.ndarray) -> float | np.ndarray:
         """Inverse depth in focus at the layer's pixels nearest to places relative to the axis."""
-        if np.ndim(self.in_focus) == 0:
+        if not self.leaning:
             return self.in_focus
         row, column = (np.clip(np.rint(at), 0, n - 1).astype(int) for at, n in
                        zip((self.axis_px[0] - up_px, self.axis_px[1] + right_px), self.layer.alpha.shape, strict=True))
