@@ -22,6 +22,7 @@ OTHER_GEOMETRY = {
     "engine.depth.depth_range": "the projection of a panoramic capture",
     "engine.depth.slabs": "the projection of a panoramic capture; distances from the frame",
     "engine.depth.iris": "blades around the stop",
+    "engine.field.ray_blur": "the radius of places in the stop",
     "engine.spectral.colour_difference": "chroma",
     "addon.scene.camera": "the projection of a panoramic capture",
     "addon.scene.depth": "the projection of a panoramic capture",

@@ -52,8 +52,8 @@ class DepthCheck:
         """One line for a report."""
         on_axis = " on the axis" if self.leaning else ""
         return (f"{self.outside_fraction:.1%} of the frame is outside the lens data's depth range, "
-                f"{_metres(self.near_mm)} to {_metres(self.far_mm)}{on_axis}, where defocus blurs by at most {self.blur_um:.3g} "
-                f"um; the scene spans {_metres(self.nearest_mm)} to {_metres(self.farthest_mm)}")
+                f"{_metres(self.near_mm)} to {_metres(self.far_mm)}{on_axis}, where defocus blurs by at most "
+                f"{self.blur_um:.3g} um; the scene spans {_metres(self.nearest_mm)} to {_metres(self.farthest_mm)}")
 
 
 def sharp_range_mm(lens: Lens, blur_um: float) -> tuple[float, float]:
@@ -90,7 +90,7 @@ def sharp_range_mm(lens: Lens, blur_um: float) -> tuple[float, float]:
         focal_mm * pupil_mm / beyond if beyond > 0 else np.inf)
 
 
-def focus_in_capture(lens: Lens, capture: PixelGrid, rows: ArrayLike, columns: ArrayLike) -> float | np.ndarray:
+def focus_in_capture(lens: Lens, capture: PixelGrid, rows: np.ndarray, columns: np.ndarray) -> float | np.ndarray:
     """The inverse depth in focus at pixels of a capture, per mm: an array if the plane of focus leans.
 
     Beyond 90 degrees from the axis, it is the axis's.
@@ -101,7 +101,8 @@ def focus_in_capture(lens: Lens, capture: PixelGrid, rows: ArrayLike, columns: A
     return np.where(np.isnan(nearness), focus_nearness(lens), nearness)
 
 
-def blur_px(lens: Lens, pitch_um: float, depth_mm: ArrayLike, in_focus: ArrayLike | None = None) -> np.ndarray:
+def blur_px(lens: Lens, pitch_um: float, depth_mm: ArrayLike,
+            in_focus: float | np.ndarray | None = None) -> np.ndarray:
     """Diameter of the defocus blur of points at these depths, signed: positive nearer than the plane of focus.
 
     It is D f (1 / s - 1 / S), in the notation of `sharp_range_mm`. The difference in blur between two depths is
@@ -174,7 +175,7 @@ def planar_depth_mm(depth_mm: ArrayLike, lens: Lens, capture: PixelGrid) -> np.n
 
 
 def check_depth(depth_mm: ArrayLike, lens: Lens, pitch_um: float, blur_um: float | None = None, *,
-                empty: ArrayLike = False, in_focus: ArrayLike | None = None) -> DepthCheck:
+                empty: ArrayLike = False, in_focus: np.ndarray | None = None) -> DepthCheck:
     """Compare a picture's depths with the range for which the lens's PSFs, computed for one object plane, are valid.
 
     Parameters
@@ -213,7 +214,7 @@ def check_depth(depth_mm: ArrayLike, lens: Lens, pitch_um: float, blur_um: float
     near_mm, far_mm = sharp_range_mm(lens, blur_um)
     outside = (known_mm < near_mm) | (known_mm > far_mm)
     if in_focus is not None:
-        outside = np.abs(blur_px(lens, pitch_um, known_mm, np.asarray(in_focus)[counted])) > blur_um / pitch_um
+        outside = np.abs(blur_px(lens, pitch_um, known_mm, in_focus[counted])) > blur_um / pitch_um
     return DepthCheck(blur_um, float(near_mm), float(far_mm), float(known_mm.min()), float(known_mm.max()),
                       float(outside.sum() / known.sum()) if visible.any() else 0.0, in_focus is not None)
 

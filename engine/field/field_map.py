@@ -330,8 +330,8 @@ class FieldMap(Protocol):
     def packed_ray_values(self, count: int, wavelengths: int) -> int:
         """Maximum number of values in the result of `PixelRays.packed`, for sets of up to this many rays."""
 
-    def pixel_rays(self, table: LensRays, sensor: PixelGrid) -> PixelRays:
-        """The rays of a table from the pixels of a sensor, out to the scene."""
+    def pixel_rays(self, table: Any, sensor: PixelGrid) -> PixelRays:
+        """The rays of a table of this lens's kind from the pixels of a sensor, out to the scene."""
 
 
 def field_map(lens: Lens) -> FieldMap:

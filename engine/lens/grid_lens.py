@@ -70,7 +70,7 @@ class GridLens(Lens):
 
     @property
     def inverted_ends_mm(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Ends of the nodes' y, and x, in the image as formed by the lens, upside down; from 0 along a mirrored axis."""
+        """Ends of the nodes' y, and x, in the image as formed by the lens, upside down; from 0 along a mirror."""
         y_mm, x_mm = ((0.0, float(places[-1])) if mirrored else (-float(places[-1]), -float(places[0]))
                       for places, mirrored in zip((self.y_mm, self.x_mm), self.mirrored, strict=True))
         return y_mm, x_mm

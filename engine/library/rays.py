@@ -9,6 +9,7 @@ import numpy as np
 
 from ..field.field_map import field_map
 from ..lens import GridLens, Lens
+from ..prescription.prescription import Prescription
 from ..rays.grid_rays import GridRayTable, LensRays, grid_ray_table
 from ..rays.ray_table import RayTable, ray_table
 from ..runtime import cache
@@ -38,7 +39,7 @@ def lens_rays(lens: Lens, reach: float = 1.0) -> LensRays:
     reach = max(reach, np.ceil(REACHES * (reach - ROUNDING)) / REACHES)
     if not lens.prescription:
         return field_map(lens).first_order_rays(reach)
-    return _cached(lens, _within_rim(lens.prescription, reach))
+    return _cached(lens, lens.prescription, _within_rim(lens.prescription, reach))
 
 
 @lru_cache(maxsize=4)
@@ -46,31 +47,31 @@ def sketched_rays(lens: Lens, reach: float = 1.0) -> LensRays:
     """As `lens_rays`, but of few rays, for pixels that are much larger than its errors."""
     if not lens.prescription:
         return lens_rays(lens, reach)
-    return _traced(lens, _within_rim(lens.prescription, reach), sketch=True)
+    return _traced(lens, lens.prescription, _within_rim(lens.prescription, reach), sketch=True)
 
 
 def _within_rim(prescription, reach):
     return max(1.0, min(reach, prescription.stop_rim))
 
 
-def _traced(lens: Lens, reach: float, *, sketch: bool = False) -> LensRays:
+def _traced(lens: Lens, prescription: Prescription, reach: float, *, sketch: bool = False) -> LensRays:
     if isinstance(lens, GridLens):
-        return grid_ray_table(lens.prescription, *lens.inverted_ends_mm, lens.mirrored, reach=reach, sketch=sketch)
-    return ray_table(lens.prescription, reach=reach, sketch=sketch)
+        return grid_ray_table(prescription, *lens.inverted_ends_mm, lens.mirrored, reach=reach, sketch=sketch)
+    return ray_table(prescription, reach=reach, sketch=sketch)
 
 
-def _cached(lens: Lens, reach: float) -> LensRays:
+def _cached(lens: Lens, prescription: Prescription, reach: float) -> LensRays:
     ends_mm = (lens.inverted_ends_mm, lens.mirrored) if isinstance(lens, GridLens) else ()
-    key = digest_of((lens.prescription, reach, *ends_mm))
+    key = digest_of((prescription, reach, *ends_mm))
     archive_bytes = cache.load(KIND, key)
     if archive_bytes is None:
-        table, stream = _traced(lens, reach), BytesIO()
+        table, stream = _traced(lens, prescription, reach), BytesIO()
         np.savez(stream, **{name: getattr(table, name) for name in _arrays(type(table))})
         archive_bytes = stream.getvalue()
         cache.store(KIND, key, archive_bytes, MOST_BYTES)
     kind = GridRayTable if isinstance(lens, GridLens) else RayTable
     with np.load(BytesIO(archive_bytes), allow_pickle=False) as archive:
-        return kind(lens.prescription.name, **{name: _value(name, archive[name]) for name in _arrays(kind)})
+        return kind(prescription.name, **{name: _value(name, archive[name]) for name in _arrays(kind)})
 
 
 def _arrays(kind):

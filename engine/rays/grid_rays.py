@@ -282,7 +282,7 @@ def _beyond_field(values, covered, shape):
 
 
 def grid_coefficients(values: np.ndarray, mirrored: tuple[bool, bool]) -> np.ndarray:
-    """`GridRayTable.coefficients` of values (quantity, wavelength, row, column, radius, azimuth) at the table's rays."""
+    """`GridRayTable.coefficients` of values (quantity, wavelength, row, column, radius, azimuth) at its rays."""
     radii, azimuths = values.shape[4:]
     azimuth = np.arange(azimuths)
     for axis, of_axis, images, signs in zip((2, 3), mirrored, (azimuths // 2 - azimuth, -azimuth), MIRRORED[::-1],

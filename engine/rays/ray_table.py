@@ -176,8 +176,8 @@ class RayTable(Value):
         counts = self.coefficients.shape[1:4]
         by_height, by_radius, by_azimuth = (
             splines(share, count) for share, count in zip(
-                (even_place(heights_mm / self.last_height_mm), even_place(radius / self.reach), np.abs(azimuth) / np.pi),
-                counts, strict=True))
+                (even_place(heights_mm / self.last_height_mm), even_place(radius / self.reach),
+                 np.abs(azimuth) / np.pi), counts, strict=True))
         over_stop = scipy.sparse.csr_matrix(
             ((by_radius[1][:, :, None] * by_azimuth[1][:, None, :]).ravel(),
              (by_radius[0][:, :, None] * counts[2] + by_azimuth[0][:, None, :]).ravel(),

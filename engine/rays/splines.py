@@ -17,7 +17,8 @@ def spline_matrix(count: int, start: tuple[int, ...], end: tuple[int, ...]) -> n
 def periodic_spline_matrix(count: int) -> np.ndarray:
     """Matrix from values at equal distances around a circle to coefficients (count + 3): the first three repeat at the
     end."""
-    rows = sum(np.roll(np.eye(count), shift, axis=1) * weight for shift, weight in ((-1, 1 / 6), (0, 4 / 6), (1, 1 / 6)))
+    unit = np.eye(count)
+    rows = (np.roll(unit, -1, axis=1) + 4 * unit + np.roll(unit, 1, axis=1)) / 6
     return np.pad(np.linalg.inv(rows), ((1, 2), (0, 0)), mode="wrap")
 
 

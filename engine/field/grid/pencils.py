@@ -143,8 +143,9 @@ class Pencils:
                 up_px: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """The rays of the shortest wavelength at places relative to the axis: see `field_map.RaySample`."""
         places = self.mesh.within(right_px, up_px)
+        of_nodes = self.far_px[:, 0], self.moved_px[:, 0], self.inside[:1], self.light[:1]
         far, moved, inside, light = (np.moveaxis(self.mesh.at(each.swapaxes(-1, -2), *places), 1, -1)
-                                     for each in (self.far_px[:, 0], self.moved_px[:, 0], self.inside[:1], self.light[:1]))
+                                     for each in of_nodes)
         stop = self.stop.reshape(2, *(1,) * np.ndim(right_px), -1)
         return (np.moveaxis(far, 0, -1), np.moveaxis(moved, 0, -1), light[0] * np.clip(inside[0] + 0.5, 0, 1),
                 np.broadcast_to(stop, far.shape))
@@ -259,9 +260,9 @@ def _area_shrinkage(rays, shrinkage):
 def _pencils(table: GridRayTable, sensor: PixelGrid, mesh: Mesh, focal_mm: float, count: int, reach: float,
              part: slice = slice(None)) -> Pencils:
     """The rays of a sensor's pixels at the nodes of a mesh, at the table's wavelengths."""
-    places_mm, stop = _places_mm(mesh, sensor), reach * stop_places(count)[:, part]
-    bundles = table.bundles(*places_mm, stop)
-    inside = cells_inside(lambda place: table.surface_margin(*places_mm, place), stop, bundles.surface_margin,
+    (x_mm, y_mm), stop = _places_mm(mesh, sensor), reach * stop_places(count)[:, part]
+    bundles = table.bundles(x_mm, y_mm, stop)
+    inside = cells_inside(lambda place: table.surface_margin(x_mm, y_mm, place), stop, bundles.surface_margin,
                           reach * cell_size(count))
     quantities = (_far_px(bundles, sensor, focal_mm), bundles.entrance_mm * _to_px(sensor, focal_mm), inside,
                   bundles.weight)
@@ -316,8 +317,8 @@ class PixelRays:
     def packed(self, wavelengths_nm: np.ndarray, focal_mm: float, counts: Sequence[int], reach: float) -> MeshRays:
         """Sets of rays for the compiled loops."""
         near, mesh = self._table.near(wavelengths_nm), Mesh.of(self._table, self._sensor, STEPS, folded=True)
-        chief, finest = (_far_px(near.bundles(*_places_mm(each, self._sensor), np.zeros((2, 1))), self._sensor, focal_mm)
-                         for each in (mesh, mesh.finer(FINER)))
+        chief, finest = (_far_px(near.bundles(x_mm, y_mm, np.zeros((2, 1))), self._sensor, focal_mm) for x_mm, y_mm in
+                         (_places_mm(each, self._sensor) for each in (mesh, mesh.finer(FINER))))
         packed = np.empty(rays_shape(int(np.prod(mesh.shape)), sum(counts) // 8, wavelengths_nm.size), np.float32)
         first = 0
         for count in counts:
@@ -327,7 +328,8 @@ class PixelRays:
                 packed[:, first:first + eights.shape[1]] = eights
                 first += eights.shape[1]
         chief_px = np.ascontiguousarray(finest[..., 0].transpose(2, 3, 1, 0), np.float32)
-        return MeshRays(packed.reshape(*mesh.shape, *packed.shape[1:]), chief_px, mesh.per_px, mesh.first, self._table.mirrored)
+        return MeshRays(packed.reshape(*mesh.shape, *packed.shape[1:]), chief_px, mesh.per_px, mesh.first,
+                        self._table.mirrored)
 
     def irradiance_per_radiance(self, wavelength_nm: float) -> np.ndarray:
         """Irradiance per uniform radiance: float32 array (row, column), constant beyond the rays' ends."""
