@@ -31,6 +31,7 @@ def check_traceable(lens):
     if lens.prescription is None:
         raise LensError(lens.name, "surface data", "not in the package",
                         "a traced lens needs it: use the lens's prescription, or choose another Depth")
+    lens.prescription.require_radial("a lens traced in Cycles")
 
 
 def traces_on_device(scene):

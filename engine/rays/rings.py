@@ -41,9 +41,9 @@ class Rings:
     size : float
         Scale that is applied to the lens afterwards. Distances in messages are scaled, too.
     tilt_deg : (float, float)
-        Turn of the sensor relative to the lens about x, to the right, and about y, upwards. Of positive values, the
-        first tilts the lens down and the second to the right: things there are in focus nearer. The view stays, and so
-        does the focus in its middle.
+        Turns of the sensor about x and about y. A positive turn about x tilts the lens down relative to the sensor: the
+        lower part of the picture is in focus nearer. One about y tilts it to the right. The camera's axis is the
+        sensor's normal, so the view does not change, and its middle remains in focus.
     copy : Copy or None
         A copy with displaced elements; None for the design.
 

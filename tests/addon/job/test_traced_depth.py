@@ -16,8 +16,9 @@ from lensfield.engine import InputError, load_lens
 from lensfield.engine.depth.depth_range import blur_px
 from lensfield.engine.lens.entrance_pupil import entrance_pupil_diameter_mm
 from lensfield.engine.lens.pinhole import fitting_pitch_um
+from lensfield.engine.library import prescription_of
 from lensfield.engine.pictures.spectral_exr import read_exr, read_parts
-from lensfield.engine.rays.rings import AT_REST
+from lensfield.engine.rays.rings import AT_REST, Rings, turned
 from noise import assert_means
 from small_scenes import material, set_world, wall
 from snapshot import differences, snapshot
@@ -138,6 +139,12 @@ def test_a_package_is_refused_in_one_line(lamp, tmp_path):
     lens = replace(load_lens(LENS), prescription=None)
     with pytest.raises(InputError, match="edmund-54852: surface data is not in the package: .* prescription, or"):
         traced(lamp, tmp_path, lens=lens)
+
+
+def test_a_tilted_lens_is_refused_before_the_render():
+    lens = SimpleNamespace(prescription=turned(prescription_of(LENS), Rings(tilt_deg=(2.0, 0.0))).prescription)
+    with pytest.raises(InputError, match="edmund-54852: image_pose is not rotationally symmetric: a lens traced in"):
+        traced_camera.check_traceable(lens)
 
 
 def test_a_blender_without_osl_is_refused_before_the_render(lamp, tmp_path, monkeypatch):
