@@ -13,6 +13,7 @@ from lensfield.engine.field.psf_samples import psf_radius_px
 from lensfield.engine.field.radial.capture import capture_radius
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.image.projection import FISHEYE, PLANE, Projection
+from varied_lenses import varied_lens
 
 E_AXIS = np.pi / 16
 SECTIONS = Options(section_size=16)
@@ -289,3 +290,20 @@ def test_reach_is_the_largest_displacement_of_a_point(bend, projection):
     lands, shown = p + bend * p**3, p if projection == PLANE else 2 * np.arctan(p / 2)
     moved_px = np.abs(shown - lands)[lands <= np.hypot(20, 30) * 0.05].max() / 0.05
     assert moved_px + 7 < field_map(lens).reach_px(grid, [550.0], 7) <= moved_px + 9
+
+
+@pytest.mark.parametrize("name", ["edmund-54852", "muller-fisheye-25mm", "kodak-petzval-100mm"])
+@pytest.mark.parametrize("shift_px", [(40, -25), (-100, 75)])
+def test_the_light_of_a_shifted_frame_is_in_its_capture(name, shift_px):
+    """At the edges of the frame and its PSFs; the axis may be beyond them."""
+    lens, reach_px = varied_lens(name), 3
+    pitch_um = 1e3 * lens.sensor_mm[0] / 300
+    capture = choose_capture(lens, PixelGrid((90, 120), pitch_um).shifted(*shift_px), [550.0], reach_px)
+    assert capture.frame().centre_px == (44.5 + shift_px[1], 59.5 - shift_px[0])
+    edge = capture.frame().framed(reach_px)
+    rows, columns = (np.linspace(-0.5, n - 0.5, 40) for n in edge.shape_px)
+    for row, column in ((rows[[0, -1], None], columns), (rows, columns[[0, -1], None])):
+        x_mm, y_mm = np.broadcast_arrays(*edge.position_mm(row, column))
+        places = capture.index_of(*field_map(lens).at_wavelength(550.0).source_mm(x_mm, y_mm, capture))
+        for place, n in zip(places, capture.shape_px, strict=True):
+            assert -0.5 <= place.min() and place.max() <= n - 0.5
