@@ -8,10 +8,12 @@ import pytest
 from PIL import Image
 
 from lenses import fine_grid_lens, gaussian_psf, marked_psf
+from lensfield import cli
 from lensfield.engine.inspection.grid_sheet import upright
 from lensfield.engine.inspection.info import lens_info, lens_text, table_summary
 from lensfield.engine.inspection.psf_map import tile
 from lensfield.engine.inspection.sheet import write_lens_plot
+from lensfield.engine.lens_files.package import write_package
 
 NM = 400.0, 550.0, 700.0
 
@@ -122,3 +124,16 @@ def test_the_summary_of_a_bake_names_its_nodes():
     assert table_summary(replace(lens, enclosed_energy=energy)) == (
         "f = 10 mm, f/2, 9 x 6 nodes to y = 2 mm, x = 2.5 mm x 3 wavelengths; PSFs of 17 x 17 samples of 2.5 um "
         "contain at least 75.00% of the light (minimum at x = 1.5 mm, y = -1 mm, 550 nm)")
+
+
+def test_the_commands_accept_a_package(tmp_path, capsys):
+    path = tmp_path / "own lens.npz"
+    write_package(anamorphic(), path)
+    assert cli.main(["lens", "info", str(path), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["squeeze"] == 2
+    assert cli.main(["lens", "check", str(path)]) == 0 and "transmittance" in capsys.readouterr().out
+    assert cli.main(["lens", "plot", str(path), "--frequencies", "10,20"]) == 0
+    assert path.with_suffix(".png").is_file() and capsys.readouterr().out == f"{path.with_suffix('.png')}\n"
+    assert cli.main(["lens", "plot", str(path), "--depth", "2m"]) == 1
+    assert capsys.readouterr().err == ("lensfield: hand-made grid: depth is 2 m: only rotationally symmetric lenses "
+                                       "have PSFs of points out of focus: leave it out\n")
