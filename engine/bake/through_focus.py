@@ -120,8 +120,8 @@ def lens_at_depth(lens: RadialLens, rays: RayTable, depth_mm: float) -> RadialLe
     """
     _check_depth(depth_mm)
     if not isinstance(lens, RadialLens):
-        raise LensError(lens.name, "depth", in_metres(depth_mm), "only rotationally symmetric lenses have PSFs of points "
-                        "out of focus: leave it out")
+        raise LensError(lens.name, "depth", in_metres(depth_mm), "only rotationally symmetric lenses have PSFs of "
+                        "points out of focus: leave it out")
     fineness = QUALITIES["standard"]
     heights, wavelengths = (np.unique(np.rint(np.linspace(0, size - 1, most)).astype(int)) for size, most in
                             ((lens.heights_mm.size, MOST_HEIGHTS), (lens.wavelengths_nm.size, MOST_WAVELENGTHS)))

@@ -15,7 +15,7 @@ SEARCHED = 65  # places across and up a sensor, for the extent of its ideal imag
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """A straight line through the middle of the picture, as far as the lens data cover the sensor.
+    """A straight line through the middle of the picture, on the part of the sensor that the lens data cover.
 
     Attributes
     ----------
@@ -49,9 +49,10 @@ def paths(lens: GridLens) -> list[Path]:
 
 def _path(lens, name, side_mm, mirrored):
     length_mm = np.hypot(*side_mm)
-    whole = Path(name, tuple(side_mm / length_mm), np.linspace(0 if mirrored else -1, 1, PATH_POINTS) * length_mm / 2)
-    known = reference_field(lens).within(*whole.places_mm(whole.along_mm))
-    return replace(whole, along_mm=whole.along_mm[known])
+    share = np.linspace(0 if mirrored else -1, 1, PATH_POINTS)
+    complete = Path(name, tuple(side_mm / length_mm), share * length_mm / 2)
+    known = reference_field(lens).within(*complete.places_mm(complete.along_mm))
+    return replace(complete, along_mm=complete.along_mm[known])
 
 
 def reference_field(lens: GridLens) -> MonochromaticField:
