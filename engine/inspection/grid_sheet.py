@@ -1,6 +1,7 @@
 """The panels of the sheet of a lens without rotational symmetry: PSFs as in the picture, and curves along x and y."""
 
 from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -34,6 +35,7 @@ from .page import (
     write,
 )
 from .panels import (
+    DASHES,
     MOST_ILLUMINATIONS,
     Line,
     distortion_title,
@@ -56,7 +58,7 @@ from .psf_map import (
     hidden_share,
     shown_wavelengths,
 )
-from .style import INK, SMALL, TEXT, TITLE, degree_labels
+from .style import INK, PALE_INK, SMALL, TEXT, TITLE, degree_labels
 from .white_light import in_white_light
 
 if TYPE_CHECKING:
@@ -151,18 +153,15 @@ def _draw_distortion(panel, lens, reach):
         signs = signs[:, :signs.shape[1] // 2]
     corners_mm = signs * reach * half_mm[:, None]
     title = distortion_title(distortion_percent(lens, *corners_mm), reach == 1)
-    draw_distortion(panel, lens, distortion_lines(lens), corners_mm, title, None if reach == 1 else _outline(lens))
+    draw_distortion(panel, lens, distortion_lines(lens), corners_mm, title,
+                    None if reach == 1 else partial(_draw_end, lens))
 
 
-def _outline(lens):
-    """The end of the lens data, as a patch."""
-    from contourpy import contour_generator
-    from matplotlib.patches import PathPatch
-    from matplotlib.path import Path as Outline
-
+def _draw_end(lens, panel, _):
+    """Draw the end of the lens data."""
     x_mm, y_mm = (np.linspace(-side, side, OUTLINE_POINTS) / 2 for side in lens.sensor_mm)
     known = np.asarray(reference_field(lens).within(x_mm, y_mm[:, None]), float)
-    return PathPatch(Outline.make_compound_path(*map(Outline, contour_generator(x_mm, y_mm, known).lines(0.5))))
+    panel.contour(x_mm, y_mm, known, [0.5], colors=PALE_INK, linestyles=[DASHES], linewidths=1, zorder=3)
 
 
 def _draw_mtf(figure, lens, lines, frequencies_per_mm):

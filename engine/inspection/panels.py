@@ -50,7 +50,7 @@ class Line:
 
 
 def draw_distortion(panel: "Axes", lens: Lens, lines_mm: Sequence[np.ndarray], corners_mm: np.ndarray, title: str,
-                    end: "Patch | None") -> None:
+                    draw_end: "Callable[[Axes, Patch], None] | None") -> None:
     """Draw the ideal grid in grey, and in colour its image by the chief rays.
 
     Parameters
@@ -62,8 +62,8 @@ def draw_distortion(panel: "Axes", lens: Lens, lines_mm: Sequence[np.ndarray], c
     corners_mm : array (2, corner)
         x and y of the places that the title refers to.
     title : str
-    end : matplotlib Patch or None
-        The outline of the lens data, if they end before the sensor's corners.
+    draw_end : callable or None
+        Draws the outline of the lens data in the panel within a patch, if they end before the sensor's corners.
     """
     from matplotlib.collections import LineCollection
     from matplotlib.patches import Rectangle
@@ -73,9 +73,8 @@ def draw_distortion(panel: "Axes", lens: Lens, lines_mm: Sequence[np.ndarray], c
     for lines, colour, width in zip(lines_mm, (IDEAL_COLOUR, REAL_COLOUR), (0.9, 1.5), strict=True):
         panel.add_collection(LineCollection(lines, colors=colour, linewidths=width)).set_clip_path(sensor)
     key = "grey: ideal picture   blue: through the lens"
-    if end is not None:
-        end.set(facecolor="none", edgecolor=PALE_INK, linestyle=DASHES, zorder=3)
-        panel.add_patch(end).set_clip_path(sensor)
+    if draw_end:
+        draw_end(panel, sensor)
         key += "   dashed: end of the lens data"
     panel.plot(*corners_mm, "o", color=REAL_COLOUR, markersize=6, zorder=4, clip_on=False)
     panel.set_aspect("equal", anchor="NW")

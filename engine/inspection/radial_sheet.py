@@ -30,6 +30,7 @@ from .page import (
     write,
 )
 from .panels import (
+    DASHES,
     MOST_ILLUMINATIONS,
     Line,
     distortion_title,
@@ -91,8 +92,13 @@ def _draw_distortion(panel, lens, field):
     half_mm = np.array(lens.sensor_mm) / 2
     title = distortion_title([distortion_percent(field, field.edge_mm)], field.reaches_corner)
     angle = f"±{np.degrees(field_angle_rad(lens, field.edge_mm)):.3g}°"
+
+    def draw_end(panel, sensor):
+        circle = Circle((0, 0), edge_mm, facecolor="none", edgecolor=PALE_INK, linestyle=DASHES, zorder=3)
+        panel.add_patch(circle).set_clip_path(sensor)
+
     draw_distortion(panel, lens, distortion_grid(lens, field), edge_mm * half_mm / np.hypot(*half_mm),
-                    f"{title}, {angle}", None if field.reaches_corner else Circle((0, 0), edge_mm))
+                    f"{title}, {angle}", None if field.reaches_corner else draw_end)
 
 
 def _draw_mtf(panel, lens, line, frequencies_per_mm):
