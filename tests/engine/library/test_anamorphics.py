@@ -5,12 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lensfield.engine.prescription.readers.toml import read_lensfield
+from lensfield.engine.library import prescription_of
 from lensfield.engine.prescription.system import system_of
-from places import DATA
 
 pytestmark = pytest.mark.one_blender
-ANAMORPHICS = {path.stem: path for path in (DATA / "anamorphics").glob("*.toml")}
 FOCAL_LENGTHS_MM = {  # along x and y, by another program's matrices; the first as the patent states them
     "cooke-42mm-2x": (21.47, 42.47), "atlas-42mm-1.5x": (28.13, 41.85), "atlas-42mm-1.5x-2024": (27.74, 41.94),
     "panavision-21mm-1.3x": (15.82, 20.65), "jacobsen-41mm-2x": (20.47, 41.04), "us9063321-129mm-2x": (65.59, 128.65),
@@ -20,9 +18,9 @@ LAST_DIGIT_MM = 2e-3  # of the spaces that vary with focus
 PROJECTORS = ("schneider-61mm-2x",)  # their squeeze changes with the distance of the screen
 
 
-@pytest.fixture(params=sorted(ANAMORPHICS))
+@pytest.fixture(params=FOCAL_LENGTHS_MM)
 def design(request):
-    return read_lensfield(ANAMORPHICS[request.param])
+    return prescription_of(request.param)
 
 
 def focused(design, position):
