@@ -183,7 +183,7 @@ ui-test: $(READY)
 
 test-bake: $(BAKE_READY) kernels
 	$(BAKE)/bin/python -m pytest -q tests/engine/bake/test_witness.py tests/engine/bake/test_second_witness.py \
-	    tests/engine/bake/test_depth_witness.py
+	    tests/engine/bake/test_displaced_witness.py tests/engine/bake/test_depth_witness.py
 
 test-sensor: $(SENSOR)/.ready
 	$(SENSOR)/bin/python -m pytest -q tests/engine/sensor/test_emva.py

@@ -7,7 +7,10 @@ from optiland.materials import IdealMaterial
 from optiland.optic import Optic
 from optiland.rays import RealRays
 
+from lensfield.engine.prescription.prescription import Pose
+
 AIM_TOLERANCE = 1e-10  # mm on the stop
+TOLERANCE = 1e-12  # of Optiland's search for intersections with toroids
 
 
 class Asphere(EvenAsphere):
@@ -54,9 +57,7 @@ def optic_of(system, wavelength_nm):
         optic.surfaces.add(index=number, radius=surface.radius_mm, conic=surface.conic, thickness=surface.thickness_mm,
                            material=IdealMaterial(indices[number]), is_stop=surface.stop)
         if surface.aspheric:
-            geometry = Asphere(surface)
-            geometry.cs = optic.surfaces[number].geometry.cs
-            optic.surfaces[number].geometry = geometry
+            _replace_by_asphere(optic.surfaces[number], surface)
     optic.surfaces.add(index=len(prescription.surfaces) + 1)
     optic.set_aperture("float_by_stop_size", 2 * system.stop_semi_aperture_mm)
     optic.surfaces[prescription.stop_index + 1].set_semi_aperture(system.stop_semi_aperture_mm)
@@ -83,3 +84,41 @@ def witness_rays(optic, system, height_mm, wavelength_nm, pupil):
     square = np.stack([x**2 + y**2 for x, y in zip(optic.surfaces.x[inner], optic.surfaces.y[inner], strict=True)])
     return [np.reshape(values, (*np.shape(values)[:-1], *pupil.shape)) for values in (
         np.stack([rays.x, rays.y]), np.stack([rays.L, rays.M, rays.N]), rays.opd + wave, square)]
+
+
+def displaced_optic(prescription, indices):
+    """Optiland's system at one wavelength, with displaced surfaces, and the distance of the image plane."""
+    optic, vertex_mm = Optic(), 0.0
+    optic.surfaces.add(index=0, z=-np.inf)
+    for number, surface in enumerate(prescription.surfaces, 1):
+        optic.surfaces.add(index=number, material=IdealMaterial(indices[number]), is_stop=surface.stop,
+                           **_shaped(surface), **_placed(surface.pose, vertex_mm))
+        if surface.aspheric and not surface.profile:
+            _replace_by_asphere(optic.surfaces[number], surface)
+        vertex_mm += surface.thickness_mm
+    optic.surfaces.add(index=len(prescription.surfaces) + 1, **_placed(prescription.image_pose, vertex_mm))
+    return optic, vertex_mm
+
+
+def _placed(pose, vertex_mm):
+    """Optiland's words for a pose."""
+    pose = pose or Pose()
+    (x, y, z), turns = pose.offset_mm, np.radians(pose.tilt_deg)
+    return {"x": x, "y": y, "z": vertex_mm + z} | dict(zip(("rx", "ry", "rz"), turns, strict=True))
+
+
+def _shaped(surface):
+    """Optiland's words for a shape; cylinders are toroids."""
+    if surface.radius_x_mm is None:
+        return {"radius": surface.radius_mm, "conic": surface.conic}
+    sections = {"radius_x": surface.radius_x_mm, "radius_y": surface.radius_mm, "tol": TOLERANCE}
+    if surface.profile or not (surface.conic_x or np.isfinite([surface.radius_mm, surface.radius_x_mm]).all()):
+        return sections | {"surface_type": "toroidal", "conic": surface.conic,
+                           "toroidal_coeffs_poly_y": surface.aspheric}
+    return sections | {"surface_type": "biconic", "conic_x": surface.conic_x, "conic_y": surface.conic}
+
+
+def _replace_by_asphere(theirs, surface):
+    geometry = Asphere(surface)
+    geometry.cs = theirs.geometry.cs
+    theirs.geometry = geometry

@@ -10,7 +10,8 @@ import sys
 
 import numpy as np
 from rayoptics.elem.profiles import EvenPolynomial
-from rayoptics.elem.surface import Surface
+from rayoptics.elem.surface import DecenterData, Surface
+from rayoptics.elem.transform import forward_transform
 from rayoptics.parax.firstorder import paraxial_trace
 from rayoptics.raytr.raytrace import trace_raw
 from rayoptics.seq.gap import Gap
@@ -30,10 +31,27 @@ def path_of(system, wavelength_nm, object_gap_mm):
     profiles = [EvenPolynomial(), *(EvenPolynomial(c=1 / surface.radius_mm, cc=surface.conic,
                                                    coefs=list(surface.aspheric) or None)
                                     for surface in prescription.surfaces), EvenPolynomial()]
+    poses = [None, *(surface.pose for surface in prescription.surfaces), prescription.image_pose]
+    interfaces = [Surface(profile=profile, delta_n=behind - before, decenter=displacement(pose))
+                  for profile, before, behind, pose in zip(profiles, indices, indices[1:], poses, strict=False)]
     gaps_mm = [object_gap_mm, *(surface.thickness_mm for surface in prescription.surfaces), 0.0]
-    return [[Surface(profile=profile, delta_n=behind - before), Gap(t=gap_mm),
-             (np.eye(3), np.array([0.0, 0.0, gap_mm])), behind, 1.0]
-            for profile, gap_mm, before, behind in zip(profiles, gaps_mm, indices, indices[1:], strict=False)]
+    steps = [forward_transform(here, gap_mm, ahead) for here, gap_mm, ahead in
+             zip(interfaces, gaps_mm, [*interfaces[1:], interfaces[-1]], strict=True)]
+    return [[interface, Gap(t=gap_mm), (turn.T, offset_mm), index, 1.0]
+            for interface, gap_mm, (turn, offset_mm), index in zip(interfaces, gaps_mm, steps, indices[1:], strict=True)]
+
+
+def displacement(pose):
+    """rayoptics' words for a pose: angles in Code V's convention, about turned axes and left-handed about x and y."""
+    if pose is None:
+        return None
+    turn = pose.rotation
+    about_x, about_y, about_z = (np.arctan2(-turn[1, 2], turn[2, 2]), np.arcsin(turn[0, 2]),
+                                 np.arctan2(-turn[0, 1], turn[0, 0]))
+    decentre = DecenterData("dec and return", 0.0, 0.0, *np.degrees([-about_x, -about_y, about_z]))
+    decentre.dec = np.array(pose.offset_mm)
+    decentre.update()
+    return decentre
 
 
 def focal_length_mm(system, wavelength_nm):

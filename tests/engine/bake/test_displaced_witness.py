@@ -1,21 +1,21 @@
-"""Rays through toroids, cylinders and displaced surfaces, by Optiland, if installed by `make test-bake`."""
+"""Rays of toroids, cylinders and displaced lenses, by Optiland and rayoptics, if installed by `make test-bake`."""
 
 import numpy as np
 import pytest
 
 pytest.importorskip("optiland", reason="the witness of tracing is Optiland: make test-bake")
+pytest.importorskip("rayoptics", reason="the witness of displacements is rayoptics: make test-bake")
 
-from optiland.materials import IdealMaterial  # noqa: E402
-from optiland.optic import Optic  # noqa: E402
 from optiland.rays import RealRays  # noqa: E402
 
+from displaced_witness import CASES, MOST_MM, MOST_WAVES, Displaced  # noqa: E402
 from lensfield.engine.prescription.prescription import Pose, Prescription, Surface  # noqa: E402
 from lensfield.engine.prescription.surfaces import from_surface_frame  # noqa: E402
 from lensfield.engine.prescription.system import system_of  # noqa: E402
 from lensfield.engine.rays.trace import trace_both_ways  # noqa: E402
+from optiland_witness import displaced_optic  # noqa: E402
 
 NM = 550.0
-TOLERANCE = 1e-12  # of Optiland's search for intersections
 LENS = Prescription("displaced", (
     Surface(-40.0, 3.0, "1.6/40", radius_x_mm=-25.0, profile="y", conic=-0.5, aspheric=(1e-4, 2e-5)),
     Surface(60.0, 8.0, radius_x_mm=35.0, profile="y", aspheric=(0.0, -2e-5),
@@ -26,43 +26,25 @@ LENS = Prescription("displaced", (
     ("stop", 4.0), ("angle_deg", 10.0), image_pose=Pose((0.5, -0.3, 0.2), (8.0, -5.0, 30.0)))
 
 
-def placed(pose, vertex_mm):
-    """Optiland's words for a pose."""
-    (x, y, z), turns = pose.offset_mm, np.radians(pose.tilt_deg)
-    return {"x": x, "y": y, "z": vertex_mm + z} | dict(zip(("rx", "ry", "rz"), turns, strict=True))
-
-
-def shaped(surface):
-    if surface.profile:
-        return {"surface_type": "toroidal", "radius_x": surface.radius_x_mm, "radius_y": surface.radius_mm,
-                "conic": surface.conic, "toroidal_coeffs_poly_y": surface.aspheric, "tol": TOLERANCE}
-    if surface.radius_x_mm:
-        return {"surface_type": "biconic", "radius_x": surface.radius_x_mm, "radius_y": surface.radius_mm,
-                "conic_x": surface.conic_x, "conic_y": surface.conic, "tol": TOLERANCE}
-    return {"radius": surface.radius_mm, "conic": surface.conic}
-
-
-def optic_of(lens, indices):
-    optic, vertex_mm = Optic(), 0.0
-    optic.surfaces.add(index=0, z=-np.inf)
-    for number, surface in enumerate(lens.surfaces, 1):
-        optic.surfaces.add(index=number, material=IdealMaterial(indices[number]), is_stop=surface.stop,
-                           **shaped(surface), **placed(surface.pose or Pose(), vertex_mm))
-        vertex_mm += surface.thickness_mm
-    optic.surfaces.add(index=len(lens.surfaces) + 1, **placed(lens.image_pose, vertex_mm))
-    return optic, vertex_mm
-
-
 def test_rays_of_displaced_surfaces():
     indices = system_of(LENS).indices_at([NM])
     most = np.reshape([4.0, 4.0, 0.1, 0.1], (4, 1, 1))
     x, y, slope_x, slope_y = most * np.random.default_rng(7).uniform(-1, 1, (4, 1, 60))
     ours = trace_both_ways(LENS, indices[:, :, None], x, y, slope_x, slope_y)
     start, before = (ours.entry - 2 * ours.before)[:, 0], ours.before[:, 0]
-    optic, image_mm = optic_of(LENS, indices[:, 0])
+    optic, image_mm = displaced_optic(LENS, indices[:, 0])
     theirs = RealRays(*start, *before, np.ones(60), np.full(60, NM * 1e-3))
     optic.surfaces.trace(theirs)
     position, direction = from_surface_frame(LENS.image_pose, ours.position[:, 0], ours.direction[:, 0])
     np.testing.assert_allclose(np.stack([theirs.x, theirs.y, theirs.z - image_mm]), position, rtol=0, atol=1e-9)
     np.testing.assert_allclose(np.stack([theirs.L, theirs.M, theirs.N]), direction, rtol=0, atol=1e-10)
     np.testing.assert_allclose(theirs.opd - 2, ours.path_mm[0], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("path", CASES, ids=lambda path: path.stem)
+def test_copies_of_lenses(path):
+    """Rays agree, and the displacements of the elements move them visibly."""
+    lens = Displaced(path)
+    difference, effect = lens.from_program(CASES[path]), lens.from_design()
+    assert difference.chief_mm < MOST_MM and difference.waves < MOST_WAVES
+    assert effect.chief_mm > 0.02 and effect.waves > 1
