@@ -25,7 +25,8 @@ manufacturers are not involved in this project, and their production lenses may 
 
 Each picture is taken wide open, at the distance at which the bust is equally large, or as close to it as the lens
 focuses. Lamps behind it become discs of the lens's own shapes. The row below shows white points from the centre (left)
-to the corner (right) in the plane of focus, 27 times as large as in the picture; outwards is to the right.
+to the corner (right) in the plane of focus, 27 times as large as in the picture; outwards is to the right. Pictures of
+anamorphic lenses are unsqueezed, and their points are as in the picture, towards its upper right corner.
 
     lensfield lens list portrait 85mm      # by name, maker, year, focal length or character
     lensfield lens check nikkor-85mm-f1.4  # check its figures

@@ -5,7 +5,8 @@
 writes engine/library/pictures/NAME.jpg for these lenses, or for each lens without a picture of its present figures;
 `make lens-pictures` does that with Blender's wheel. Each lens is wide open and focused on the bust, which is equally
 large in every picture: a longer lens is farther away, and a lamp at infinity becomes a disc as large as the lens's
-entrance pupil would be next to the bust. Cycles renders only the bust, once.
+entrance pupil would be next to the bust. Pictures of anamorphic lenses are unsqueezed. Cycles renders only the bust,
+once.
 """
 
 import sys
@@ -20,10 +21,13 @@ from lensfield.engine import Options, simulate
 from lensfield.engine.field.overscan import choose_capture
 from lensfield.engine.image.layers import LayeredRadiance
 from lensfield.engine.image.pixel_grid import PixelGrid
-from lensfield.engine.inspection.white_light import white_psfs
-from lensfield.engine.lens.pinhole import fitting_pitch_um
+from lensfield.engine.inspection.curves import WHITE_NM
+from lensfield.engine.inspection.grid_curves import displacement_um, mirror_image, psfs_at
+from lensfield.engine.inspection.white_light import in_white_light, white_psfs
+from lensfield.engine.lens import GridLens
 from lensfield.engine.library import PICTURES, bundled_names, load_lens, prescription_of
 from lensfield.engine.pictures.preview import to_rec709
+from lensfield.engine.prescription.system import system_of
 from lensfield.engine.rays.rings import Rings, capture_focal_length_mm
 from lensfield.engine.runtime.values import digest_of
 from lensfield.engine.spectral.colour import encode_srgb
@@ -69,13 +73,14 @@ def mark(name):
 def focused(name):
     """A lens focused on the bust, or as close to that as its focus ring allows."""
     prescription = prescription_of(name)
-    distance_mm = FRAME_HEIGHT_MM * capture_focal_length_mm(prescription) / frame_height_mm(prescription.sensor_mm)
+    height_mm = frame_height_mm(prescription.sensor_mm, system_of(prescription).squeeze)
+    distance_mm = FRAME_HEIGHT_MM * capture_focal_length_mm(prescription) / height_mm
     return load_lens(name, Rings(distance_mm), quality="preview", wavelengths_nm=WAVELENGTHS_NM)
 
 
-def frame_height_mm(sensor_mm):
-    """Height of the largest frame on a sensor."""
-    return min(sensor_mm[1], sensor_mm[0] * FRAME_PX[0] / FRAME_PX[1])
+def frame_height_mm(sensor_mm, squeeze):
+    """Height of the largest frame on a sensor, of a picture that is unsqueezed."""
+    return min(sensor_mm[1], squeeze * sensor_mm[0] * FRAME_PX[0] / FRAME_PX[1])
 
 
 def shared_grid(pitch_um):
@@ -84,10 +89,12 @@ def shared_grid(pitch_um):
 
 
 def scene_picture(lens, bust, shared):
-    """The scene through a lens: linear Rec. 709 array of FRAME_PX."""
-    pitch_um, focal_mm = fitting_pitch_um(lens, FRAME_PX), lens.capture_focal_length_mm
-    grid = choose_capture(lens, PixelGrid(FRAME_PX, pitch_um), WAVELENGTHS_NM, REACH_PX)
-    if grid.projection.is_plane and max(grid.overscan_px) <= ROOM_PX:
+    """The scene through a lens: linear Rec. 709 array with the columns of FRAME_PX and, if squeezed, more rows."""
+    frame_px = round(FRAME_PX[0] * lens.squeeze), FRAME_PX[1]
+    pitch_um = 1e3 * frame_height_mm(lens.sensor_mm, lens.squeeze) / frame_px[0]
+    focal_mm = lens.capture_focal_length_mm
+    grid = choose_capture(lens, PixelGrid(frame_px, pitch_um), WAVELENGTHS_NM, round(REACH_PX * lens.squeeze))
+    if grid.projection.is_plane and grid.squeeze == 1 and max(grid.overscan_px) <= ROOM_PX:
         grid, layers = shared_grid(pitch_um), shared
     else:
         layers = scene_layers(bust, grid, focal_mm, WAVELENGTHS_NM)
@@ -97,19 +104,33 @@ def scene_picture(lens, bust, shared):
 
 
 def points(lens):
-    """White points from the centre to the frame's corner, side by side, with outwards to the right."""
-    height_mm = frame_height_mm(lens.sensor_mm)
-    places_mm = np.linspace(0, np.hypot(1, FRAME_PX[1] / FRAME_PX[0]) / 2 * height_mm, POINTS)
+    """White points from the centre to the frame's corner, side by side: with outwards to the right or, of a lens
+    without rotational symmetry, to the upper right corner."""
+    height_mm = frame_height_mm(lens.sensor_mm, lens.squeeze)
+    corner_mm = height_mm / 2 * np.array((FRAME_PX[1] / FRAME_PX[0] / lens.squeeze, 1))
+    psfs = (grid_points if isinstance(lens, GridLens) else radial_points)(lens, corner_mm)
+    pitch_px = lens.psf_pitch_um * POINT_PX[0] / (1e3 * POINT_VIEW * height_mm) * np.array((1, lens.squeeze))
+    return POINT_LIGHT * np.concatenate([in_pixels(psf, pitch_px) for psf in psfs], axis=1)
+
+
+def radial_points(lens, corner_mm):
+    """PSFs from the centre to a corner, outwards to the right: array (point, row, column, 3)."""
     real_mm = lens.real_height_mm[lens.wavelengths_nm.size // 2]
-    psfs = white_psfs(lens, np.abs(real_mm[:, None] - places_mm).argmin(axis=0))
-    pitch_px = lens.psf_pitch_um * POINT_PX[0] / (1e3 * POINT_VIEW * height_mm)
-    return POINT_LIGHT * np.concatenate([in_pixels(psf, pitch_px) for psf in psfs.swapaxes(1, 2)], axis=1)
+    places_mm = np.linspace(0, np.hypot(*corner_mm), POINTS)
+    return white_psfs(lens, np.abs(real_mm[:, None] - places_mm).argmin(axis=0)).swapaxes(1, 2)
+
+
+def grid_points(lens, corner_mm):
+    """PSFs from the centre to a corner, as in the picture: array (point, row, column, 3)."""
+    places_mm = np.linspace(0, corner_mm, POINTS).T
+    moved_um = displacement_um(lens, WHITE_NM, *places_mm)
+    return mirror_image(in_white_light(lens, psfs_at(lens, *places_mm), moved_um[..., ::-1]), 1)
 
 
 def in_pixels(psf, pitch_px):
-    """The light of a PSF on the POINT_PX pixels around its middle, from samples that are `pitch_px` apart."""
-    for axis, count in enumerate(POINT_PX):
-        edges_px = (np.arange(psf.shape[axis] + 1) - psf.shape[axis] // 2 - 0.5) * pitch_px
+    """The light of a PSF on the POINT_PX pixels around its middle, from samples this far apart along both axes."""
+    for axis, (count, pitch) in enumerate(zip(POINT_PX, pitch_px, strict=True)):
+        edges_px = (np.arange(psf.shape[axis] + 1) - psf.shape[axis] // 2 - 0.5) * pitch
         begin = [(int(each == axis), 0) for each in range(psf.ndim)]
         sums = scipy.interpolate.PchipInterpolator(edges_px, np.pad(np.cumsum(psf, axis), begin), axis)
         psf = np.diff(sums(np.clip(np.arange(count + 1) - count / 2, *edges_px[[0, -1]])), axis=axis)

@@ -81,6 +81,7 @@ def scene_layers(bust, grid, focal_mm, wavelengths_nm):
 def _directions(grid, focal_mm):
     """u and v of each part of a pixel, and whether it shows an angle below WIDEST_DEG."""
     x_mm, y_mm = np.meshgrid(*grid.finer(PARTS).axes_mm())
+    x_mm *= grid.squeeze
     radius = np.hypot(x_mm, y_mm) / focal_mm
     angle = grid.projection.angle_rad(radius)
     height_mm = grid.frame_px[0] * grid.pitch_um * 1e-3

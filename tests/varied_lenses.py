@@ -1,15 +1,17 @@
-"""Bundled lenses for tests: eight of different kinds."""
+"""Bundled lenses for tests: eight of different kinds, and all by their symmetry."""
 
 from dataclasses import replace
 from functools import lru_cache
 
 from lenses import tinted
 from lensfield.engine.bake.bake import bake
-from lensfield.engine.library import load_lens, prescription_of
+from lensfield.engine.library import bundled_names, find_bundled, load_lens, prescription_of
 from lensfield.engine.rays.rings import turned
 
 VARIED = ("angenieux-50mm", "apple-phone-4mm", "cooke-triplet-50mm", "edmund-54852", "kodak-petzval-100mm",
           "muller-fisheye-25mm", "nikkor-28mm", "tessar-50mm")
+ANAMORPHIC = tuple(find_bundled(["anamorphic"]))
+RADIAL = tuple(name for name in bundled_names() if name not in ANAMORPHIC)
 
 
 @lru_cache

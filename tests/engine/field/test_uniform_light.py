@@ -10,8 +10,9 @@ from lensfield.engine.field.radial.distortion import FieldGeometry
 from lensfield.engine.field.radial.psf_bank import PsfBank
 from lensfield.engine.field.radial.uniform_light import UniformLight, unevenness
 from lensfield.engine.image.pixel_grid import PixelGrid
-from lensfield.engine.library import bundled_names, load_lens, package_path, prescription_of
+from lensfield.engine.library import load_lens, package_path, prescription_of
 from lensfield.engine.rays.rings import turned
+from varied_lenses import RADIAL
 
 WIDTHS_PX, NM, MOST = (192, 640, 1920), (450.0, 550.0, 650.0), 0.01
 
@@ -37,7 +38,7 @@ def test_a_pixel_is_as_bright_as_in_the_picture(method, centre_px):
 
 
 @pytest.mark.sample(2)
-@pytest.mark.parametrize("name", bundled_names())
+@pytest.mark.parametrize("name", RADIAL)  # test_grid_field.py has the test for the others
 def test_uniform_light_is_uniform_at_every_pitch(name):
     """On the axis, where PSFs of adjacent pixels differ most, and over the field against the finest pixels; the heights
     of a preview are few for an f/1.2 with glow."""
