@@ -72,7 +72,7 @@ def test_round_trip_keeps_every_field(path, changes):
 @pytest.mark.parametrize("changes", [{"squeeze": 1.5, "focus_slope": (1e-4, -2e-5)}, {"mirrored": (True, True)}],
                          ids=str)
 def test_a_lens_over_x_and_y_keeps_every_field(path, changes):
-    lens = lopsided_grid(maker="nobody", transmittance=(0.8, 0.95), **changes)
+    lens = lopsided_grid(maker="A. Maker", transmittance=(0.8, 0.95), **changes)
     write_package(lens, path)
     read = read_package(path)
     assert type(read) is GridLens and json.loads(str(parts(path)["header"]))["version"] == 3
