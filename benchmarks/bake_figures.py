@@ -2,7 +2,8 @@
 
     python benchmarks/bake_figures.py [QUALITY [LENS ...]]
 
-The rings are at rest. Without arguments, all lenses of the library are baked at preview. Nothing is cached.
+The rings are at rest. Without arguments, all rotationally symmetric lenses of the library are baked at preview. Nothing
+is cached.
 """
 
 import sys
@@ -31,7 +32,7 @@ def main(quality: str = "preview", *names: str) -> None:
     """Print the figures of each lens, and their median and worst."""
     print(machine())
     lenses, figures = bundled_lenses(), {}
-    for name in names or lenses:
+    for name in names or [name for name, lens in lenses.items() if lens.radial]:
         figures[name] = seconds(lenses[name], quality)
         print(f"{name:30}  bake {figures[name][0]:6.2f} s  rays {figures[name][1]:5.2f} s", flush=True)
     for which, label in enumerate((f"bake at {quality}", "table of rays")):

@@ -1,4 +1,4 @@
-"""The asset library of the lenses, on two of them."""
+"""The asset library of the lenses, on two of them and an anamorphic lens, which Quick Look does not show."""
 
 from dataclasses import replace
 
@@ -13,9 +13,10 @@ from lensfield.engine.library import described_lenses
 
 @pytest.fixture
 def two_lenses(monkeypatch):
-    lenses = {name: described_lenses()[name] for name in ("tessar-50mm", "cooke-triplet-50mm")}
+    names = "tessar-50mm", "cooke-triplet-50mm", "atlas-42mm-1.5x"
+    lenses = {name: described_lenses()[name] for name in names}
     monkeypatch.setattr(lens_assets, "described_lenses", lambda: lenses)
-    return lenses
+    return {name: lenses[name] for name in names[:2]}
 
 
 def test_each_lens_becomes_a_node_group_with_picture_story_and_tags(scene, tmp_path, two_lenses):
