@@ -256,8 +256,7 @@ static ray started(const lf_system *s, eight_doubles x, eight_doubles y, eight_d
     const eight_doubles length = root(1 + slope_x * slope_x + slope_y * slope_y), zero = even(0);
     ray r = {{x, y, relief_of(s, s->stop, x, y).sag}, {zero, zero, zero}, zero};
     leave(s, s->stop, &r);
-    r.direction = (triple){slope_x / length, slope_y / length, 1 / length};
-    return r;
+    return (ray){r.position, {slope_x / length, slope_y / length, 1 / length}, zero};
 }
 
 INLINE void note(double *squares, int64_t step, int64_t n, int64_t count, triple at)
