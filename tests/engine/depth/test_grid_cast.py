@@ -136,7 +136,7 @@ def test_a_leaning_plane_of_focus_blurs_by_the_distance_from_it(blur):
     alpha = np.zeros(grid.shape_px)
     alpha[lit] = 1
     plane, _ = planes([layer(alpha, depth_of_blur(lens, blur, in_focus)),
-                       layer(np.ones(grid.shape_px), np.inf, 0.0)], lens, grid, most_rays=256)
+                       layer(np.ones(grid.shape_px), np.inf, 0.0)], lens, grid, most_rays=1024)
     middle, (down, across) = moments(plane.blurred)
     assert plane.blurred.sum() == pytest.approx(1, rel=0.02) and middle + 10 == pytest.approx(lit, abs=0.5)
     # the plane of focus also leans across the disc: the blur of a ray grows with its landing place
