@@ -133,8 +133,7 @@ class Judged:
 
     def __init__(self, path, focus_mm=None, stop_mm=None):
         self.foreign = ForeignLens(path, NM, focus_mm, stop_mm)
-        lens = load_lens(path, Rings(focus_mm), quality="preview")  # only rays count out of focus
-        self.lens = replace(lens, transmittance=np.full_like(lens.transmittance, TRANSMITTANCE))
+        self.lens = dimmed(load_lens(path, Rings(focus_mm), quality="preview"))  # only rays count out of focus
 
     def lamp(self, depth_mm, tangent, hidden=False):
         """The Apart of a lamp."""
@@ -162,8 +161,13 @@ class Judged:
         return replace(difference, wings=DIFFRACTION * 1e-6 * NM * f_number / min(true.along_mm, true.across_mm))
 
 
+def dimmed(lens):
+    """The lens with the same transmittance at every wavelength."""
+    return replace(lens, transmittance=np.full_like(lens.transmittance, TRANSMITTANCE))
+
+
 class Lamp:
-    """A square lamp, out of focus: the capture by a pinhole, and the disc by Optiland's rays.
+    """A lamp LAMP_PX pixels wide and high, out of focus: the capture by a pinhole, and the disc by Optiland's rays.
 
     The pixel pitch makes the disc DISC_PX wide, and off the axis the frame does not contain the axis; `hidden` puts an
     upright edge in front of the lamp.
@@ -176,17 +180,18 @@ class Lamp:
         disc = disc_of(x_mm, y_mm, light)
         self.pitch_mm = 4 * max(disc.along_mm, disc.across_mm) / DISC_PX
         self._pinhole_mm = PINHOLE * foreign.efl_mm
-        self._pixel = self.pitch_mm / self._pinhole_mm  # as a tangent
+        self._pixel = self.pitch_mm / self._pinhole_mm * np.array([foreign.squeeze, 1.0])  # as tangents
         pupil_mm = foreign.entrance_pupil_radius_mm
-        self._near_mm = 1 / (1 / depth_mm + DISC_PX * self._pixel / (2 * pupil_mm))  # a pixel there is one of the disc
+        disc_pixel = DISC_PX * self._pixel[0]
+        self._near_mm = 1 / (1 / depth_mm + disc_pixel / (2 * pupil_mm))  # a pixel there is one of the disc
         self._middle_px = np.round(tangent * WAY / self._pixel)  # from the axis, to the right and up
         right, up = np.round(disc.centroid_mm / self.pitch_mm)
         rows, columns = np.array(FRAME_PX) + 2 * np.array(MARGIN_PX)
         centre_px = rows // 2 + OFF_MIDDLE_PX[0] + up, columns // 2 + OFF_MIDDLE_PX[1] - right
-        self._grid = PixelGrid((rows, columns), 1e3 * self.pitch_mm, centre_px, MARGIN_PX)
-        middle_mm = self._middle_px[0] * self._pixel * self._near_mm
+        self._grid = PixelGrid((rows, columns), 1e3 * self.pitch_mm, centre_px, MARGIN_PX, squeeze=foreign.squeeze)
+        middle_mm = self._middle_px[0] * self._pixel[0] * self._near_mm
         cut_mm = EDGE * pupil_mm * (1 - self._near_mm / depth_mm)
-        self._edge_px = np.floor((middle_mm + cut_mm) / (self._pixel * self._near_mm)) + 0.5 if hidden else None
+        self._edge_px = np.floor((middle_mm + cut_mm) / (self._pixel[0] * self._near_mm)) + 0.5 if hidden else None
 
     def layered(self):
         """The LayeredRadiance of the pinhole."""
@@ -205,7 +210,7 @@ class Lamp:
         blocked, step_mm = None, self._pixel * self._depth_mm
         if self._edge_px is not None:
             def blocked(place_at):
-                return place_at(self._near_mm)[0] > self._edge_px * self._pixel * self._near_mm
+                return place_at(self._near_mm)[0] > self._edge_px * self._pixel[0] * self._near_mm
         (x_mm, y_mm), light = self._foreign.lamp(self._middle_px * step_mm, LAMP_PX / 2 * step_mm, self._depth_mm,
                                                  blocked)
         return disc_of(x_mm, y_mm, light * RADIANCE * TRANSMITTANCE)

@@ -16,7 +16,6 @@ from scipy.stats import qmc
 
 MM = {"MM": 1.0, "CM": 10.0, "IN": 25.4, "METER": 1e3, "M": 1.0, "C": 10.0, "I": 25.4}
 UNIT_WORDS = "UNIT", "DIM"
-AIM = 1.7  # radius of the disc that rays aim at, in entrance pupil radii: pupils of oblique bundles are larger
 CHIEF_STEPS, CHIEF_OFF = 12, 1e-6  # to the middle of the stop, in its radii
 WITHIN = 0.98  # of that disc: rays that pass must stay within this radius
 
@@ -38,7 +37,13 @@ class ForeignLens:
     ----------
     efl_mm, entrance_pupil_mm, entrance_pupil_radius_mm : float
         Focal length; position, from the first surface, and size of the entrance pupil.
+    squeeze : float
+        Width over height of the scene behind a square pixel.
+    aim : float
+        Radius of the disc that rays aim at, in entrance pupil radii: pupils of oblique bundles are larger.
     """
+
+    squeeze, aim = 1.0, 1.7
 
     def __init__(self, path, wavelength_nm, focus_mm=None, stop_mm=None):
         load = load_codev_file if Path(path).suffix.lower() == ".seq" else load_zemax_file
@@ -62,14 +67,14 @@ class ForeignLens:
         self._stop_radius = marginal if stop_mm is None else stop_mm / self._mm
 
     def lamp(self, place_mm, half_mm, depth_mm, blocked=None, rays=2**15, seed=0):
-        """Light of a flat square lamp that faces the camera.
+        """Light of a flat square or rectangular lamp that faces the camera.
 
         Parameters
         ----------
         place_mm : (float, float)
             Its middle, to the right and up in the camera's view.
-        half_mm : float
-            Half its side.
+        half_mm : float or (float, float)
+            Half its side, or half its width and height.
         depth_mm : float
             From the entrance pupil.
         blocked : function (place_at), optional
@@ -83,17 +88,17 @@ class ForeignLens:
             Their light for unit radiance, in mm^2 sr.
         """
         sample = qmc.Sobol(4, seed=seed).random(rays).T
-        start = np.reshape(place_mm, (2, 1)) + half_mm * (2 * sample[:2] - 1)
-        aim_mm = AIM * self.entrance_pupil_radius_mm
+        start = np.reshape(place_mm, (2, 1)) + np.reshape(half_mm, (-1, 1)) * (2 * sample[:2] - 1)
+        aim_mm = self.aim * self.entrance_pupil_radius_mm
         aim = aim_mm * np.sqrt(sample[2]) * np.array([np.cos(2 * np.pi * sample[3]), np.sin(2 * np.pi * sample[3])])
         way = np.stack([*(aim - start), np.full(rays, depth_mm)])
         direction = way / np.linalg.norm(way, axis=0)
         landed, passing = self._traced(aim, direction)
         if np.any(np.hypot(*aim)[passing] > WITHIN * aim_mm):
-            raise ValueError("rays pass at the edge of the sampled disc: raise AIM")
+            raise ValueError("rays pass at the edge of the sampled disc: raise aim")
         if blocked is not None:
             passing &= ~blocked(lambda at_mm: start + (aim - start) * (1 - at_mm / depth_mm))
-        light = direction[2]**4 / depth_mm**2 * (2 * half_mm)**2 * np.pi * aim_mm**2 / rays
+        light = direction[2]**4 / depth_mm**2 * np.prod(2 * np.broadcast_to(half_mm, 2)) * np.pi * aim_mm**2 / rays
         return -landed[:, passing], light[passing]
 
     def chief_mm(self, place_mm, depth_mm):

@@ -6,7 +6,6 @@ prints the differences that docs/guide/engineer.md states. Both programs get the
 focused at 5 m, and object points in focus. They aim rays at the stop, by Newton's method, and trace them to the sensor.
 """
 
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -14,8 +13,7 @@ from optiland.rays import RealRays
 from rayoptics.raytr.raytrace import trace_raw
 
 from lensfield.engine.bake.sampling import sensor_mm
-from lensfield.engine.library import BUNDLED
-from lensfield.engine.prescription.readers import read_prescription
+from lensfield.engine.library import prescription_of
 from lensfield.engine.prescription.tolerances import Copy
 from lensfield.engine.rays.fields import find_fields, trace_fields, undisturbed, view_of
 from lensfield.engine.rays.focus import build_system
@@ -31,7 +29,6 @@ PUPIL = FullPupil(3, 6)
 BEFORE_MM = 100.0  # start of rays in front of the first vertex
 NEWTON_STEPS, STEP_MM, AIMED_MM = 5, 1e-4, 1e-9
 MOST_MM, MOST_WAVES = 1e-6, 1e-3
-ANAMORPHICS = Path(__file__).parents[2] / "data" / "anamorphics"
 
 
 class Difference(NamedTuple):
@@ -109,14 +106,14 @@ class Displaced:
     passing : bool array (place, ray)
     """
 
-    def __init__(self, path):
-        self.system = build_system(turned(read_prescription(path), RINGS).prescription)
+    def __init__(self, name):
+        self.system = build_system(turned(prescription_of(name), RINGS).prescription)
         self._view = view_of(self.system)
         self._places_mm = SHARES * np.reshape(sensor_mm(self.system), (2, 1)) / 2
         self._points = find_fields(self.system, self._view, self._places_mm, [NM])
         self.position_mm, self.path_mm, self.passing = self._rays(self.system)
         if not self.passing[:, 0].all():
-            raise ValueError(f"{path}: the rim blocks a chief ray: choose other SHARES")
+            raise ValueError(f"{name}: the rim blocks a chief ray: choose other SHARES")
 
     def _rays(self, system):
         rays = trace_fields(system, self._view, self._points, PUPIL)
@@ -151,19 +148,18 @@ def _difference(chief_mm, path_mm):
 
 
 CASES = {
-    **{BUNDLED / "prescriptions" / f"{name}.toml": by_rayoptics for name in (
-        "cooke-triplet-50mm", "zeiss-planar-50mm-f1.4", "nikkor-28mm", "meyer-orestor-135mm", "nikkor-58mm-f1.4")},
-    **{ANAMORPHICS / f"{name}.toml": by_optiland for name in ("cooke-42mm-2x", "panavision-21mm-1.3x")},
-}
+    "cooke-triplet-50mm": by_rayoptics, "zeiss-planar-50mm-f1.4": by_rayoptics, "nikkor-28mm": by_rayoptics,
+    "meyer-orestor-135mm": by_rayoptics, "nikkor-58mm-f1.4": by_rayoptics,
+    "cooke-42mm-2x": by_optiland, "panavision-21mm-1.3x": by_optiland}
 
 
 def main():
     print(f"| lens | program | chief rays: limit {MOST_MM:g} mm | wavefront: limit {MOST_WAVES:g} waves | "
           "displacements move chief rays by | and the wavefront by |\n|---|---|---|---|---|---|")
-    for path, tracer in CASES.items():
-        lens = Displaced(path)
+    for name, tracer in CASES.items():
+        lens = Displaced(name)
         ours, effect = lens.from_program(tracer), lens.from_design()
-        print(f"| `{path.stem}` | {tracer.__name__[3:]} | {ours.chief_mm:.1g} mm | {ours.waves:.1g} | "
+        print(f"| `{name}` | {tracer.__name__[3:]} | {ours.chief_mm:.1g} mm | {ours.waves:.1g} | "
               f"{effect.chief_mm:.2g} mm | {effect.waves:.2g} waves |", flush=True)
 
 

@@ -38,7 +38,8 @@ def path_of(system, wavelength_nm, object_gap_mm):
     steps = [forward_transform(here, gap_mm, ahead) for here, gap_mm, ahead in
              zip(interfaces, gaps_mm, [*interfaces[1:], interfaces[-1]], strict=True)]
     return [[interface, Gap(t=gap_mm), (turn.T, offset_mm), index, 1.0]
-            for interface, gap_mm, (turn, offset_mm), index in zip(interfaces, gaps_mm, steps, indices[1:], strict=True)]
+            for interface, gap_mm, (turn, offset_mm), index in
+            zip(interfaces, gaps_mm, steps, indices[1:], strict=True)]
 
 
 def displacement(pose):

@@ -8,6 +8,7 @@ import pytest
 pytest.importorskip("optiland", reason="the second truth of depth is Optiland's: make test-bake")
 
 from depth_second_truth import CASES, NM, PRESCRIPTIONS, Judged, with_glasses  # noqa: E402
+from depth_witness import JudgedDesign  # noqa: E402
 from foreign_lens import ForeignLens  # noqa: E402
 
 SURFACES_CM = (
@@ -91,3 +92,12 @@ def test_real_lenses(case, tmp_path):
     judged = Judged(with_glasses(path, case.glasses, tmp_path), case.focus_mm, case.stop_mm)
     deviation = judged.lamp(case.depths_mm[0], case.tangents[1])
     assert not deviation.missed, deviation
+
+
+def test_lamps_through_an_anamorphic_lens():
+    """Near the axis behind an edge, and far off the axis."""
+    judged = JudgedDesign()
+    for lamp in ((1000.0, 0.0, True), (8000.0, 0.25, False)):
+        deviation = judged.lamp(*lamp)
+        assert not deviation.missed, deviation
+        assert deviation.oval < 0.85, "the disc is round: nothing is tested of the squeeze"
