@@ -20,7 +20,7 @@ from lensfield.engine.rays.rings import Rings, turned
 from loops import using
 
 INDEX = 1.5
-PUPIL = HalfPupil(7, 9)
+PUPIL, DENSE = HalfPupil(7, 9), HalfPupil(9, 11)
 
 
 def hyperbola(focal_mm=20.0, f_number=1.5):
@@ -130,7 +130,7 @@ def odd_lens(**changes):
     return replace(lens, **changes)
 
 
-def traced_by(loops, system, heights_mm, wavelengths_nm=(420.0, 550.0, 680.0), pupil=HalfPupil(9, 11)):
+def traced_by(loops, system, heights_mm, wavelengths_nm=(420.0, 550.0, 680.0), pupil=DENSE):
     with using(loops):
         return trace_pupil(system, heights_mm, wavelengths_nm, pupil)
 
