@@ -7,10 +7,15 @@ from .lens import Lens
 
 
 def fitting_pitch_um(lens: Lens, frame_px: tuple[int, int]) -> float:
-    """Pixel pitch at which the frame, in rows and columns, exactly fits in the lens's sensor, which is turned with it:
-    for a portrait picture, its longer side is upright."""
-    return 1e3 * min(side_mm / side_px for side_mm, side_px in zip(sorted(lens.sensor_mm), sorted(frame_px),
-                                                                  strict=True))
+    """Pixel pitch at which the frame, in rows and columns, exactly fits in the lens's sensor.
+
+    The sensor is turned with the frame: for a portrait picture, its longer side is upright. The sensor of an anamorphic
+    lens is not, because the lens squeezes the picture's width.
+    """
+    sides_mm, sides_px = np.array(lens.sensor_mm)[::-1], np.array(frame_px)
+    if lens.squeeze == 1:
+        sides_mm, sides_px = np.sort(sides_mm), np.sort(sides_px)
+    return 1e3 * float((sides_mm / sides_px).min())
 
 
 def field_of_view_deg(focal_mm: float, side_mm: float) -> float:

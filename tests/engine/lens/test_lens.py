@@ -5,9 +5,10 @@ from dataclasses import FrozenInstanceError, replace
 import numpy as np
 import pytest
 
-from lenses import comatic_lens, make_lens, marked_psf
+from lenses import comatic_lens, make_grid_lens, make_lens, marked_psf
 from lensfield.engine import LensError, Options, SpectralImage, load_lens, simulate
 from lensfield.engine.image.projection import FISHEYE, PLANE, Projection
+from lensfield.engine.lens.pinhole import fitting_pitch_um
 
 REFERENCE_NM = 587.6
 
@@ -176,3 +177,10 @@ def test_a_scaled_lens_puts_as_much_light_on_every_square_metre():
     image = SpectralImage(np.ones((1, 40, 40)), [550.0], pitch_um=70.0, overscan_px=(4, 4))
     in_single_precision = 16 * np.finfo(np.float32).eps  # each pixel is a sum of shares and one or two products
     np.testing.assert_allclose(simulate(image, lens).cube, np.pi / 16, rtol=in_single_precision)
+
+
+@pytest.mark.parametrize(("frame_px", "squeeze", "pitch_um"), [
+    ((180, 240), 1, 20.0), ((240, 180), 1, 20.0), ((160, 240), 1, 20.0), ((180, 240), 2, 20.0), ((240, 180), 2, 15.0)])
+def test_the_sensor_turns_with_a_portrait_frame_unless_the_lens_squeezes(frame_px, squeeze, pitch_um):
+    lens = make_lens() if squeeze == 1 else make_grid_lens(squeeze=squeeze, sensor_mm=(4.8, 3.6))
+    assert fitting_pitch_um(lens, frame_px) == pytest.approx(pitch_um)
