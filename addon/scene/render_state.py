@@ -14,7 +14,8 @@ CLAMPS = "sample_clamp_direct", "sample_clamp_indirect"
 LEAST_THRESHOLD, MIN_SAMPLES, MIN_SAMPLES_POWER = 1e-3, 16, -0.3  # of Cycles' own choices for adaptive sampling
 HALF = 0.5  # of a pixel: protects the region from rounding
 IMAGE = {"media_type": "MULTI_LAYER_IMAGE", "file_format": "OPEN_EXR_MULTILAYER", "color_depth": "32",
-         "exr_codec": "NONE"}  # files are read only once, and noise compresses badly
+         "exr_codec": "NONE",  # files are read only once, and noise compresses badly
+         "use_exr_interleave": True}  # Blender cannot write several parts if pixels are not square
 
 
 def go_to_frame(scene, frame, journal):
@@ -145,9 +146,9 @@ def guard_region(render, region, shape_px, journal):
 def _guard_format(image, journal):
     """Set the format. Blender changes incompatible settings along with it, so all are restored together, in this
     order."""
-    formats = {name: value for name, value in IMAGE.items() if hasattr(image, name)}  # media_type came with 5.0
+    formats = {name: value for name, value in IMAGE.items() if hasattr(image, name)}  # two of them came with 5.0
     before = {name: getattr(image, name) for name in ("media_type", "file_format", "color_mode", "color_depth",
-                                                      "exr_codec") if hasattr(image, name)}
+                                                      "exr_codec", "use_exr_interleave") if hasattr(image, name)}
     colour_space = image.linear_colorspace_settings.name
     if colour_space:  # a factory-new scene has none until a format is chosen
         journal.on_exit(lambda: setattr(image.linear_colorspace_settings, "name", colour_space))
