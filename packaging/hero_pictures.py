@@ -1,11 +1,12 @@
-"""The pictures of the front page: one night portrait through ten lenses, and a focus pull.
+"""The pictures of the front page: one night portrait through ten lenses, in scope, and a focus pull.
 
     python packaging/hero_pictures.py FOLDER
 
-writes docs/hero.jpg (three lenses side by side), docs/gallery/NAME.jpg and docs/focus_pull.webp; `make hero` does that
-with Blender's wheel, in build/hero. Cycles renders `sample_scenes/night_portrait.blend` once, in layers of depth; each
-lens, and each focus, is applied to these layers. An existing capture and lens images in FOLDER are reused:
-delete the folder after you change the scene.
+writes docs/hero.jpg (three lenses side by side), docs/scope.jpg, docs/gallery/NAME.jpg and docs/focus_pull.webp; `make
+hero` does that with Blender's wheel, in build/hero. Cycles renders `sample_scenes/night_portrait.blend` once, in layers
+of depth; each lens, and each focus, is applied to these layers. The anamorphic lens sees more of the scene, and has a
+render of its own. An existing capture and lens images in FOLDER are reused: delete the folder after you change the
+scene.
 """
 
 import sys
@@ -16,6 +17,7 @@ import numpy as np
 from PIL import Image
 
 from lensfield import addon
+from lensfield.addon.scene.lens_facts import lens_facts
 from lensfield.engine import Options
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 
@@ -29,6 +31,7 @@ GALLERY = ("tessar-50mm", "zeiss-biotar-50mm", "meyer-primoplan-75mm", "sonnar-5
            "nikkor-z-58mm-noct")
 PULLED = "angenieux-50mm"
 CAPTURE_LENS = "angenieux-50mm"
+ANAMORPHIC, SCOPE_PX = "cooke-42mm-2x", (478, 400)
 ROOM = 0.09  # of the frame's longer side, for the blur of f/0.95 at the edges
 WAVELENGTHS_NM = range(430, 671, 40)
 SAMPLES = 24
@@ -53,7 +56,23 @@ def main(folder):
         small.save(DOCS / "gallery" / f"{name}.jpg", quality=86, optimize=True)
     write_pull([developed(through(PULLED, radiance, folder / f"focus_{1000 * metres:.0f}mm", metres, MOVING))
                 for metres in pull_m()], DOCS / "focus_pull.webp")
+    scope(folder / "scope").save(DOCS / "scope.jpg", quality=90, optimize=True)
     addon.unregister()
+
+
+def scope(output):
+    """A film frame through the anamorphic lens, at its full width."""
+    bpy.ops.wm.open_mainfile(filepath=str(SCENE))
+    scene, squeeze = bpy.context.scene, lens_facts(ANAMORPHIC).squeeze
+    lens_image = output / f"{scene.name}_{scene.frame_current:04d}_lens_image.exr"
+    scene.render.resolution_x, scene.render.resolution_y, scene.render.pixel_aspect_x = *SCOPE_PX, squeeze
+    scene.cycles.samples = SAMPLES
+    if not lens_image.exists():
+        addon.render_through_lens(scene, lens=ANAMORPHIC, wavelengths_nm=WAVELENGTHS_NM, output_folder=output,
+                                  view="camera", denoise="on", options=STILL, spectral=SpectralOptions("preview"),
+                                  lens_quality="preview")
+    picture = developed(lens_image)
+    return picture.resize((round(squeeze * picture.width), picture.height), Image.Resampling.LANCZOS)
 
 
 def capture(scene, output):
