@@ -15,7 +15,7 @@ import bpy
 
 from ...engine.runtime.build_identity import build_identity
 from ...engine.runtime.errors import InputError
-from ...engine.runtime.files import discard, hidden_folder, matching, move, note_resumable, remove
+from ...engine.runtime.files import discard, hidden_folder, matching, move, note_resumable, remove, uninterrupted
 from ...engine.runtime.locks import Busy, only_writer
 from ...engine.runtime.values import json_value
 from .light import read_pass
@@ -133,7 +133,8 @@ def _name(scene, frame):
 
 def remove_passes(scene, folder, frame):
     """Remove the passes of a frame whose files are complete."""
-    remove(passes_folder(scene, folder, frame))
+    with uninterrupted():  # a process that is being stopped may just state where the passes are
+        remove(passes_folder(scene, folder, frame))
 
 
 def passes_left(scene, folder):
