@@ -888,30 +888,74 @@ static double shrunk(const lf_cast_of *c, double tangent)
     return c->shrinkage[before] + (step - (double)before) * (c->shrinkage[before + 1] - c->shrinkage[before]);
 }
 
+/* The node before a place among `count` nodes, and the place's distance from it. */
+static int64_t node_before(double place, int64_t count, double *weight)
+{
+    const int64_t before = (int64_t)fmin(fmax(place, 0), (double)(count - 2));
+    *weight = place - (double)before;
+    return before;
+}
+
+typedef struct { /* a pixel's place among the nodes, and the axes of its rays' positions */
+    int64_t node;
+    double weight, up_weight, right[2], up[2], chief[2];
+} place;
+
+static place place_of(const lf_cast_of *c, double x, double y, int64_t w)
+{
+    const double height = hypot(x, y);
+    if (!c->mesh_rows) {
+        place p = {.right = {height > 0 ? x / height : 0, height > 0 ? y / height : 1}};
+        p.node = node_before(height * c->nodes_per_px, c->nodes, &p.weight);
+        p.up[0] = p.right[1], p.up[1] = -p.right[0];
+        return p;
+    }
+    place p = {.right = {c->mirrored_right && x < 0 ? -1 : 1, 0}, .up = {0, c->mirrored_up && y < 0 ? -1 : 1}};
+    const double across = p.right[0] * x * c->nodes_per_px - c->first_right, upwards = p.up[1] * y * c->rows_per_px - c->first_up;
+    p.node = node_before(across, c->nodes, &p.weight) + c->nodes * node_before(upwards, c->mesh_rows, &p.up_weight);
+    double on, higher;
+    const int64_t columns = (c->nodes - 1) * c->finer + 1;
+    const int64_t column = node_before(across * (double)c->finer, columns, &on);
+    const int64_t row = node_before(upwards * (double)c->finer, (c->mesh_rows - 1) * c->finer + 1, &higher);
+    for (int k = 0; k < 4; k++)
+        for (int axis = 0; axis < 2; axis++)
+            p.chief[axis] += (k % 2 ? on : 1 - on) * (k / 2 ? higher : 1 - higher)
+                             * c->chief[(((row + k / 2) * columns + column + k % 2) * c->wavelengths + w) * 2 + axis];
+    return p;
+}
+
+/* A quantity of a ray at a pixel; `held` between the nodes. */
+static double at_place(const lf_cast_of *c, const place *p, int64_t where, int held)
+{
+    const int64_t size = c->eights * (16 + 48 * c->wavelengths);
+    double weight = held ? fmin(p->weight, 1) : p->weight, up_weight = p->up_weight;
+    if (c->mesh_rows && held) weight = fmax(weight, 0), up_weight = fmin(fmax(up_weight, 0), 1);
+    double sum = 0;
+    for (int k = 0; k < (c->mesh_rows ? 4 : 2); k++)
+        sum += (k % 2 ? weight : 1 - weight) * (k / 2 ? up_weight : 1 - up_weight)
+               * c->rays[(p->node + k % 2 + k / 2 * c->nodes) * size + where];
+    return sum;
+}
+
 /* What a pixel's rays add up to: light, blurred, through and all. */
 static void rays_of(const lf_cast_of *c, const lf_meeting *meetings, int64_t first, int64_t eights, int64_t row, int64_t column, int64_t w,
                     double sums[4])
 {
-    const double x = (double)column - c->centre_column, y = c->centre_row - (double)row, height = hypot(x, y);
-    const double right = height > 0 ? x / height : 0, up = height > 0 ? y / height : 1, step = height * c->heights_per_px;
-    const int64_t before = step < (double)c->heights - 2 ? (int64_t)step : c->heights - 2, size = 16 + 48 * c->wavelengths;
+    const place p = place_of(c, (double)column - c->centre_column, c->centre_row - (double)row, w);
     for (int64_t ray = 8 * first; ray < 8 * (first + eights); ray++) {
         double got[6], free = 1, in_focus = 1;
-        for (int k = 0; k < 6; k++) {
-            const int64_t at = before * c->eights * size + ray / 8 * size + 16 + 48 * w + 8 * k + ray % 8;
-            const double low = c->rays[at], high = c->rays[at + c->eights * size];
-            const double weight = step - (double)before;
-            got[k] = low + (k < 4 ? weight : fmin(weight, 1)) * (high - low);
-        }
+        for (int k = 0; k < 6; k++)
+            got[k] = at_place(c, &p, ray / 8 * (16 + 48 * c->wavelengths) + 16 + 48 * w + 8 * k + ray % 8, k >= 4);
+        got[0] += p.chief[0], got[1] += p.chief[1];
         got[5] *= fmin(fmax(got[4] + 0.5, 0), 1);
         sums[0] += got[5];
         for (int64_t n = 0; n < c->layers; n++) {
             const lf_level *l = c->layer[n].level + meetings[n].level;
             if (meetings[n].steps < 0) continue;
-            const double q = meetings[n].inverse_depth, s = meetings[n].share, out = got[0] + q * got[2], across = got[1] + q * got[3];
-            const double part = c->per_focal > 0 ? shrunk(c, hypot(out, across) * c->per_focal) : 1;
-            const double at_row = l->axis_row - l->per_px * part * (out * up - across * right);
-            const double at_column = l->axis_column + l->per_px * part * (out * right + across * up);
+            const double q = meetings[n].inverse_depth, s = meetings[n].share, one = got[0] + q * got[2], two = got[1] + q * got[3];
+            const double x = one * p.right[0] + two * p.right[1], y = one * p.up[0] + two * p.up[1];
+            const double part = c->per_focal_up > 0 ? shrunk(c, hypot(x * c->per_focal_right, y * c->per_focal_up)) : 1;
+            const double at_row = l->axis_row - l->per_px * part * y, at_column = l->axis_column + l->per_px * part * x;
             const double light = pixel_of(l, l->light.values + w * l->light.plane_step, at_row, at_column, meetings[n].cells);
             const double alpha = meetings[n].opaque ? 1 : pixel_of(l, l->alpha, at_row, at_column, meetings[n].cells);
             sums[1] += got[5] * free * (1 - s) * light;
@@ -928,9 +972,13 @@ static void try_casting(void)
     static const float wild[] = {NAN, INFINITY, -INFINITY, -1e30f, 1e30f, 1e-40f};
     const int kind = (int)below(3); /* tame, lively, wild */
     const int64_t rows = 1 + below(20), columns = 1 + below(20), tile = 1 + below(9), layers = 1 + below(3);
-    const int64_t wavelengths = 1 + below(LF_TOGETHER), heights = 2 + below(4), eights = 1 + below(3), size = 16 + 48 * wavelengths;
+    const int64_t wavelengths = 1 + below(LF_TOGETHER), nodes = 2 + below(4), eights = 1 + below(3), size = 16 + 48 * wavelengths;
+    const int64_t mesh_rows = below(2) ? 2 + below(3) : 0, finer = 1 + below(4);
+    const int64_t chiefs = mesh_rows ? ((mesh_rows - 1) * finer + 1) * ((nodes - 1) * finer + 1) * 2 * wavelengths : 0;
     const int64_t down = (rows + tile - 1) / tile, across = (columns + tile - 1) / tile, blades = kind ? below(7) : 0;
-    const int64_t count = heights * eights * size;
+    const int64_t count = nodes * (mesh_rows ? mesh_rows : 1) * eights * size;
+    float *chief = ROOM(float, chiefs);
+    for (int64_t i = 0; i < chiefs; i++) chief[i] = (float)(10 * (unit() - 0.5));
     float *rays = ROOM(float, count), *normals = ROOM(float, 2 * blades), *work = ROOM(float, 32 * tile * tile * wavelengths);
     for (int64_t i = 0; i < count; i++) {
         const int64_t at = i % size, quantity = at < 16 ? -1 : (at - 16) / 8 % 6;
@@ -975,12 +1023,20 @@ static void try_casting(void)
     const int64_t steps = 1 + below(9);
     float *shrinkage = ROOM(float, steps + 1);
     for (int64_t i = 0; i <= steps; i++) shrinkage[i] = (float)(1 - 0.7 * (double)i / (double)steps + 0.2 * unit());
-    lf_cast_of c = {.rays = rays, .heights = heights, .eights = eights, .wavelengths = wavelengths,
-                    .centre_row = 30 * (unit() - 0.2), .centre_column = 30 * (unit() - 0.2), .heights_per_px = unit(),
-                    .per_focal = below(2) ? 0 : (float)(0.2 * unit()), .shrinkage = shrinkage, .shrinkage_steps = steps,
+    const float per_focal = below(2) ? 0 : (float)(0.2 * unit());
+    lf_cast_of c = {.rays = rays, .nodes = nodes, .eights = eights, .wavelengths = wavelengths, .mesh_rows = mesh_rows,
+                    .centre_row = 30 * (unit() - 0.2), .centre_column = 30 * (unit() - 0.2), .nodes_per_px = unit(),
+                    .chief = chiefs ? chief : 0, .finer = finer, .per_focal_right = (mesh_rows ? 1.5f : 1) * per_focal,
+                    .per_focal_up = per_focal, .shrinkage = shrinkage, .shrinkage_steps = steps,
                     .normals = normals, .blades = blades, .blade_margin = 0.8f,
                     .blade_bend = 0.2f, .blade_slope = 0.7f, .cell_of_eight = 0.6f, .layer = layer, .layers = layers,
                     .meetings = meetings, .first_eights = first_eights, .tile_eights = tile_eights, .tile_step = tile_step, .tile_rows = down, .tile_columns = across, .tile_px = tile};
+    if (mesh_rows) { /* few pixels are far beyond its ends, where places are rounded more */
+        c.nodes_per_px *= (double)nodes / 30, c.rows_per_px = (double)mesh_rows / 30 * unit();
+        c.mirrored_right = (int32_t)below(2), c.mirrored_up = (int32_t)below(2);
+        c.first_right = c.mirrored_right ? 0 : -unit() * (double)(nodes - 1);
+        c.first_up = c.mirrored_up ? 0 : -unit() * (double)(mesh_rows - 1);
+    }
     for (int w = 0; w < LF_TOGETHER; w++) c.faint[w] = (float)(0.1 * unit());
     const int64_t plane = rows * columns;
     lf_cast_of odd = c;
@@ -1019,7 +1075,7 @@ static void try_casting(void)
         for (int64_t k = 0; k < layer[n].levels; k++) free(layer[n].level[k].light.values), free((void *)layer[n].level[k].alpha);
         free((void *)layer[n].depth);
     }
-    void *all[] = {rays, normals, work, layer, meetings, first_eights, tile_eights, tile_step, shrinkage};
+    void *all[] = {chief, rays, normals, work, layer, meetings, first_eights, tile_eights, tile_step, shrinkage};
     for (size_t n = 0; n < sizeof all / sizeof *all; n++) free(all[n]);
 }
 
