@@ -19,7 +19,7 @@ LIMITS = {"place": 0.3, "illumination": 0.02, "disc": 0.10}  # px of 1080 rows; 
 BLUR_PX, LEAST_BLUR_PX = 32.0, 8.0  # diameters of discs; the least that is measured
 REDRAWS = 5
 FRAME_PX = 900, 1200  # rows and columns of the render
-SHIFT = 0.07, -0.05  # of the camera, in widths of the frame
+SHIFT = 0.07, -0.05  # of the camera, in widths of the frame; 0 for discs
 
 
 class Viewport:
@@ -89,7 +89,6 @@ def make_scene():
     dots.parent = wall.parent = camera
     scene.camera = camera
     camera.data.clip_start, camera.data.clip_end = 0.1, 1000
-    camera.data.shift_x, camera.data.shift_y = SHIFT
     scene.unit_settings.system, scene.unit_settings.scale_length = "METRIC", METRES_PER_UNIT
     scene.render.resolution_y, scene.render.resolution_x = FRAME_PX
     scene.render.resolution_percentage = 100
@@ -126,7 +125,8 @@ class Judge:
 
     def places(self, parts):
         """Tangents of places in the frame, which are given from its middle in half sides: array (..., 2)."""
-        return 2 * self.tangents[0] * np.array(SHIFT) + np.asarray(parts) * self.tangents
+        camera = bpy.context.scene.camera.data
+        return 2 * self.tangents[0] * np.array((camera.shift_x, camera.shift_y)) + np.asarray(parts) * self.tangents
 
     def view(self):
         """Axis and scale of the viewport: pixels, and pixels per tangent."""
@@ -208,11 +208,13 @@ def set_up(viewport, name):
 
 def errors(viewport, name):
     """The largest errors of the live view through a lens: dict with the keys of LIMITS."""
-    judge = set_up(viewport, name)
-    yield 0.5  # for the view to follow the camera
-    found = {"place": (yield from place_error(viewport, judge)),
-             "illumination": (yield from illumination_error(viewport, judge)),
-             "disc": (yield from disc_error(viewport, judge))}
+    judge, found = set_up(viewport, name), {}
+    for key, error, shift in (("place", place_error, SHIFT), ("illumination", illumination_error, SHIFT),
+                              ("disc", disc_error, (0.0, 0.0))):
+        camera = bpy.context.scene.camera.data
+        camera.shift_x, camera.shift_y = shift
+        yield 0.5  # for the view to follow the camera
+        found[key] = yield from error(viewport, judge)
     print(f"{name:24}" + "  ".join(f"{key} {value:.3f} of {LIMITS[key]}" for key, value in found.items()), flush=True)
     return found
 
