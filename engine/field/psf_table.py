@@ -5,11 +5,16 @@ The nodes are in rows: of the heights of a lens at some azimuths, or of its plac
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Any
+from functools import lru_cache
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import DTypeLike
 
+from ..kernels.spreading import PackedTable, TablePlaces, spread
+from ..lens import Lens
+
+Psfs = TypeVar("Psfs")
 BATCH_VALUES = 1 << 18  # to fit in the processor's cache
 
 
@@ -126,3 +131,65 @@ class PlainTable(TableCells):
         psfs = np.zeros((len(taps), side, side), self.table.dtype)
         psfs[:, rows, columns] = taps
         return psfs
+
+
+class CompiledTable(TableCells):
+    """A table of PSFs in pieces for the compiled loops.
+
+    Attributes
+    ----------
+    pieces : PackedTable
+    """
+
+    pieces: PackedTable
+
+    @property
+    def nbytes(self) -> int:
+        """See `TableCells`."""
+        return self.pieces.nbytes
+
+    def spread(self, places: TablePlaces, first_row: int, light: np.ndarray, lit: np.ndarray,
+               section_px: int) -> np.ndarray:
+        """Spread the light of a row of sections, (plane, row, column), that starts at this row."""
+        return spread(self.pieces, places.lower(first_row), light, lit, section_px, slice(section_px))
+
+
+class TablesByWavelength(ABC, Generic[Psfs]):
+    """The PSFs of a lens for tables. If the data have fewer wavelengths, PSFs are made at these, then mixed.
+
+    Parameters
+    ----------
+    lens : Lens
+    wavelengths_nm : array
+        All wavelengths that will be used.
+    """
+
+    def __init__(self, lens: Lens, wavelengths_nm: Sequence[float] | np.ndarray) -> None:
+        self._lens = lens
+        self._cached = lru_cache(maxsize=2)(self._make)  # wavelengths come in order
+        self._mix = len(lens.wavelengths_around(wavelengths_nm)) < len(wavelengths_nm)
+
+    def at_wavelength(self, wavelength_nm: float) -> Psfs:
+        """The PSFs for a table at this wavelength."""
+        if not self._mix:
+            return self._make(wavelength_nm)
+        below, weight = self._lens.wavelength_position(wavelength_nm)
+        psfs = self._cached(self._lens.wavelengths_nm[below])
+        return self._mixed(psfs, self._cached(self._lens.wavelengths_nm[below + 1]), weight) if weight else psfs
+
+    @abstractmethod
+    def _make(self, wavelength_nm: float) -> Psfs:
+        """The PSFs at one wavelength of the lens data, or of `wavelengths_nm`."""
+
+    @abstractmethod
+    def _mixed(self, psfs: Psfs, others: Psfs, weight: float) -> Psfs:
+        """The PSFs between two wavelengths, with the weight of the second's."""
+
+
+def mixed_by_row(psfs: np.ndarray, others: np.ndarray, weight: float) -> np.ndarray:
+    """The PSFs at a wavelength between two, with the weight of the second's: array (row, ...)."""
+    mixture = np.empty_like(psfs)
+    for mixed, one, other in zip(mixture, psfs, others, strict=True):  # saves memory
+        np.multiply(one, 1 - weight, out=mixed)
+        mixed += weight * other
+    return mixture

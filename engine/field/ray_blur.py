@@ -1,10 +1,12 @@
 """The rays of pixels: what the fields of all lenses have in common."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from ..kernels.cast import rays_shape
 from ..rays.ray_table import SensorRays
 
 DEPTHS = 9  # with linear interpolation of the rays' reach between them: an upper limit, because rays are straight
@@ -28,6 +30,42 @@ class Tiles:
     right: np.ndarray
     up: np.ndarray
     side_px: int
+
+
+@dataclass(frozen=True, eq=False)
+class NodeRays:
+    """The rays of pixels at nodes of the field: arrays with an axis of nodes.
+
+    Attributes
+    ----------
+    stop : float32 array (2, ray)
+        Positions in the stop, in semi-apertures. Each ray represents an equal part of the stop, its cell.
+    far_px, moved_px : float32 arrays (2, wavelength, node, ray)
+        Their positions at infinity in the plane of an ideal image, in pixels; and the change of these with the inverse
+        depth, in pixels times mm.
+    inside, light : float32 arrays (wavelength, node, ray)
+        Distance from the rims that limit the rays, in cells, negative for blocked rays; and the light of a cell.
+    """
+
+    stop: np.ndarray
+    far_px: np.ndarray
+    moved_px: np.ndarray
+    inside: np.ndarray
+    light: np.ndarray
+
+    def fringe_px(self, nearness: float) -> int:
+        """Largest distance between the wavelengths of a ray, up to an inverse depth."""
+        far, moved = (np.hypot(*(each[:, -1] - each[:, 0])) for each in (self.far_px, self.moved_px))
+        return int(np.ceil(((far + nearness * moved) * (self.inside.max(axis=0) > -0.5)).max()))
+
+    def area_px(self, nearness: float) -> float:
+        """Largest area of the blur of the open stop at an inverse depth, in square pixels."""
+        return float(area_px(self.blur_shapes, nearness).max())
+
+    @cached_property
+    def blur_shapes(self) -> np.ndarray:
+        """`blur_shapes` of the nodes: array (3, node, 2, 2)."""
+        return blur_shapes(self.far_px[:, 0], self.moved_px[:, 0], self.inside[0] > -0.5, self.stop)
 
 
 def tangents(rays: SensorRays) -> np.ndarray:
@@ -82,6 +120,25 @@ def area_px(shapes: np.ndarray, nearness: np.ndarray | float) -> np.ndarray:
     """Area of blurs of these `blur_shapes`, (3, ..., 2, 2), at inverse depths."""
     nearness = np.asarray(nearness, float)[..., None, None]
     return np.sqrt(np.maximum(np.linalg.det(shapes[0] + nearness * (shapes[1] + nearness * shapes[2])), 0))
+
+
+def packed_sets(portion: Callable[[int, slice], np.ndarray], nodes: int, wavelengths: int, counts: Sequence[int]
+                ) -> np.ndarray:
+    """Sets of rays of these counts for the loops: array (node, eight, 2 + 6 wavelengths, 8).
+
+    Parameters
+    ----------
+    portion : callable (count, slice)
+        These of so many rays, as by `in_eights`, with flat nodes.
+    """
+    packed = np.empty(rays_shape(nodes, sum(counts) // 8, wavelengths), np.float32)
+    first = 0
+    for count in counts:
+        for start in range(0, count, PORTION):  # intermediate arrays are many times larger
+            eights = portion(count, slice(start, start + PORTION))
+            packed[:, first:first + eights.shape[1]] = eights
+            first += eights.shape[1]
+    return packed
 
 
 def in_eights(stop: np.ndarray, far_px: np.ndarray, moved_px: np.ndarray, inside: np.ndarray, light: np.ndarray

@@ -76,33 +76,20 @@ class GridLens(Lens):
         return y_mm, x_mm
 
     def at_wavelength(self, wavelength_nm: float) -> "MonochromaticGrid":
-        """Lens data for one wavelength, interpolated as by `RadialLens.at_wavelength`.
+        """Lens data for one wavelength. Positions are interpolated as the relative illumination is.
 
         Raises
         ------
         LensError
             The wavelength is outside the range of the lens data.
         """
-        below, weight = self.wavelength_position(wavelength_nm)
-        psf = self.psf[below]
-        if weight:
-            psf = (1 - weight) * psf + weight * self.psf[below + 1]
-        nm = float(self.nearest_nm(wavelength_nm))
-        return MonochromaticGrid(nm, self.y_mm, self.x_mm, self.mirrored, self._source_spline(nm),
-                                 self._illumination_spline(nm), self._flux_spline(nm), self.within, psf,
-                                 self.psf_pitch_um, float(np.interp(nm, self.wavelengths_nm, self.transmittance)))
+        tables = self._tables_at(wavelength_nm)
+        return MonochromaticGrid(y_mm=self.y_mm, x_mm=self.x_mm, mirrored=self.mirrored, within=self.within,
+                                 source_mm=self._source_spline(tables["wavelength_nm"]), **tables)
 
     @cached_property
     def _source_spline(self):
         return Spline.through(self.wavelengths_nm, self.source_mm)
-
-    @cached_property
-    def _illumination_spline(self):
-        return Spline.through(self.wavelengths_nm, self.relative_illumination)
-
-    @cached_property
-    def _flux_spline(self):
-        return Spline.through(self.wavelengths_nm, self.point_flux)
 
     def _check_axes(self):
         object.__setattr__(self, "mirrored", tuple(map(bool, self.mirrored)))

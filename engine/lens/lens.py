@@ -3,7 +3,8 @@
 import sys
 from collections.abc import Iterable
 from dataclasses import dataclass, field, fields, replace
-from typing import ClassVar, Self
+from functools import cached_property
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike
 from ..prescription.prescription import Prescription
 from ..runtime.errors import LensError, printable
 from ..runtime.values import Value
+from .spline import Spline
 
 UNIT_SUM_TOLERANCE = 1e-3
 LARGEST = 1e15  # limit for every figure except an infinite distance: larger figures overflow in later steps
@@ -179,6 +181,29 @@ class Lens(Value):
                            self.prescription.scaled(factor),
                            object_distance_mm=factor * self.prescription.object_distance_mm),
                        **{length: factor * getattr(self, length) for length in self.LENGTHS})
+
+    def _tables_at(self, wavelength_nm: float) -> dict[str, Any]:
+        """The tables of all lenses at one wavelength, by name, for `at_wavelength` of the subclasses.
+
+        Relative illumination and point flux, which are smooth in wavelength, follow a spline of up to third degree.
+        PSFs and transmittance are interpolated linearly, to stay within their bounds.
+        """
+        below, weight = self.wavelength_position(wavelength_nm)
+        psf = self.psf[below]
+        if weight:
+            psf = (1 - weight) * psf + weight * self.psf[below + 1]
+        nm = float(self.nearest_nm(wavelength_nm))
+        return {"wavelength_nm": nm, "relative_illumination": self._illumination_spline(nm),
+                "point_flux": self._flux_spline(nm), "psf": psf, "psf_pitch_um": self.psf_pitch_um,
+                "transmittance": float(np.interp(nm, self.wavelengths_nm, self.transmittance))}
+
+    @cached_property
+    def _illumination_spline(self):
+        return Spline.through(self.wavelengths_nm, self.relative_illumination)
+
+    @cached_property
+    def _flux_spline(self):
+        return Spline.through(self.wavelengths_nm, self.point_flux)
 
     def nearest_nm(self, wavelengths_nm: ArrayLike) -> np.ndarray:
         """The wavelengths clipped to the range of the lens data."""

@@ -54,24 +54,16 @@ class RadialLens(Lens):
         return all(map(is_mirror_symmetric, self.psf))
 
     def at_wavelength(self, wavelength_nm: float) -> "MonochromaticLens":
-        """Lens data for one wavelength.
-
-        Heights and relative illumination, which are smooth in wavelength, follow a spline of up to third degree. PSFs
-        and transmittance are interpolated linearly, to stay within their bounds.
+        """Lens data for one wavelength. Heights are interpolated as the relative illumination is.
 
         Raises
         ------
         LensError
             The wavelength is outside the range of the lens data.
         """
-        below, weight = self.wavelength_position(wavelength_nm)
-        psf = self.psf[below]
-        if weight:
-            psf = (1 - weight) * psf + weight * self.psf[below + 1]
-        nm = float(self.nearest_nm(wavelength_nm))
-        return MonochromaticLens(nm, self.heights_mm, self.real_height_at(nm),
-                                 self._illumination_spline(nm), self._flux_spline(nm), psf, self.psf_pitch_um,
-                                 float(np.interp(nm, self.wavelengths_nm, self.transmittance)))
+        tables = self._tables_at(wavelength_nm)
+        return MonochromaticLens(heights_mm=self.heights_mm,
+                                 real_height_mm=self.real_height_at(tables["wavelength_nm"]), **tables)
 
     def real_height_at(self, wavelengths_nm: ArrayLike) -> np.ndarray:
         """Real heights at wavelengths within the lens data: array (..., height)."""
@@ -80,14 +72,6 @@ class RadialLens(Lens):
     @cached_property
     def _height_spline(self):
         return Spline.through(self.wavelengths_nm, self.real_height_mm)
-
-    @cached_property
-    def _illumination_spline(self):
-        return Spline.through(self.wavelengths_nm, self.relative_illumination)
-
-    @cached_property
-    def _flux_spline(self):
-        return Spline.through(self.wavelengths_nm, self.point_flux)
 
     def _check_axes(self):
         if self.heights_mm.ndim != 1 or self.heights_mm.size < 2:

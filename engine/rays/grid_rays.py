@@ -5,7 +5,7 @@ mirror, the table covers one side of it, and the other side's rays are the mirro
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
@@ -17,7 +17,7 @@ from ..runtime.values import Value
 from .fields import aim_at_places, find_fields, view_of
 from .focus import build_system
 from .lost_rays import continued, without_lost
-from .pupil import area_ratio, polynomial_weights
+from .pupil import area_ratio
 from .ray_table import (
     FINE_UM,
     MARGIN_TO_WEIGHT,
@@ -25,6 +25,7 @@ from .ray_table import (
     WAVELENGTHS_NM,
     RayTable,
     SensorRays,
+    TableByWavelength,
     light_within_rims,
     missed_um,
     sensor_rays,
@@ -45,7 +46,7 @@ MIRRORED = np.array([-1, 1, -1, 1, 1, 1, 1]), np.array([1, -1, 1, -1, 1, 1, 1])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class GridRayTable(Value):
+class GridRayTable(TableByWavelength, Value):
     """Rays of a lens by wavelength, place on the sensor and stop point.
 
     Attributes
@@ -75,25 +76,6 @@ class GridRayTable(Value):
     entrance_pupil_mm: float
     coefficients: np.ndarray
     reach: float = 1.0
-
-    def at(self, wavelengths_nm: Sequence[float] | np.ndarray) -> "GridRayTable":
-        """The table at other wavelengths, interpolated by a polynomial over the wave number.
-
-        Raises
-        ------
-        LensError
-            A wavelength outside the table's range.
-        """
-        wavelengths_nm, (first, last) = np.asarray(wavelengths_nm, dtype=float), self.wavelengths_nm[[0, -1]]
-        if np.any((wavelengths_nm < first) | (wavelengths_nm > last)):
-            raise LensError(self.name, "wavelengths", wavelengths_nm.tolist(),
-                            f"the ray table covers {first:g} to {last:g} nm: trace a table for these wavelengths")
-        weights = polynomial_weights(1e3 / self.wavelengths_nm, 1e3 / wavelengths_nm).astype(np.float32)
-        return replace(self, wavelengths_nm=wavelengths_nm, coefficients=np.tensordot(weights, self.coefficients, 1))
-
-    def near(self, wavelengths_nm: Sequence[float] | np.ndarray) -> "GridRayTable":
-        """As `at`, but holds the table's first and last wavelengths outside its range."""
-        return self.at(np.clip(wavelengths_nm, *self.wavelengths_nm[[0, -1]]))
 
     def bundles(self, x_mm: np.ndarray, y_mm: np.ndarray, stop: np.ndarray) -> SensorRays:
         """Rays from a mesh of places through the same stop points, at all wavelengths.

@@ -15,6 +15,7 @@ vanish: close to this, rays change like a square root, and more radii are traced
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
+from typing import Self
 
 import numpy as np
 import scipy
@@ -73,8 +74,36 @@ class SensorRays:
     weight: np.ndarray
 
 
+class TableByWavelength:
+    """What tables of rays, dataclasses with these fields, have in common: other wavelengths than the traced ones."""
+
+    name: str
+    wavelengths_nm: np.ndarray
+    coefficients: np.ndarray
+
+    def at(self, wavelengths_nm: Sequence[float] | np.ndarray) -> Self:
+        """The table at other wavelengths, interpolated by a polynomial over the wave number.
+
+        Raises
+        ------
+        LensError
+            A wavelength outside the table's range.
+        """
+        wavelengths_nm, (first, last) = np.asarray(wavelengths_nm, dtype=float), self.wavelengths_nm[[0, -1]]
+        if np.any((wavelengths_nm < first) | (wavelengths_nm > last)):
+            raise LensError(self.name, "wavelengths", wavelengths_nm.tolist(),
+                            f"the ray table covers {first:g} to {last:g} nm: trace a table for these wavelengths")
+        weights = polynomial_weights(1e3 / self.wavelengths_nm, 1e3 / wavelengths_nm).astype(np.float32)
+        coefficients = np.tensordot(weights, self.coefficients, 1)
+        return replace(self, wavelengths_nm=wavelengths_nm, coefficients=coefficients)  # type: ignore[type-var]
+
+    def near(self, wavelengths_nm: Sequence[float] | np.ndarray) -> Self:
+        """As `at`, but holds the table's first and last wavelengths outside its range."""
+        return self.at(np.clip(wavelengths_nm, *self.wavelengths_nm[[0, -1]]))
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class RayTable(Value):
+class RayTable(TableByWavelength, Value):
     """Rays of a lens by wavelength, sensor point and stop point.
 
     Attributes
@@ -104,25 +133,6 @@ class RayTable(Value):
     entrance_pupil_mm: float
     coefficients: np.ndarray
     reach: float = 1.0
-
-    def at(self, wavelengths_nm: Sequence[float] | np.ndarray) -> "RayTable":
-        """The table at other wavelengths, interpolated by a polynomial over the wave number.
-
-        Raises
-        ------
-        LensError
-            A wavelength outside the table's range.
-        """
-        wavelengths_nm, (first, last) = np.asarray(wavelengths_nm, dtype=float), self.wavelengths_nm[[0, -1]]
-        if np.any((wavelengths_nm < first) | (wavelengths_nm > last)):
-            raise LensError(self.name, "wavelengths", wavelengths_nm.tolist(),
-                            f"the ray table covers {first:g} to {last:g} nm: trace a table for these wavelengths")
-        weights = polynomial_weights(1e3 / self.wavelengths_nm, 1e3 / wavelengths_nm).astype(np.float32)
-        return replace(self, wavelengths_nm=wavelengths_nm, coefficients=np.tensordot(weights, self.coefficients, 1))
-
-    def near(self, wavelengths_nm: Sequence[float] | np.ndarray) -> "RayTable":
-        """As `at`, but holds the table's first and last wavelengths outside its range."""
-        return self.at(np.clip(wavelengths_nm, *self.wavelengths_nm[[0, -1]]))
 
     def rays(self, wavelength: int | np.ndarray, place_mm: np.ndarray, stop: np.ndarray) -> SensorRays:
         """Rays from points of the sensor through points of the stop.

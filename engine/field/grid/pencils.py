@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import product
 
 import numpy as np
@@ -12,7 +11,7 @@ from ...image.pixel_grid import PixelGrid
 from ...kernels.cast import MeshRays, rays_shape
 from ...rays.grid_rays import GridRayTable
 from ...rays.stop_places import SQUARES, cell_size, stop_places
-from ..ray_blur import DEPTHS, PORTION, Tiles, area_px, blur_shapes, cells_inside, in_eights, tangents
+from ..ray_blur import DEPTHS, NodeRays, Tiles, area_px, cells_inside, in_eights, packed_sets, tangents
 
 STEPS = 20  # of the mesh from the axis to the farthest corner: rays are interpolated linearly between its nodes,
 FINER = 5  # and chief rays between those of a mesh with this many times as many steps
@@ -95,45 +94,18 @@ def _around(at_px, axis_px):
 
 
 @dataclass(frozen=True, eq=False)
-class Pencils:
-    """The rays of pixels at the nodes of a mesh.
+class Pencils(NodeRays):
+    """The rays of pixels at the nodes of a mesh. Positions are to the right and up.
 
     Attributes
     ----------
     mesh : Mesh
     squeeze : float
         Width of a pixel in the plane of an ideal image over its height.
-    stop : float32 array (2, ray)
-        Positions in the stop, to the right and up, in semi-apertures. Each ray represents an equal part of the stop,
-        its cell.
-    far_px, moved_px : float32 arrays (2, wavelength, node, ray)
-        To the right and up: their positions at infinity in the plane of an ideal image, in pixels; and the change of
-        these with the inverse depth, in pixels times mm.
-    inside, light : float32 arrays (wavelength, node, ray)
-        Distance from the rims that limit the rays, in cells, negative for blocked rays; and the light of a cell.
     """
 
     mesh: Mesh
     squeeze: float
-    stop: np.ndarray
-    far_px: np.ndarray
-    moved_px: np.ndarray
-    inside: np.ndarray
-    light: np.ndarray
-
-    def fringe_px(self, nearness: float) -> int:
-        """Largest distance between the wavelengths of a ray, up to an inverse depth."""
-        far, moved = (np.hypot(*(each[:, -1] - each[:, 0])) for each in (self.far_px, self.moved_px))
-        return int(np.ceil(((far + nearness * moved) * (self.inside.max(axis=0) > -0.5)).max()))
-
-    def area_px(self, nearness: float) -> float:
-        """Largest area of the blur of the open stop at an inverse depth, in square pixels."""
-        return float(area_px(self.blur_shapes, nearness).max())
-
-    @cached_property
-    def blur_shapes(self) -> np.ndarray:
-        """`ray_blur.blur_shapes` of the nodes: array (3, node, 2, 2)."""
-        return blur_shapes(self.far_px[:, 0], self.moved_px[:, 0], self.inside[0] > -0.5, self.stop)
 
     def known_places(self, right_px: np.ndarray, up_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The nearest places that the rays are known for: see `field_map.RaySample`."""
@@ -264,9 +236,9 @@ def _pencils(table: GridRayTable, sensor: PixelGrid, mesh: Mesh, focal_mm: float
     bundles = table.bundles(x_mm, y_mm, stop)
     inside = cells_inside(lambda place: table.surface_margin(x_mm, y_mm, place), stop, bundles.surface_margin,
                           reach * cell_size(count))
-    quantities = (_far_px(bundles, sensor, focal_mm), bundles.entrance_mm * _to_px(sensor, focal_mm), inside,
-                  bundles.weight)
-    return Pencils(mesh, sensor.squeeze, stop.astype(np.float32), *(_flat(each) for each in quantities))
+    far_px, moved_px, inside, light = map(_flat, (
+        _far_px(bundles, sensor, focal_mm), bundles.entrance_mm * _to_px(sensor, focal_mm), inside, bundles.weight))
+    return Pencils(stop.astype(np.float32), far_px, moved_px, inside, light, mesh, sensor.squeeze)
 
 
 def _places_mm(mesh, sensor):
@@ -319,14 +291,12 @@ class PixelRays:
         near, mesh = self._table.near(wavelengths_nm), Mesh.of(self._table, self._sensor, STEPS, folded=True)
         chief, finest = (_far_px(near.bundles(x_mm, y_mm, np.zeros((2, 1))), self._sensor, focal_mm) for x_mm, y_mm in
                          (_places_mm(each, self._sensor) for each in (mesh, mesh.finer(FINER))))
-        packed = np.empty(rays_shape(int(np.prod(mesh.shape)), sum(counts) // 8, wavelengths_nm.size), np.float32)
-        first = 0
-        for count in counts:
-            for start in range(0, count, PORTION):  # intermediate arrays are many times larger
-                bundle = _pencils(near, self._sensor, mesh, focal_mm, count, reach, slice(start, start + PORTION))
-                eights = replace(bundle, far_px=bundle.far_px - _flat(chief)).packed()
-                packed[:, first:first + eights.shape[1]] = eights
-                first += eights.shape[1]
+
+        def portion(count, part):
+            rays = _pencils(near, self._sensor, mesh, focal_mm, count, reach, part)
+            return replace(rays, far_px=rays.far_px - _flat(chief)).packed()
+
+        packed = packed_sets(portion, math.prod(mesh.shape), wavelengths_nm.size, counts)
         chief_px = np.ascontiguousarray(finest[..., 0].transpose(2, 3, 1, 0), np.float32)
         return MeshRays(packed.reshape(*mesh.shape, *packed.shape[1:]), chief_px, mesh.per_px, mesh.first,
                         self._table.mirrored)

@@ -2,16 +2,16 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 
 from ...kernels.library import NUMPY, running
-from ...kernels.spreading import PackedTable, TablePlaces, spread
+from ...kernels.spreading import PackedTable, TablePlaces
 from ...lens.grid_lens import GridLens
 from ...runtime.threads import thread_pool
 from ..mirror_symmetry import Planes
-from ..psf_table import PlainTable, TableCells, corners_between
+from ..psf_table import CompiledTable, PlainTable, TableCells, TablesByWavelength, corners_between, mixed_by_row
 from .node_psfs import NodePsfs, Part, PlacedPsfs
 from .nodes import PlaneNodes
 
@@ -118,17 +118,11 @@ class GridTable(PlainTable, GridCells):
         PlainTable.__init__(self, table, taps, reached[:, taps])
 
 
-class PackedGrid(GridCells):
-    """The PSFs of a table, in pieces for the compiled loops.
-
-    Attributes
-    ----------
-    pieces : PackedTable
-        With an interval for each cell, row by row.
-    """
+class PackedGrid(CompiledTable, GridCells):
+    """The PSFs of a table, in pieces for the compiled loops: with an interval for each cell, row by row."""
 
     def __init__(self, psfs: PsfsOfNodes) -> None:
-        super().__init__(psfs)
+        GridCells.__init__(self, psfs)
         lit, cells_across = psfs.reached(), self.nodes.columns.size - 1
         lit = lit[:-1] | lit[1:]
         lit = lit[:, :-1] | lit[:, 1:]
@@ -140,31 +134,21 @@ class PackedGrid(GridCells):
 
         self.pieces = PackedTable.of(lit.reshape(-1, lit.shape[-1]), 2, fill)
 
-    @property
-    def nbytes(self) -> int:
-        """See `TableCells`."""
-        return self.pieces.nbytes
-
     def places(self, psfs: PlacedPsfs) -> TablePlaces:
         """Positions of the pixels of these PSFs' planes among the cells."""
         x_mm, y_mm = psfs.planes.grid.axes_mm()
         return TablePlaces.in_cells(self.nodes.rows.cells(-y_mm), self.nodes.columns.cells(x_mm),
                                     self.nodes.columns.size - 1)
 
-    def spread(self, places: TablePlaces, first_row: int, light: np.ndarray, lit: np.ndarray,
-               section_px: int) -> np.ndarray:
-        """Spread the light of a row of sections, (plane, row, column), that starts at this row."""
-        return spread(self.pieces, places.lower(first_row), light, lit, section_px, slice(section_px))
 
-
-class PsfTables:
-    """The PSFs of a lens for tables. If the data have fewer wavelengths, PSFs are computed at these, then mixed.
+class PsfTables(TablesByWavelength[PsfsOfNodes]):
+    """The PSFs of nodes for tables.
 
     Parameters
     ----------
     lens : GridLens
     wavelengths_nm : array
-        All wavelengths that will be used.
+        As for `TablesByWavelength`.
     planes : Planes
         The planes for their lookup.
     part : callable (PsfSamples) -> PsfSamples
@@ -174,25 +158,14 @@ class PsfTables:
 
     def __init__(self, lens: GridLens, wavelengths_nm: Sequence[float] | np.ndarray, planes: Planes, part: Part,
                  precision: str) -> None:
-        self._lens, self._pitch_um, self._part = lens, planes.picture.pitch_um, part
+        super().__init__(lens, wavelengths_nm)
+        self._pitch_um, self._part = planes.picture.pitch_um, part
         self._nodes, self._precision = PlaneNodes.of(lens, planes.grid), precision
-        self._cached = lru_cache(maxsize=2)(self._make)  # wavelengths come in order
-        self._mix = len(lens.wavelengths_around(wavelengths_nm)) < len(wavelengths_nm)
 
-    def at_wavelength(self, wavelength_nm: float) -> PsfsOfNodes:
-        """The PSFs for a table at this wavelength."""
-        if not self._mix:
-            return self._make(wavelength_nm)
-        below, weight = self._lens.wavelength_position(wavelength_nm)
-        psfs = self._cached(self._lens.wavelengths_nm[below])
-        if not weight:
-            return psfs
-        above = self._cached(self._lens.wavelengths_nm[below + 1])
-        return replace(psfs, psfs=np.stack([(1 - weight) * one + weight * other  # by row, to save memory
-                                            for one, other in zip(psfs.psfs, above.psfs, strict=True)]))
+    def _mixed(self, psfs, others, weight):
+        return replace(psfs, psfs=mixed_by_row(psfs.psfs, others.psfs, weight))
 
     def _make(self, wavelength_nm):
-        """PsfsOfNodes at one wavelength."""
         psfs = NodePsfs(self._lens.at_wavelength(wavelength_nm), self._pitch_um, self._part)
         rows, columns = (np.unique(axis.indices) for axis in (self._nodes.rows, self._nodes.columns))
 

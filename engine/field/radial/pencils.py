@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import scipy
@@ -12,35 +11,24 @@ from ...image.pixel_grid import PixelGrid
 from ...kernels.cast import HeightRays, rays_shape
 from ...rays.ray_table import RayTable
 from ...rays.stop_places import SQUARES, cell_size, stop_places
-from ..ray_blur import DEPTHS, PORTION, Tiles, area_px, blur_shapes, cells_inside, in_eights, tangents
+from ..ray_blur import DEPTHS, NodeRays, Tiles, area_px, cells_inside, in_eights, packed_sets, tangents
 
 HEIGHTS = 65  # with linear interpolation of rays between them
 
 
 @dataclass(frozen=True, eq=False)
-class Pencils:
+class Pencils(NodeRays):
     """The rays of pixels at evenly spaced distances from the axis, in the upwards direction.
+
+    The stop's positions are tangential and outwards, all others outwards and tangential.
 
     Attributes
     ----------
     last_px : float
         The last of these distances.
-    stop : float32 array (2, ray)
-        Positions in the stop, tangential and outwards, in semi-apertures. Each ray represents an equal part of the
-        stop, its cell.
-    far_px, moved_px : float32 arrays (2, wavelength, height, ray)
-        Outwards and tangential: their positions at infinity in the plane of an ideal image, in pixels; and the change
-        of these with the inverse depth, in pixels times mm.
-    inside, light : float32 arrays (wavelength, height, ray)
-        Distance from the rims that limit the rays, in cells, negative for blocked rays; and the light of a cell.
     """
 
     last_px: float
-    stop: np.ndarray
-    far_px: np.ndarray
-    moved_px: np.ndarray
-    inside: np.ndarray
-    light: np.ndarray
 
     @property
     def heights(self) -> int:
@@ -49,20 +37,6 @@ class Pencils:
     @property
     def heights_per_px(self) -> float:
         return (self.heights - 1) / self.last_px
-
-    def fringe_px(self, nearness: float) -> int:
-        """Largest distance between the wavelengths of a ray, up to an inverse depth."""
-        far, moved = (np.hypot(*(each[:, -1] - each[:, 0])) for each in (self.far_px, self.moved_px))
-        return int(np.ceil(((far + nearness * moved) * (self.inside.max(axis=0) > -0.5)).max()))
-
-    def area_px(self, nearness: float) -> float:
-        """Largest area of the blur of the open stop at an inverse depth, in square pixels."""
-        return float(area_px(self.blur_shapes, nearness).max())
-
-    @cached_property
-    def blur_shapes(self) -> np.ndarray:
-        """`ray_blur.blur_shapes` of the heights: array (3, height, 2, 2)."""
-        return blur_shapes(self.far_px[:, 0], self.moved_px[:, 0], self.inside[0] > -0.5, self.stop)
 
     def known_places(self, right_px: np.ndarray, up_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The nearest places that the rays are known for: see `field_map.RaySample`."""
@@ -210,30 +184,31 @@ def pencils(rays: RayTable, wavelengths_nm: np.ndarray, sensor: PixelGrid, focal
     part : slice
         Of these rays.
     """
-    pitch_mm = sensor.pitch_um * 1e-3
-    last_px = min(sensor.farthest_px, rays.last_height_mm / pitch_mm)
+    pitch_mm, last_px = sensor.pitch_um * 1e-3, _last_px(rays, sensor)
     heights_mm = np.linspace(0, last_px * pitch_mm, HEIGHTS)
     stop, near = reach * stop_places(count)[:, part], rays.near(wavelengths_nm)
     bundles = near.bundles(heights_mm, -stop)  # the image on the sensor is inverted
     to_px = focal_mm / pitch_mm
     inside = cells_inside(lambda place: near.bundles(heights_mm, -place).surface_margin, stop, bundles.surface_margin,
                           reach * cell_size(count))
-    quantities = stop, tangents(bundles)[::-1] * to_px, -bundles.entrance_mm[::-1] * to_px, inside, bundles.weight
-    return Pencils(last_px, *(each.astype(np.float32) for each in quantities))
+    far_px, moved_px, inside, light = (each.astype(np.float32) for each in (
+        tangents(bundles)[::-1] * to_px, -bundles.entrance_mm[::-1] * to_px, inside, bundles.weight))
+    return Pencils(stop.astype(np.float32), far_px, moved_px, inside, light, last_px)
+
+
+def _last_px(rays, sensor):
+    """Distance from the axis to the last height."""
+    return min(sensor.farthest_px, rays.last_height_mm / (sensor.pitch_um * 1e-3))
 
 
 def packed_pencils(rays: RayTable, wavelengths_nm: np.ndarray, sensor: PixelGrid, focal_mm: float,
                    counts: Sequence[int], reach: float) -> HeightRays:
     """Several sets of `pencils`, by counts, for the loops."""
-    packed = np.empty(rays_shape(HEIGHTS, sum(counts) // 8, wavelengths_nm.size), np.float32)
-    first = 0
-    for count in counts:
-        for start in range(0, count, PORTION):  # intermediate arrays are many times larger
-            bundle = pencils(rays, wavelengths_nm, sensor, focal_mm, count, reach, slice(start, start + PORTION))
-            eights = bundle.packed()
-            packed[:, first:first + eights.shape[1]] = eights
-            first += eights.shape[1]
-    return HeightRays(packed, bundle.heights_per_px)
+    def portion(count, part):
+        return pencils(rays, wavelengths_nm, sensor, focal_mm, count, reach, part).packed()
+
+    return HeightRays(packed_sets(portion, HEIGHTS, wavelengths_nm.size, counts),
+                      (HEIGHTS - 1) / _last_px(rays, sensor))
 
 
 def packed_values(count: int, wavelengths: int) -> int:

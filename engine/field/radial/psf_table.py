@@ -7,16 +7,16 @@ light.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 
 from ...kernels.library import NUMPY, running
-from ...kernels.spreading import PackedTable, TablePlaces, spread
+from ...kernels.spreading import PackedTable, TablePlaces
 from ...lens.radial_lens import RadialLens
 from ...runtime.threads import thread_pool
 from ..mirror_symmetry import Planes
-from ..psf_table import PlainTable, TableCells, corners_between
+from ..psf_table import CompiledTable, PlainTable, TableCells, TablesByWavelength, corners_between, mixed_by_row
 from .psf_bank import PlacedPsfs, PsfBank
 
 PORTION = 16  # azimuths
@@ -164,22 +164,12 @@ class PsfTable(PlainTable, PsfCells):
         return self.squares(rows, columns, taps.T)
 
 
-class PackedPsfs(PsfCells):
-    """The PSFs of a table, in pieces for the compiled loops.
-
-    Attributes
-    ----------
-    pieces : PackedTable
-    """
+class PackedPsfs(CompiledTable, PsfCells):
+    """The PSFs of a table, in pieces for the compiled loops."""
 
     def __init__(self, turned: TurnedPsfs) -> None:
-        super().__init__(turned)
+        PsfCells.__init__(self, turned)
         self.pieces = turned.pieces()
-
-    @property
-    def nbytes(self) -> int:
-        """See `PsfCells`."""
-        return self.pieces.nbytes
 
     def places(self, psfs: PlacedPsfs) -> TablePlaces:
         """Positions of the pixels of these PSFs' planes among the nodes."""
@@ -190,20 +180,15 @@ class PackedPsfs(PsfCells):
             psfs.field.paraxial_height_mm(distances_px * grid.pitch_um * 1e-3), self.heights_mm,
             (self.azimuths - 1) // self.quarter_turns, self.quarter_turns)
 
-    def spread(self, places: TablePlaces, first_row: int, light: np.ndarray, lit: np.ndarray,
-               section_px: int) -> np.ndarray:
-        """Spread the light of a row of sections, (plane, row, column), that starts at this row."""
-        return spread(self.pieces, places.lower(first_row), light, lit, section_px, slice(section_px))
 
-
-class PsfTables:
-    """The PSFs of a lens for tables. If the data have fewer wavelengths, PSFs are turned at these, then mixed.
+class PsfTables(TablesByWavelength[TurnedPsfs]):
+    """The turned PSFs of a lens for tables.
 
     Parameters
     ----------
     lens : RadialLens
     wavelengths_nm : array
-        All wavelengths that will be used.
+        As for `TablesByWavelength`.
     planes : Planes
         The planes for their lookup: quadrants need a quarter of the table.
     part : callable (PsfBank) -> PsfBank
@@ -215,30 +200,16 @@ class PsfTables:
 
     def __init__(self, lens: RadialLens, wavelengths_nm: Sequence[float] | np.ndarray, planes: Planes,
                  part: Callable[[PsfBank], PsfBank], azimuths: int, precision: str) -> None:
-        self._lens, self._pitch_um, self._part = lens, planes.picture.pitch_um, part
+        super().__init__(lens, wavelengths_nm)
+        self._pitch_um, self._part = planes.picture.pitch_um, part
         self._azimuths, self._quarter_turns, self._precision = azimuths, planes.quarter_turns, precision
-        self._turned = lru_cache(maxsize=2)(self._make)  # wavelengths come in order
-        self._mix = len(lens.wavelengths_around(wavelengths_nm)) < len(wavelengths_nm)
 
-    def at_wavelength(self, wavelength_nm: float) -> TurnedPsfs:
-        """The PSFs for a table at this wavelength."""
-        if not self._mix:
-            return self._make(wavelength_nm)
-        below, weight = self._lens.wavelength_position(wavelength_nm)
-        turned = self._turned(self._lens.wavelengths_nm[below])
-        if not weight:
-            return turned
-        above = self._turned(self._lens.wavelengths_nm[below + 1])
-        if turned.mirrored != above.mirrored:
-            turned, above = turned.unmirrored(), above.unmirrored()
-        psfs = np.empty_like(turned.psfs)
-        for mixed, one, other in zip(psfs, turned.psfs, above.psfs, strict=True):  # by height, to save memory
-            np.multiply(one, 1 - weight, out=mixed)
-            mixed += weight * other
-        return replace(turned, psfs=psfs)
+    def _mixed(self, psfs, others, weight):
+        if psfs.mirrored != others.mirrored:
+            psfs, others = psfs.unmirrored(), others.unmirrored()
+        return replace(psfs, psfs=mixed_by_row(psfs.psfs, others.psfs, weight))
 
     def _make(self, wavelength_nm):
-        """TurnedPsfs at one wavelength."""
         bank = self._part(PsfBank.of(self._lens.at_wavelength(wavelength_nm), self._pitch_um))
         azimuths = self._azimuths + 1 if bank.mirror_symmetric else 2 * self._azimuths
         psfs = np.zeros((bank.heights_mm.size, azimuths, (2 * bank.radius_px + 1) ** 2 + 1), self._precision)
