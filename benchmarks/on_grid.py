@@ -9,7 +9,7 @@ from lensfield.engine.lens import GridLens, RadialLens
 ALIKE = ("name", "maker", "story", "source", "notes", "efl_mm", "magnification", "f_number_effective",
          "object_distance_mm", "entrance_pupil_mm", "sensor_mm", "reference_wavelength_nm", "wavelengths_nm",
          "psf_pitch_um", "transmittance")
-LEANING = 0.1  # of the light at the upper edge of the field, so that no halves are alike
+LEANING = 0.1  # of the light, removed at the upper edge of the field to make the halves differ
 
 
 def on_grid(lens: RadialLens, rows: int = 13, columns: int = 19, mirrored: tuple[bool, bool] = (False, False)

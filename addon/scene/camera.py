@@ -54,7 +54,7 @@ def frame_grid(scene, lens):
 
 
 def shift_px(scene):
-    """Pixels by which the Shift of the scene's camera moves the sensor, to the right and up."""
+    """The sensor's displacement by the camera's Shift, in pixels to the right and up."""
     camera = scene.camera
     if camera is None or camera.type != "CAMERA":
         return 0.0, 0.0
@@ -390,8 +390,8 @@ def _sized_rows(camera, frame, aspect):
 
 
 def _shift_units_px(camera, frame, aspect=1.0):
-    """Pixels that a Shift X and a Shift Y of 1 move a camera's sensor. The rows of a panorama are those of Cycles:
-    other viewports show it in perspective."""
+    """The sensor's displacement by a Shift X and a Shift Y of 1, in pixels: for a panorama, in Cycles, because other
+    viewports show it in perspective."""
     side_px = _sized_rows(camera, frame, aspect)
     return frame[::-1] if camera.type == "PANO" else (side_px / aspect, side_px)
 

@@ -107,8 +107,9 @@ def find_fields(system: System, view: View, places_mm: np.ndarray, wavelengths_n
 
 
 def chief_ray_curve(system: System, end_mm: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
-    """Distances from the middle of the picture to places on a line to this end, x and y in mm, as far as chief rays
-    reach it; and their angles to the camera's axis, in radians, at the reference wavelength: arrays (place,)."""
+    """Chief rays to places on a line from the middle of the picture to this end, x and y in mm, at the reference
+    wavelength: their distances from the middle in mm, up to the first lost ray, and their angles to the camera's axis
+    in radians: arrays (place,)."""
     share, nm = np.linspace(0, 1, CURVE_PLACES), system.prescription.reference_wavelength_nm
     points = find_fields(system, view_of(system), -np.outer(end_mm, share), [nm])
     known = np.logical_and.accumulate(~points.lost[0])

@@ -44,8 +44,8 @@ def picture_illumination(optics: MonochromaticGrid, geometry: GridGeometry) -> t
 def unevenness(psfs: NodePsfs, nodes: PlaneNodes) -> float:
     """Upper limit of the relative error of pixels under uniform radiance, which is largest next to rows of nodes.
 
-    All light of a pixel has the PSF of its centre. Between nodes, PSFs change linearly along rows and columns, and this
-    makes no difference, because each pixel loses to the next one what it gains from the one before. This is not so
+    All light of a pixel has the PSF of its centre. Between nodes, PSFs change linearly along rows and columns. This
+    does not matter there, because each pixel gains as much from the one before as it loses to the next one. It does
     across a row of nodes, where the change has a kink: a sample at a fraction f of a pixel moves f (1 - f) / 2 times
     its change too little to the next pixel. In the pixel with the kink, the mean change also differs from the one in
     its middle, by up to KINK times the kink.
