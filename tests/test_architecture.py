@@ -30,6 +30,8 @@ FLOORS = {
     "engine.blur": {"engine.field", "engine.kernels", "engine.runtime"},
     "engine.plan": {"engine.blur", "engine.field", "engine.image", "engine.kernels", "engine.lens", "engine.runtime"},
     "engine.depth": {"engine.field", "engine.image", "engine.kernels", "engine.lens", "engine.rays", "engine.runtime"},
+    "engine.stray": {"engine.depth", "engine.field", "engine.image", "engine.kernels", "engine.lens",
+                     "engine.prescription", "engine.rays", "engine.runtime"},
     "engine.sensor": {"engine.image", "engine.kernels", "engine.runtime", "engine.spectral"},
     "engine.pictures": {"engine.depth", "engine.field", "engine.image", "engine.lens", "engine.runtime",
                         "engine.sensor", "engine.spectral"},
@@ -37,11 +39,11 @@ FLOORS = {
                        "engine.prescription", "engine.rays", "engine.runtime", "engine.sensor"},
     "engine.simulation": {"engine.blur", "engine.depth", "engine.field", "engine.image", "engine.kernels",
                           "engine.lens", "engine.library", "engine.pictures", "engine.plan", "engine.runtime",
-                          "engine.sensor", "engine.spectral"},
+                          "engine.sensor", "engine.spectral", "engine.stray"},
     "engine.inspection": {"engine.field", "engine.lens", "engine.pictures", "engine.prescription", "engine.rays",
-                          "engine.runtime", "engine.simulation", "engine.spectral"},
+                          "engine.runtime", "engine.simulation", "engine.spectral", "engine.stray"},
     "engine": {"engine.image", "engine.lens", "engine.library", "engine.plan", "engine.prescription", "engine.rays",
-               "engine.runtime", "engine.simulation"},
+               "engine.runtime", "engine.simulation", "engine.stray"},
     # the request for a render
     "request": {"engine"},
     # messages from a command to the window that started it
