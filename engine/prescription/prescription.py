@@ -8,6 +8,7 @@ from typing import Self
 import numpy as np
 
 from ..runtime.errors import LensError
+from .coatings import BUILT_IN, IDEAL, NONE, Coating
 from .glasses import LARGEST_INDEX, Glass
 
 APERTURES = ("stop", "entrance_pupil_diameter_mm", "f_number", "working_f_number", "object_na")
@@ -94,6 +95,8 @@ class Surface:
         (1 - p) x^2 + (1 + p) y^2. () for zeros.
     pose : Pose or None
         Its displacement from the axis.
+    coating : str
+        One of `Prescription.coatings` or `BUILT_IN`; "" for the lens's.
     glass : str
         Medium behind: "" for air, one of `Prescription.glasses`, a catalogue glass ("N-BK7", "SCHOTT N-BK7"), or
         "n/V", its index and Abbe number.
@@ -125,6 +128,7 @@ class Surface:
     profile: str = ""
     skews: tuple[float, ...] = ()
     pose: Pose | None = None
+    coating: str = ""
 
     @property
     def of_revolution(self) -> bool:
@@ -188,6 +192,11 @@ class Prescription:
         sections' foci, and "best" the least mean square spot in the middle of the picture, in eye-weighted white.
     image_pose : Pose or None
         Displacement of the image plane: a tilted sensor.
+    coating : str
+        Of surfaces between glass and air that state none; cemented surfaces are then bare. "" if unknown: surfaces that
+        state none then count as ideal.
+    coatings : tuple of Coating
+        Private coatings.
     provenance : tuple of (str, str)
         Parts of the design, of `PARTS`, and the origin of their figures, of `ORIGINS`: typed from a patent, published
         elsewhere (by the maker or in a book), estimated from other figures or drawings, or guessed. () if unknown.
@@ -216,6 +225,8 @@ class Prescription:
     glasses: tuple[Glass, ...] = ()
     widest_stop_mm: float | None = None
     image_pose: Pose | None = None
+    coating: str = ""
+    coatings: tuple[Coating, ...] = ()
     provenance: tuple[tuple[str, str], ...] = dataclass_field(default=(), compare=False)
 
     def __post_init__(self):
@@ -239,6 +250,13 @@ class Prescription:
         crooked = [number for number, surface in enumerate(self.surfaces, 1) if not surface.of_revolution]
         raise LensError(self.name, f"surface {crooked[0]}" if crooked else "image_pose", "not rotationally symmetric",
                         f"{what} needs surfaces of revolution about the axis")
+
+    @property
+    def surface_coatings(self) -> tuple[str, ...]:
+        """Name of the coating of each surface, with the lens's where it states none; ideal between equal media."""
+        fronts = ("", *(surface.glass for surface in self.surfaces))
+        return tuple(_coating_between(front, surface, self.coating)
+                     for front, surface in zip(fronts, self.surfaces, strict=False))
 
     @property
     def stop_index(self) -> int:
@@ -282,10 +300,25 @@ class Prescription:
                     for surface in self.surfaces)
         return replace(self, surfaces=tuple(surfaces), image_pose=None)
 
+    def coated(self, name: str = "") -> Self:
+        """The same lens with this built-in coating on all surfaces between glass and air; "" for unknown coatings."""
+        surfaces = tuple(replace(surface, coating="") if surface.coating else surface for surface in self.surfaces)
+        return replace(self, surfaces=surfaces, coating=name, coatings=())
+
     def with_glasses(self, names: Mapping[str, str]) -> Self:
         """The same lens with renamed glasses: `names` maps old names to new ones."""
         return replace(self, surfaces=tuple(replace(surface, glass=names.get(surface.glass, surface.glass))
                                             for surface in self.surfaces))
+
+
+def _coating_between(front, surface, of_lens):
+    """Name of the coating of a surface behind the glass `front`."""
+    if front == surface.glass:
+        return IDEAL
+    if surface.coating or not of_lens:
+        return surface.coating or IDEAL
+    cemented = front and surface.glass
+    return NONE if cemented and of_lens != IDEAL else of_lens
 
 
 def _check(prescription):
@@ -319,6 +352,7 @@ def _check(prescription):
         refuse("focus", prescription.focus, f"expected one of {', '.join(FOCUSES)}")
     if not 100 < prescription.reference_wavelength_nm < 1e5:
         refuse("reference_wavelength_nm", prescription.reference_wavelength_nm, "expected nanometres")
+    _check_coatings(prescription, refuse)
     for glass in prescription.glasses:
         index, = glass.index_at([prescription.reference_wavelength_nm])
         if not 1 < index < LARGEST_INDEX:
@@ -341,6 +375,19 @@ def _check_aperture_and_field(prescription, refuse):
             refuse("aperture, object_na", value, "expected less than 1: the object is in air")
         if kind in ("object_na", "object_height_mm") and np.isinf(prescription.object_distance_mm):
             refuse(field, kind, "undefined for an object at infinity: give another of " + ", ".join(kinds))
+
+
+def _check_coatings(prescription, refuse):
+    """Check that each name is one of the private coatings or a built-in one, and not both."""
+    private = [coating.name for coating in prescription.coatings]
+    for name in private:
+        if name in BUILT_IN or not name or private.count(name) > 1:
+            refuse("coatings", name, f"expected a name of its own, and none of {', '.join(BUILT_IN)}")
+    names = ("coating", prescription.coating), *((f"surface {number}, coating", surface.coating)
+                                                 for number, surface in enumerate(prescription.surfaces, 1))
+    for field, name in names:
+        if name and name not in BUILT_IN and name not in private:
+            refuse(field, name, f"expected one of {', '.join((*private, *BUILT_IN))}")
 
 
 def _check_rings(prescription, refuse):

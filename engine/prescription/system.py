@@ -7,6 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from ..runtime.errors import LensError
+from .coatings import BUILT_IN, Coating, reflectance
 from .glasses import Glass, find_glass
 from .paraxial import FirstOrder, first_order
 from .prescription import Prescription
@@ -86,6 +87,39 @@ class System(FirstOrder):
             A wavelength outside the range of a glass.
         """
         return _indices(self.prescription, self.glasses, wavelengths_nm)
+
+    @property
+    def coatings(self) -> tuple[Coating, ...]:
+        """Coating of each surface."""
+        known = BUILT_IN | {coating.name: coating for coating in self.prescription.coatings}
+        return tuple(known[name] for name in self.prescription.surface_coatings)
+
+    def reflectances(self, wavelengths_nm: Sequence[float] | np.ndarray,
+                     invariants: Sequence[float] | np.ndarray) -> np.ndarray:
+        """Reflectance of each surface for unpolarised light, from either side: array (surface, wavelength, invariant).
+
+        Parameters
+        ----------
+        wavelengths_nm : sequence of float
+        invariants : sequence of float, or array (surface, wavelength, invariant)
+            (n sin(angle))^2 of rays, which refraction keeps.
+
+        Raises
+        ------
+        LensError
+            A wavelength outside the range of a glass or of a measured coating.
+        """
+        nm = np.asarray(wavelengths_nm, dtype=float)
+        indices = self.indices_at(nm)[..., None]
+        invariants = np.broadcast_to(invariants, (len(self.glasses), nm.size, np.shape(invariants)[-1]))
+        shares = np.stack([reflectance(coating, (before, behind), nm[:, None], squares) for coating, before, behind,
+                           squares in zip(self.coatings, indices[:-1], indices[1:], invariants, strict=True)])
+        unknown = np.argwhere(np.isnan(shares))
+        if unknown.size:
+            surface, wavelength, _ = unknown[0]
+            raise LensError(self.prescription.name, f"surface {surface + 1}, coating", self.coatings[surface].name,
+                            f"not known at {nm[wavelength]:g} nm: give other wavelengths, or another coating (--coating)")
+        return shares
 
     def transmittance(self, wavelengths_nm: Sequence[float] | np.ndarray) -> np.ndarray:
         """T of the bulk glass along the axis: array (wavelength,), without losses of model glasses and coatings."""
