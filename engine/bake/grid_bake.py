@@ -11,6 +11,7 @@ from ..prescription.system import System
 from ..rays.fields import FieldPoints, find_fields, trace_fields, view_of
 from ..rays.pupil import polynomial_weights
 from ..rays.rays import FullPupil
+from ..rays.transmission import transmittance
 from ..rays.view import View
 from ..runtime.errors import LensError
 from .field_end import within_field
@@ -182,7 +183,7 @@ def _lens(system: System, view: View, nodes: Nodes, tables: Tables, wavelengths_
         relative_illumination=(area / middle_area).reshape(shape),
         psf=tables.psf.reshape(*shape, *tables.psf.shape[2:]), psf_pitch_um=pitch_um,
         enclosed_energy=np.minimum(tables.energy, 1).reshape(shape),
-        transmittance=system.transmittance(wavelengths_nm),
+        transmittance=transmittance(system, wavelengths_nm),
         point_flux=(tables.flux / area * middle_area / reference_area).reshape(shape))
 
 

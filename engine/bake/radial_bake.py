@@ -8,6 +8,7 @@ from ..lens.radial_lens import RadialLens
 from ..prescription.system import System
 from ..rays.pupil import polynomial_weights
 from ..rays.rays import HalfPupil, trace_pupil
+from ..rays.transmission import transmittance
 from ..runtime.errors import LensError
 from .heights import adaptive_heights_mm
 from .psfs import in_threads, psfs_of
@@ -119,5 +120,5 @@ def _lens(system: System, heights_mm, wavefronts, area, reference_area, flux, pi
         reference_wavelength_nm=prescription.reference_wavelength_nm, wavelengths_nm=wavelengths_nm,
         heights_mm=heights_mm, real_height_mm=real_mm, relative_illumination=area / area[:, :1],
         psf=psf / energy[..., None, None], psf_pitch_um=pitch_um, enclosed_energy=np.minimum(energy, 1),
-        transmittance=system.transmittance(wavelengths_nm),
+        transmittance=transmittance(system, wavelengths_nm),
         point_flux=flux / area * area[:, :1] / reference_area)

@@ -18,7 +18,7 @@ from ..prescription.readers.toml import Description, read_description, read_lens
 from ..rays.rings import AT_REST, Rings, is_stopped_down, turned
 from ..runtime.errors import LensError
 from ..runtime.inputs import check_input
-from .baked import baked_lens
+from .baked import baked_lens, with_prescription
 
 BUNDLED = Path(__file__).resolve().parent
 PRESCRIPTIONS, PICTURES = BUNDLED / "prescriptions", BUNDLED / "pictures"
@@ -113,7 +113,7 @@ def _package_lens(package, name_or_path):
     lens = read_package(package)
     if not has_rings(name_or_path):
         return lens
-    return replace(lens, prescription=turned(prescription_of(name_or_path)).prescription)
+    return with_prescription(lens, turned(prescription_of(name_or_path)).prescription)
 
 
 def clamped_rings(source: LensSource, rings: Rings) -> tuple[str, ...]:

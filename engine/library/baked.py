@@ -11,7 +11,9 @@ from ..bake.quality import QUALITIES
 from ..lens.lens import Lens
 from ..lens_files.package import package_bytes, read_package
 from ..prescription.prescription import Prescription
+from ..prescription.system import system_of
 from ..rays.rings import AT_REST, Rings, turned
+from ..rays.transmission import transmittance
 from ..runtime import cache
 from ..runtime.errors import LensError
 from ..runtime.values import digest_of
@@ -35,12 +37,19 @@ def baked_lens(prescription: Prescription, rings: Rings = AT_REST, quality: str 
         raise LensError(prescription.name, "quality", quality, f"expected {', '.join(QUALITIES)}")
     fixed = turned(prescription, rings).prescription
     baked_nm = needed_wavelengths_nm(wavelengths_nm)
-    key = digest_of((fixed, quality, baked_nm))
+    design = fixed.coated()
+    key = digest_of((design, quality, baked_nm))
     package = cache.load(KIND, key)
     if package is None:
-        package = package_bytes(bake(fixed, quality=quality, wavelengths_nm=baked_nm, progress=progress))
+        package = package_bytes(bake(design, quality=quality, wavelengths_nm=baked_nm, progress=progress))
         cache.store(KIND, key, package, MOST_BYTES)
-    return replace(read_package(BytesIO(package)), prescription=fixed)
+    return with_prescription(read_package(BytesIO(package)), fixed)
+
+
+def with_prescription(lens: Lens, prescription: Prescription) -> Lens:
+    """Lens data, which do not depend on coatings, with their prescription and the transmittance of its coatings."""
+    return replace(lens, prescription=prescription,
+                   transmittance=transmittance(system_of(prescription), lens.wavelengths_nm))
 
 
 def needed_wavelengths_nm(wavelengths_nm: Sequence[float] | np.ndarray | None) -> tuple[float, ...]:

@@ -62,7 +62,7 @@ def _traced(lens: Lens, prescription: Prescription, reach: float, *, sketch: boo
 
 def _cached(lens: Lens, prescription: Prescription, reach: float) -> LensRays:
     ends_mm = (lens.inverted_ends_mm, lens.mirrored) if isinstance(lens, GridLens) else ()
-    key = digest_of((prescription, reach, *ends_mm))
+    key = digest_of((prescription.coated(), reach, *ends_mm))
     archive_bytes = cache.load(KIND, key)
     if archive_bytes is None:
         table, stream = _traced(lens, prescription, reach), BytesIO()

@@ -66,6 +66,8 @@ class Coating:
     measured: MeasuredReflectance | None = None
 
     def __post_init__(self) -> None:
+        if not self.name:
+            raise self._refusal("name", self.name, "expected one")
         if len(self.layers) > MOST_LAYERS:
             raise self._refusal("layers", len(self.layers), f"expected at most {MOST_LAYERS}")
         for number, (index, thickness_nm) in enumerate(self.layers, 1):
@@ -92,7 +94,7 @@ class Coating:
             raise self._refusal("reflectance", "out of range", "expected numbers from 0 to 1")
 
     def _refusal(self, field, value, remedy):
-        return LensError(f"coating {self.name}", field, value, remedy)
+        return LensError("prescription", f"coating {self.name or 'without a name'}, {field}", value, remedy)
 
 
 def quarter_waves(centre_nm: float, *layers: tuple[float, float]) -> tuple[tuple[float, float], ...]:

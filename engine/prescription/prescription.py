@@ -381,7 +381,7 @@ def _check_coatings(prescription, refuse):
     """Check that each name is one of the private coatings or a built-in one, and not both."""
     private = [coating.name for coating in prescription.coatings]
     for name in private:
-        if name in BUILT_IN or not name or private.count(name) > 1:
+        if name in BUILT_IN or private.count(name) > 1:
             refuse("coatings", name, f"expected a name of its own, and none of {', '.join(BUILT_IN)}")
     names = ("coating", prescription.coating), *((f"surface {number}, coating", surface.coating)
                                                  for number, surface in enumerate(prescription.surfaces, 1))

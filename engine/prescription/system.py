@@ -121,8 +121,8 @@ class System(FirstOrder):
                             f"not known at {nm[wavelength]:g} nm: give other wavelengths, or another coating (--coating)")
         return shares
 
-    def transmittance(self, wavelengths_nm: Sequence[float] | np.ndarray) -> np.ndarray:
-        """T of the bulk glass along the axis: array (wavelength,), without losses of model glasses and coatings."""
+    def glass_transmittance(self, wavelengths_nm: Sequence[float] | np.ndarray) -> np.ndarray:
+        """T of the bulk glass along the axis: array (wavelength,), without losses of model glasses."""
         nm = np.asarray(wavelengths_nm, dtype=float)
         depth = sum(4 * np.pi * glass.extinction_at(nm) * abs(surface.thickness_mm) / (nm * 1e-6)
                     for glass, surface in zip(self.glasses, self.prescription.surfaces, strict=True))

@@ -6,6 +6,7 @@ from functools import lru_cache
 import numpy as np
 import scipy
 
+from ..prescription.coatings import BUILT_IN
 from ..prescription.prescription import CLOSEST_FOCUS, Prescription
 from ..prescription.system import system_of
 from ..prescription.tolerances import Copy, as_built
@@ -46,11 +47,14 @@ class Rings:
         sensor's normal, so the view does not change, and its middle remains in focus.
     copy : Copy or None
         A copy with displaced elements; None for the design.
+    coating : str or None
+        One of the built-in coatings, in place of the lens's; None for the lens's.
 
     Raises
     ------
     LensError
-        A value that is not positive, an infinite f-number or size, or a tilt of more than MOST_TILT_DEG.
+        A value that is not positive, an infinite f-number or size, a tilt of more than MOST_TILT_DEG, or an unknown
+        coating.
     """
 
     focus_mm: float | None = None
@@ -59,12 +63,15 @@ class Rings:
     size: float = 1.0
     tilt_deg: tuple[float, float] = (0.0, 0.0)
     copy: Copy | None = None
+    coating: str | None = None
 
     def __post_init__(self) -> None:
         for name, most in (("focus_mm", np.inf), ("f_number", MOST), ("size", MOST)):
             value = getattr(self, name)
             if value is not None and not 0 < value <= most:
                 raise LensError("rings", name, value, "expected a positive number")
+        if self.coating is not None and self.coating not in BUILT_IN:
+            raise LensError("rings", "coating", self.coating, f"expected one of {', '.join(BUILT_IN)}")
         if np.shape(self.tilt_deg) != (2,) or not np.all(np.abs(self.tilt_deg) <= MOST_TILT_DEG):
             raise LensError("rings", "tilt_deg", self.tilt_deg,
                             f"expected two angles of at most {MOST_TILT_DEG:g} degrees")
@@ -124,6 +131,7 @@ def turned(prescription: Prescription, rings: Rings = AT_REST) -> TurnedLens:
                    notes=_noted(prescription.notes, aperture_notes(far.prescription)))
     lens = _tilted(lens, rings.tilt_deg) if any(rings.tilt_deg) else lens
     lens = as_built(lens, rings.copy) if rings.copy else lens
+    lens = lens.coated(rings.coating) if rings.coating else lens
     return TurnedLens(lens, _focus_mm(lens), f_number, stop_warnings + focus_warnings)
 
 

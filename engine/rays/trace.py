@@ -100,6 +100,18 @@ def points_from_image(prescription: Prescription, indices: np.ndarray, position:
     return points_mm, steps[0][1]
 
 
+def invariants_from_image(prescription: Prescription, indices: np.ndarray, position: np.ndarray, direction: np.ndarray
+                          ) -> np.ndarray:
+    """(n sin(angle))^2 at each surface, which refraction keeps, of rays from the image plane: array (surface, ...)."""
+    on_axis = from_surface_frame(prescription.image_pose, position, direction)
+    steps = _steps_back(prescription, indices, *on_axis, len(prescription.surfaces))
+    squares = []
+    for surface, index, (place, before, *_) in zip(prescription.surfaces[::-1], indices[-2::-1], steps, strict=True):
+        hit, along = to_surface_frame(surface.pose, place, before)
+        squares.insert(0, index**2 * (1 - np.sum(along * unit_normal(surface, hit), axis=0)**2))
+    return np.stack(squares)
+
+
 def trace_to_image(prescription: Prescription, indices: np.ndarray, position: np.ndarray, direction: np.ndarray
                    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[np.ndarray]]:
     """Trace rays from the stop, before refraction there, to the image plane.

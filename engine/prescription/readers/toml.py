@@ -12,25 +12,29 @@ from ...runtime.build_identity import MARK
 from ...runtime.toml_fields import TomlTable, check_known, pairs, read_toml
 from ...spectral.dispersion import FORMULAS
 from ...spectral.refraction import Formula
+from ..coatings import Coating, MeasuredReflectance
 from ..glasses import Glass
 from ..prescription import APERTURES, FIELDS, ORIGINS, PARTS, Pose, Prescription, Surface
 from .reading import AS_IT_IS, ReadingOptions, with_stop
 
 FORMAT, VERSION = "lensfield-prescription", 1
-TEXTS = ("name", "title", "maker", "story", "source", "notes", "focus")
+TEXTS = ("name", "title", "maker", "story", "source", "notes", "focus", "coating")
 NUMBERS = ("object_distance_mm", "reference_wavelength_nm", "highest_f_number")
 OF_THE_LENS = ("focal_length_mm", "closest_focus_mm")  # numbers that `scale` does not change; sensor_mm neither
 FIELDS_OF_FILE = ("format", "version", "scale", "aperture", "field", "sensor_mm", "surfaces", "year", "character",
-                  "focused_at_mm", "glasses", "provenance", "image_pose", *TEXTS, *NUMBERS, *OF_THE_LENS)
+                  "focused_at_mm", "glasses", "provenance", "image_pose", "coatings", *TEXTS, *NUMBERS, *OF_THE_LENS)
 SURFACE_NUMBERS = ("radius_mm", "semi_aperture_mm", "conic", "radius_x_mm", "conic_x")
 FIELDS_OF_GLASS = ("formula", "coefficients", "range_nm")
 EVERYWHERE_NM = (0.0, np.inf)
-FIELDS_OF_SURFACE = (*SURFACE_NUMBERS, "thickness_mm", "glass", "aspheric", "stop", "profile", "skews", "pose")
+FIELDS_OF_SURFACE = (*SURFACE_NUMBERS, "thickness_mm", "glass", "aspheric", "stop", "profile", "skews", "pose",
+                     "coating")
+MEASURED = ("wavelengths_nm", "angles_deg", "reflectance")
+FIELDS_OF_COATING = ("name", "layers", *MEASURED)
 FIELDS_OF_POSE = ("offset_mm", "tilt_deg")
 HIGHEST_POWER = 40
 WRITTEN = ("name", "title", "maker", "year", "focal_length_mm", "character", "story", "source", "notes",
            "provenance", "aperture", "highest_f_number", "field", "sensor_mm", "focus", "object_distance_mm",
-           "focused_at_mm", "closest_focus_mm", "reference_wavelength_nm", "image_pose")
+           "focused_at_mm", "closest_focus_mm", "reference_wavelength_nm", "image_pose", "coating")
 DEFAULTS = {field.name: field.default for value in (Prescription, Surface) for field in fields(value)}
 SURFACES = re.compile(r"^(?:surfaces = |\[)", re.MULTILINE)  # the first line that is not about the lens as a whole
 
@@ -53,7 +57,7 @@ def read_lensfield(path: Path, options: ReadingOptions = AS_IT_IS) -> Prescripti
         **{"name": path.stem} | facts, surfaces=with_stop(path, _surfaces(table), options),
         aperture=_figure(table, "aperture", APERTURES), field=field or _figure(table, "field", FIELDS),
         year=_year(table), character=_character(table), glasses=_glasses(table),
-        provenance=_provenance(table), image_pose=_pose(table, "image_pose"))
+        coatings=_coatings(table), provenance=_provenance(table), image_pose=_pose(table, "image_pose"))
     prescription = prescription if scale == 1 else prescription.scaled(scale)
     of_the_lens: dict[str, Any] = {name: table.number(name) for name in OF_THE_LENS if name in table}
     of_the_lens |= {"field": field} if field else {}  # the requested field is not scaled
@@ -135,6 +139,34 @@ def _formula(table):
     return Formula(int(number), tuple(coefficients), (first, last))
 
 
+def _coatings(table):
+    """Private coatings of the prescription, from a list of tables."""
+    rows = table.values.get("coatings", [])
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        raise table.refusal("coatings", "expected a list of [[coatings]]")
+    return tuple(_coating(TomlTable(table.path, row, f"coating {number}, ")) for number, row in enumerate(rows, 1))
+
+
+def _coating(table):
+    check_known(table, FIELDS_OF_COATING)
+    name, layers = table.line("name"), _rows(table, "layers", 2)
+    if not any(field in table for field in MEASURED):
+        return Coating(name, layers)
+    angles_deg = tuple(table.numbers("angles_deg")) if "angles_deg" in table else (0.0,)
+    return Coating(name, layers, MeasuredReflectance(tuple(table.numbers("wavelengths_nm")), angles_deg,
+                                                     _rows(table, "reflectance", len(angles_deg))))
+
+
+def _rows(table, field, count):
+    """Rows of this many numbers; the number alone for a row of one."""
+    rows = table.values.get(field, [])
+    if not isinstance(rows, list):
+        raise table.refusal(field, f"expected a list of rows of {count} numbers")
+    rows = TomlTable(table.path, {str(number): [row] if count == 1 and not isinstance(row, list) else row
+                                  for number, row in enumerate(rows, 1)}, f"{table.place}{field}, row ")
+    return tuple(tuple(rows.numbers(name, count)) for name in rows.values)
+
+
 def _surfaces(table):
     rows = table.values.get("surfaces")
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
@@ -155,7 +187,7 @@ def _surface(table):
     if odd_skews:
         raise table.refusal("skews", "expected even powers")
     return Surface(**numbers, glass=table.line("glass"), stop=table.flag("stop"), aspheric=even, odd_aspheric=odd,
-                   profile=table.line("profile"), skews=skews, pose=_pose(table, "pose"))
+                   profile=table.line("profile"), skews=skews, coating=table.line("coating"), pose=_pose(table, "pose"))
 
 
 def _by_power(table, field):
@@ -207,7 +239,8 @@ def write_prescription(prescription: Prescription) -> str:
              *pairs({name: facts[name] for name in WRITTEN}, DEFAULTS | {"object_distance_mm": first_mm})]
     rows = (f"  {{ {', '.join(pairs(_fields_of(surface), DEFAULTS))} }}" for surface in prescription.surfaces)
     glasses = (line for glass in prescription.glasses for line in _glass_lines(glass))
-    return "\n".join([*lines, "surfaces = [", ",\n".join(rows), "]", *glasses, ""])
+    coatings = (line for coating in prescription.coatings for line in _coating_lines(coating))
+    return "\n".join([*lines, "surfaces = [", ",\n".join(rows), "]", *glasses, *coatings, ""])
 
 
 def _fields_of(surface):
@@ -217,7 +250,7 @@ def _fields_of(surface):
             "semi_aperture_mm": surface.semi_aperture_mm, "stop": surface.stop, "conic": surface.conic,
             "conic_x": surface.conic_x, "profile": surface.profile,
             "aspheric": _powers(surface.aspheric, surface.odd_aspheric), "skews": _powers(surface.skews),
-            "pose": _pose_table(surface.pose)}
+            "pose": _pose_table(surface.pose), "coating": surface.coating}
 
 
 def _powers(even, odd=()):
@@ -237,3 +270,10 @@ def _glass_lines(glass):
     formula = glass.dispersion
     facts = {"formula": formula.number, "coefficients": formula.coefficients, "range_nm": formula.range_nm}
     return ["", f"[glasses.{json.dumps(glass.name, ensure_ascii=False)}]", *pairs(facts, {"range_nm": EVERYWHERE_NM})]
+
+
+def _coating_lines(coating):
+    """Lines of the table of a private coating."""
+    measured = zip(MEASURED, vars(coating.measured).values(), strict=True) if coating.measured else ()
+    return ["", "[[coatings]]", *pairs({"name": coating.name, "layers": coating.layers, **dict(measured)},
+                                       {"layers": ()})]
