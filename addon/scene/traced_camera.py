@@ -12,7 +12,9 @@ import _cycles
 import bpy
 import numpy as np
 
+from ...engine.kernels.tracing import KINDS
 from ...engine.rays.from_sensor import FromSensor, lens_from_sensor
+from ...engine.rays.sensor_aim import Bins
 from ...engine.runtime.errors import InputError, LensError
 from ...engine.runtime.files import temporary_folder
 from .units import mm_per_unit
@@ -31,7 +33,6 @@ def check_traceable(lens):
     if lens.prescription is None:
         raise LensError(lens.name, "surface data", "not in the package",
                         "a traced lens needs it: use the lens's prescription, or choose another Depth")
-    lens.prescription.require_radial("a lens traced in Cycles")
 
 
 def traces_on_device(scene):
@@ -66,7 +67,7 @@ def set_traced_camera(camera, lens, film, wavelength_nm, unit_mm):
 
 @lru_cache(maxsize=64)  # one for each wavelength of a film: each frame of an animation uses them in turn
 def _shader(prescription, film, wavelength_nm, unit_mm):
-    lens = lens_from_sensor(prescription, wavelength_nm, film.farthest_px * film.pitch_um * 1e-3)
+    lens = lens_from_sensor(prescription, wavelength_nm, film.edges_mm)
     return shader_text(lens, film, unit_mm)
 
 
@@ -93,8 +94,7 @@ def shader_text(lens: FromSensor, film, unit_mm):
     (rows, columns), pitch_mm = film.shape_px, film.pitch_um * 1e-3
     x_mm, y_mm = film.position_mm((rows - 1) / 2, (columns - 1) / 2)
     numbers = {
-        "BINS": lens.low_mm.size, "BIN_MM": lens.bin_mm, "TO_PUPIL": lens.to_pupil, "LOW": lens.low_mm,
-        "HIGH": lens.high_mm, "HALF": lens.half_mm, "CENTRE_X": x_mm, "CENTRE_Y": y_mm, "WIDTH": columns * pitch_mm,
+        "CENTRE_X": x_mm - lens.origin_mm[0], "CENTRE_Y": y_mm - lens.origin_mm[1], "WIDTH": columns * pitch_mm,
         "HEIGHT": rows * pitch_mm, "ENTRANCE_PUPIL": lens.entrance_pupil_mm, "COUNT": lens.gap_mm.size,
         "APART": lens.gap_mm, "CURVATURE": lens.curvature_per_mm, "CONIC": lens.conic,
         "SEMI": np.minimum(lens.semi_aperture_mm, WIDE_MM), "ETA": lens.index_ratio,
@@ -102,7 +102,32 @@ def shader_text(lens: FromSensor, film, unit_mm):
         "BENT": lens.terms.any(axis=1).astype(int), "TERMS_EACH": lens.terms.shape[1],
         "FIRST_POWER": lens.first_power, "POWER_STEP": lens.power_step,
         "NEWTON_STEPS": NEWTON_STEPS, "GOOD_MM": GOOD_SHARE * lens.gap_mm.sum(), "LEAST_SQUARE": LEAST_SQUARE,
-        "UNIT_MM": unit_mm}
-    definitions = "".join(f"#define {name} {', '.join(map(repr, np.ravel(value).tolist()))}\n"
-                          for name, value in numbers.items())
+        "UNIT_MM": unit_mm, **_aim_numbers(lens.aim), **_section_numbers(lens.sections)}
+    numbers = {name: ", ".join(map(repr, np.ravel(value).tolist())) for name, value in numbers.items()}
+    definitions = "".join(f"#define {name} {text}\n" for name, text in (numbers | _matrices(lens.poses)).items())
     return definitions + SHADER.read_text(encoding="utf-8")
+
+
+def _aim_numbers(aim):
+    if isinstance(aim, Bins):
+        return {"BINS": aim.low_mm.size, "BIN_MM": aim.bin_mm, "TO_PUPIL": aim.to_pupil, "LOW": aim.low_mm,
+                "HIGH": aim.high_mm, "HALF": aim.half_mm}
+    pairs = {"FIRST": aim.first_mm, "CELL": aim.cell_mm, "TO_PUPIL": aim.to_pupil, "LOW": aim.low_mm,
+             "HIGH": aim.high_mm}
+    return {"CELLS": len(aim.low_mm[0]), "AWAY": aim.away_mm} | {
+        f"{name}_{axis}": value for name, pair in pairs.items() for axis, value in zip("XY", pair, strict=True)}
+
+
+def _section_numbers(sections):
+    if sections is None:
+        return {}
+    return {"KINDS": sections.kinds, "ALONG_X": sections.along_x, "SKEWS": sections.along_x.shape[1] - 2,
+            "TOROID_X": KINDS["x"], "TOROID_Y": KINDS["y"]}
+
+
+def _matrices(poses):
+    """The poses as OSL's matrices, which multiply rows from the right."""
+    if poses is None:
+        return {}
+    return {name: ", ".join(f"matrix({', '.join(map(repr, each.T.ravel().tolist()))})" for each in matrices)
+            for name, matrices in (("TO_SURFACE", poses.to_surface), ("TO_CAMERA", [poses.to_camera]))}

@@ -10,15 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..prescription.prescription import Prescription
-from ..prescription.system import System
+from .fields import view_of
 from .focus import build_system
-from .trace import trace_from_image
+from .sensor_aim import Bins, Cells, aim_bins, aim_cells, all_semi_apertures_mm
+from .trace import traced_surfaces
 
-BINS = 32  # of sensor heights, with a rectangle each
-SEARCH = 96  # rays along a side of the searched rectangle
-MOST_DOUBLINGS = 12  # the search starts at twice the paraxial beam, and doubles until it encloses all passing rays
-ZOOMS = 2  # afterwards
-LEAST_PASSING = 8  # rays: too few for an extent below this
+TURNED = np.diag([1.0, 1.0, -1.0, 1.0])  # from z along the light to z towards the scene
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,14 +38,13 @@ class FromSensor:
         Absorption of the medium in front of a surface, along these rays.
     entrance_pupil_mm : float
         From the last of these surfaces to the entrance pupil, away from the scene.
-    bin_mm : float
-        Bin size of sensor heights from the axis; there is a rectangle per bin.
-    to_pupil : float
-        The line from a sensor point through the centre of the exit pupil crosses the rectangles' plane at this multiple
-        of the sensor point's height.
-    low_mm, high_mm, half_mm : arrays (bin,)
-        Ends of the rectangles along the line away from the axis, relative to that crossing, and half of their extent
-        across; 0 if no light gets through.
+    aim : Bins or Cells
+    origin_mm : array (2,)
+        Place on the sensor from which the film's positions count, which are the negatives of the sensor's.
+    sections : Sections or None
+        None if all surfaces are of revolution.
+    poses : Poses or None
+        None if all surfaces and the sensor are on the axis.
     """
 
     gap_mm: np.ndarray
@@ -61,14 +57,46 @@ class FromSensor:
     index_ratio: np.ndarray
     absorption_per_mm: np.ndarray
     entrance_pupil_mm: float
-    bin_mm: float
-    to_pupil: float
-    low_mm: np.ndarray
-    high_mm: np.ndarray
-    half_mm: np.ndarray
+    aim: Bins | Cells
+    origin_mm: np.ndarray
+    sections: "Sections | None" = None
+    poses: "Poses | None" = None
 
 
-def lens_from_sensor(prescription: Prescription, wavelength_nm: float, farthest_mm: float) -> FromSensor:
+@dataclass(frozen=True, eq=False)
+class Sections:
+    """Surfaces whose sections along x and y differ.
+
+    Attributes
+    ----------
+    kinds : array (surface,)
+        0, or one of `KINDS`.
+    along_x : array (surface, 2 + even_terms)
+        As `TracedSurfaces.sections`.
+    """
+
+    kinds: np.ndarray
+    along_x: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Poses:
+    """Frames of displaced surfaces, as matrices of affine maps of columns.
+
+    Attributes
+    ----------
+    to_surface : array (surface, 4, 4)
+        From the frame of the surface before, or of the sensor, to this surface's.
+    to_camera : array (4, 4)
+        From the frame of the last surface to the camera's.
+    """
+
+    to_surface: np.ndarray
+    to_camera: np.ndarray
+
+
+def lens_from_sensor(prescription: Prescription, wavelength_nm: float, edges_mm: tuple[float, float, float, float]
+                     ) -> FromSensor:
     """Prepare a lens for rays from its sensor.
 
     Parameters
@@ -76,37 +104,62 @@ def lens_from_sensor(prescription: Prescription, wavelength_nm: float, farthest_
     prescription : Prescription
         At its ring settings.
     wavelength_nm : float
-    farthest_mm : float
-        From the axis to the last sensor point.
+    edges_mm : (float, float, float, float)
+        Left, lower, right and upper edge of the film in the upright picture, from the middle of the lens's view.
 
     Raises
     ------
     LensError
-        A prescription that cannot be traced or is not rotationally symmetric, or a wavelength at which the index of a
-        glass is unknown.
+        A prescription that cannot be traced, or a wavelength at which the index of a glass is unknown.
     """
-    prescription.require_radial("a lens traced in Cycles")
     system = build_system(prescription)
-    surfaces, indices = system.prescription.surfaces[::-1], system.indices_at([wavelength_nm])[:, 0]
+    prescription, view = system.prescription, view_of(system)
+    surfaces, indices = prescription.surfaces[::-1], system.indices_at([wavelength_nm])[:, 0]
     extinction = np.array([glass.extinction_at([wavelength_nm])[0] for glass in system.glasses])[::-1]
-    terms, first_power, power_step = _terms(surfaces)
-    to_pupil = 1 / (1 - surfaces[0].thickness_mm / system.exit_pupil_mm)
-    low, high, half = _rectangles(system, indices, np.linspace(0, farthest_mm, BINS + 1), to_pupil)
+    sections = _sections(prescription)
+    terms, first_power, power_step = _terms(surfaces, least=0 if sections is None else 1)
+    if prescription.radial:
+        left, lower, right, upper = edges_mm
+        aim: Bins | Cells = aim_bins(system, indices, float(np.hypot(max(-left, right), max(-lower, upper))))
+    else:
+        aim = aim_cells(system, view, indices, edges_mm)
     return FromSensor(
         gap_mm=np.array([surface.thickness_mm for surface in surfaces]),
         curvature_per_mm=np.array([-1 / surface.radius_mm for surface in surfaces]),
         conic=np.array([surface.conic for surface in surfaces]),
         terms=terms, first_power=first_power, power_step=power_step,
-        semi_aperture_mm=_all_semi_apertures_mm(system)[::-1],
+        semi_aperture_mm=all_semi_apertures_mm(system)[::-1],
         index_ratio=(indices[1:] / indices[:-1])[::-1],
         absorption_per_mm=4 * np.pi * extinction / (wavelength_nm * 1e-6),
-        entrance_pupil_mm=system.entrance_pupil_mm, bin_mm=farthest_mm / BINS,
-        to_pupil=to_pupil, low_mm=np.minimum(low[:-1], low[1:]), high_mm=np.maximum(high[:-1], high[1:]),
-        half_mm=np.maximum(half[:-1], half[1:]))
+        entrance_pupil_mm=system.entrance_pupil_mm, aim=aim, origin_mm=view.origin_mm, sections=sections,
+        poses=_poses(prescription, view))
 
 
-def _terms(surfaces):
-    """Coefficients for the reversed z axis, their first power and its step."""
+def _sections(prescription):
+    traced = traced_surfaces(prescription)
+    if traced.kinds is None:
+        return None
+    return Sections(traced.kinds[::-1], traced.sections[::-1] * [-1, *[1] * (traced.sections.shape[1] - 1)])
+
+
+def _poses(prescription, view):
+    poses = traced_surfaces(prescription).poses
+    if poses is None:
+        return None
+    frames = [_affine(pose[3:].reshape(3, 3), pose[:3]) for pose in poses[::-1]]  # the sensor's is the first
+    steps_mm = [surface.thickness_mm for surface in prescription.surfaces[::-1]]
+    to_surface = [np.linalg.inv(frame) @ _affine(np.eye(3), (0, 0, step_mm)) @ before
+                  for before, frame, step_mm in zip(frames, frames[1:], steps_mm, strict=False)]
+    to_camera = _affine(view.axes, -view.axes @ view.viewpoint_mm) @ frames[-1]
+    return Poses(*(TURNED @ each @ TURNED for each in (np.stack(to_surface), to_camera)))
+
+
+def _affine(matrix, offset_mm):
+    return np.block([[matrix, np.reshape(offset_mm, (3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]])
+
+
+def _terms(surfaces, least):
+    """Coefficients for the reversed z axis, at least as many as this; their first power and its step."""
     if any(surface.odd_aspheric for surface in surfaces):
         count = max(max(2 * len(surface.aspheric), 2 * len(surface.odd_aspheric) - 1) for surface in surfaces)
         terms = np.zeros((len(surfaces), count))
@@ -114,54 +167,5 @@ def _terms(surfaces):
             row[1:2 * len(surface.aspheric):2] = surface.aspheric
             row[:2 * len(surface.odd_aspheric):2] = surface.odd_aspheric
         return -terms, 1, 1
-    count = max(len(surface.aspheric) for surface in surfaces)
+    count = max(least, *(len(surface.aspheric) for surface in surfaces))
     return -np.array([[*surface.aspheric, *(0.0,) * (count - len(surface.aspheric))] for surface in surfaces]), 2, 2
-
-
-def _all_semi_apertures_mm(system):
-    semi_mm = system.semi_apertures_mm
-    semi_mm[system.prescription.stop_index] = system.stop_semi_aperture_mm
-    return semi_mm
-
-
-def _rectangles(system: System, indices, heights_mm, to_pupil):
-    """Rectangles for sensor points at these heights: array (3, height) of both ends along the line away from the axis,
-    and half of the extent across."""
-    beam_mm = abs(system.marginal_heights_mm[-1])
-    rectangles = []
-    for height_mm in heights_mm:
-        for doublings in range(MOST_DOUBLINGS):
-            half_mm = beam_mm * 2.0 ** (doublings + 1)
-            extent, complete = _passing_extent(system, indices, height_mm, to_pupil, -half_mm, half_mm, half_mm)
-            if complete:
-                break
-        for _ in range(ZOOMS):
-            extent, _ = _passing_extent(system, indices, height_mm, to_pupil, *extent)
-        rectangles.append(extent)
-    return np.array(rectangles).T
-
-
-def _passing_extent(system, indices, height_mm, to_pupil, low_mm, high_mm, half_mm):
-    """Bounds of the passing rays among a rectangle's rays, plus a step of the search; and whether they stay clear of
-    the rectangle's edge."""
-    across, step_x = np.linspace(low_mm, high_mm, SEARCH, retstep=True)
-    up, step_y = np.linspace(0, half_mm, SEARCH // 2, retstep=True)
-    x, y = np.meshgrid(across, up)
-    through = _passes(system, indices, height_mm, to_pupil * height_mm + x, y)
-    if through.sum() < LEAST_PASSING:
-        return (0.0, 0.0, 0.0), False
-    edge = through[-1].any() or through[:, [0, -1]].any()
-    return (x[through].min() - step_x, x[through].max() + step_x, y[through].max() + step_y), not edge
-
-
-def _passes(system, indices, height_mm, x_mm, y_mm):
-    """Which rays pass from a sensor point at a height through points of the plane of the rear vertex."""
-    towards = np.stack([height_mm - x_mm, 0 - y_mm, np.full_like(x_mm, system.prescription.surfaces[-1].thickness_mm)])
-    start = np.stack([np.full_like(x_mm, height_mm), np.zeros_like(x_mm), np.zeros_like(x_mm)])
-    with np.errstate(invalid="ignore"):
-        _, direction, _, square_mm2 = trace_from_image(system.prescription, indices[:, None, None], start,
-                                                       towards / np.sqrt(np.sum(towards**2, axis=0)))
-        through = np.isfinite(direction).all(axis=0)
-        for square, semi_mm in zip(square_mm2, _all_semi_apertures_mm(system), strict=True):
-            through &= square <= semi_mm**2
-    return through
