@@ -114,15 +114,16 @@ def _aim_numbers(aim):
                 "HIGH": aim.high_mm, "HALF": aim.half_mm}
     pairs = {"FIRST": aim.first_mm, "CELL": aim.cell_mm, "TO_PUPIL": aim.to_pupil, "LOW": aim.low_mm,
              "HIGH": aim.high_mm}
-    return {"CELLS": len(aim.low_mm[0]), "AWAY": aim.away_mm} | {
+    rows, columns = aim.low_mm.shape[1:]
+    return {"CELLS": rows * columns, "ROWS": rows, "COLUMNS": columns, "AWAY": aim.away_mm} | {
         f"{name}_{axis}": value for name, pair in pairs.items() for axis, value in zip("XY", pair, strict=True)}
 
 
 def _section_numbers(sections):
     if sections is None:
         return {}
-    return {"KINDS": sections.kinds, "ALONG_X": sections.along_x, "SKEWS": sections.along_x.shape[1] - 2,
-            "TOROID_X": KINDS["x"], "TOROID_Y": KINDS["y"]}
+    return {"KINDS": sections.kinds, "ALONG_X": sections.along_x, "SECTIONS": sections.along_x.size,
+            "SECTIONS_EACH": sections.along_x.shape[1], "TOROID_X": KINDS["x"], "TOROID_Y": KINDS["y"]}
 
 
 def _matrices(poses):
