@@ -34,7 +34,7 @@ SAMPLERS = {"blur": ("colours", "depths"), "split": ("light",), "halve": FINER_H
             "reach": ("tiles",),
             "lens": ("colours", "tables", "light", "reaches",
                      *(f"{name}_{side}" for side in SIDES_PX for name in HALVES))}
-VALUES = {"blur": {"focus": "VEC4", "most_px": "FLOAT"}, "reach": {"widest": "FLOAT"},
+VALUES = {"blur": {"focus": "VEC4", "lean": "VEC2", "most_px": "FLOAT"}, "reach": {"widest": "FLOAT"},
           "lens": {"frame": "VEC4", "view": "VEC4", "has_depth": "FLOAT", "shows_through": "FLOAT"}}
 """The textures and the values of each shader."""
 
@@ -76,13 +76,16 @@ class Defocus:
     px_m : float
         Diameter of the blur of infinitely distant points, times the focus distance: in pixels times metres.
     nearness_per_m : float
-        The inverse of the focus distance.
+        The inverse of the focus distance, on the axis.
+    lean_per_m : (float, float)
+        Its rise with the tangents to the right and up.
     metres_per_unit : float
         Of the scene.
     """
 
     px_m: float
     nearness_per_m: float
+    lean_per_m: tuple[float, float]
     metres_per_unit: float
 
 
@@ -157,9 +160,10 @@ def draw(framebuffer, tables: Tables, view: View, frame_px, defocus: Defocus, *,
 def _split_by_depth(steps, viewport, view, defocus, widest):
     """Fill the images between the viewport's and the lens's: `_steps`."""
     # per scene unit: nearness = (depth + depth_at_infinity) * nearness_per_depth
+    lean = np.divide(defocus.lean_per_m, view.px_per_tangent)
     focus = (view.depth_at_infinity, view.nearness_per_depth / defocus.metres_per_unit, defocus.px_m,
-             defocus.nearness_per_m)
-    _run("blur", steps["light"], viewport, focus=focus, most_px=2 * TILE_PX * REACH_TILES / widest)
+             defocus.nearness_per_m - lean @ view.middle_px)
+    _run("blur", steps["light"], viewport, focus=focus, lean=lean, most_px=2 * TILE_PX * REACH_TILES / widest)
     light, = steps["light"]
     _run("split", steps[SIDES_PX[0]], {"light": light})
     for finer, coarser in pairwise(SIDES_PX):

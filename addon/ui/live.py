@@ -26,10 +26,10 @@ from ...engine.image.pixel_grid import PixelGrid
 from ...engine.lens.entrance_pupil import focus_nearness
 from ...engine.lens.pinhole import fitting_pitch_um
 from ...engine.library.rays import lens_rays
-from ...engine.runtime.errors import InputError, LensError, one_line
+from ...engine.runtime.errors import InputError, one_line
 from ...engine.runtime.files import stamp_of
 from ..job.named_files import check_named_files
-from ..scene.camera import check_camera, frame_px, shift_px, size_for_view
+from ..scene.camera import check_camera, frame_px, pixel_aspect, shift_px, size_for_view
 from ..scene.focus import Focus, focus_now
 from ..scene.lens_cache import lens_on_sensor, load_lens, scaled_lens
 from ..scene.lens_facts import lens_facts
@@ -44,7 +44,6 @@ from .text_wrap import draw_wrapped
 
 TICK_S = 0.05
 QUALITY = "preview"
-ONLY_RADIAL = "Live and Quick Look show no others: use Preview"
 ONLY_SOLID = "Live shows a panoramic camera in Solid viewports only"
 NO_DEPTH = "Live shows no defocus: turn on Viewport Overlays to give this viewport its depth"
 
@@ -59,14 +58,17 @@ class Frame:
     ----------
     tables : LensTables
     tangents : (float, float, float, float)
-        Of the angles from the axis to the frame's left, lower, right and upper edge.
+        Of the angles from the axis to the frame's left, lower, right and upper edge, if its pixels are square.
     focus : Focus
         Of the lens, in pixels of the scene's render.
+    lean_per_m : (float, float)
+        Rise of the inverse focus distance with the tangents to the right and up.
     """
 
     tables: LensTables
     tangents: tuple[float, float, float, float]
     focus: Focus
+    lean_per_m: tuple[float, float]
 
 
 @dataclass
@@ -210,15 +212,13 @@ def read_frame(name, stamp, rings, focal_mm, sensor_mm, shape_px, right_up_px, i
     tables = lens_tables(lens, lens_rays(lens, opening(iris, lens).reach), grid, iris, vignette)
     tangents = tuple(edge_mm / lens.capture_focal_length_mm for edge_mm in grid.edges_mm)
     per_nearness_px_m, nearness_per_m = blur_per_nearness_px(lens, grid.pitch_um) / 1e3, focus_nearness(lens) * 1e3
-    return Frame(tables, tangents, Focus(1 / nearness_per_m if nearness_per_m else inf, per_nearness_px_m))
+    lean_per_m = tuple(np.multiply(lens.focus_slope, (1 / lens.squeeze, 1)) * lens.capture_focal_length_mm * 1e3)
+    return Frame(tables, tangents, Focus(1 / nearness_per_m if nearness_per_m else inf, per_nearness_px_m), lean_per_m)
 
 
 def frame_lens(name, rings, focal_mm, sensor_mm):
-    """The Lens of these arguments of `read_frame`, if it is rotationally symmetric."""
-    facts = lens_facts(name, rings, focal_mm)
-    if not facts.radial:  # before the bake
-        raise LensError(str(name), "lens", "not rotationally symmetric", ONLY_RADIAL)
-    lens = load_lens(name, facts.rings, QUALITY, wavelengths_nm=COLOURS_NM)
+    """The Lens of these arguments of `read_frame`."""
+    lens = load_lens(name, lens_facts(name, rings, focal_mm).rings, QUALITY, wavelengths_nm=COLOURS_NM)
     if focal_mm is not None:
         return scaled_lens(lens, focal_mm / lens.capture_focal_length_mm, sensor_mm)
     return lens_on_sensor(lens, sensor_mm) if sensor_mm else lens
@@ -260,7 +260,8 @@ def _draw_frame(live, scene, space, view, region):
     if frame is None:
         return
     seen = lens_view.View.of(view.window_matrix, region.width, region.height)
-    first_px, last_px = (np.multiply(corner, seen.px_per_tangent) + seen.middle_px
+    px_per_tangent = np.multiply(seen.px_per_tangent, (pixel_aspect(scene), 1.0))
+    first_px, last_px = (np.multiply(corner, px_per_tangent) + seen.middle_px
                          for corner in (frame.tangents[:2], frame.tangents[2:]))
     frame_rectangle = *first_px, *(last_px - first_px)
     has_depth = lens_view.draw(live.framebuffer, live.shown[1], seen, frame_rectangle,
@@ -298,9 +299,10 @@ def _wait(live):
 
 def _defocus(scene, live, frame, at_rest, frame_rectangle):
     """The Defocus of the newest frame's lens; while a ring turns, to first order."""
-    focus, (_, columns) = frame.focus if live.answer.done() else focus_now(scene, at_rest), frame_px(scene)
-    _, _, width_px, _ = frame_rectangle
-    return lens_view.Defocus(focus.blur_px_m * width_px / columns, 1 / focus.focus_m, metres_per_unit(scene))
+    focus, (rows, _) = frame.focus if live.answer.done() else focus_now(scene, at_rest), frame_px(scene)
+    *_, height_px = frame_rectangle
+    return lens_view.Defocus(focus.blur_px_m * height_px / rows, 1 / focus.focus_m, frame.lean_per_m,
+                             metres_per_unit(scene))
 
 
 def draw_live(layout):

@@ -33,13 +33,15 @@ class LensTables:
     ----------
     angle_rad : float32 array (row, column, colour, 2)
         Directions of the light of red, green and blue in front of the lens, at NODES x NODES places: x and y of a
-        vector away from the axis, as long as the angle from the axis.
+        vector away from the axis, as long as the angle from the axis. A lens that squeezes the picture shows more
+        across than up.
     illumination : float32 array (row, column)
         Light, relative to the axis, at the same places.
     shifts, aberrations : float32 arrays (row, column, ray, 2)
-        The rays of BOKEH_NODES x BOKEH_NODES places: x and y of their positions in the plane of an ideal image,
-        relative to the chief ray's, are the shifts, times the radius of the blur on the axis, plus the aberrations,
-        which are tangents. The blur of a point nearer than the focus is positive, a farther one's is negative.
+        The rays of BOKEH_NODES x BOKEH_NODES places: x and y of their positions in the plane of an ideal image without
+        squeeze, relative to the chief ray's, are the shifts, times the radius of the blur on the axis, plus the
+        aberrations, which are tangents. The blur of a point nearer than the focus is positive, a farther one's is
+        negative.
     light : float32 array (row, column, ray)
         The light of these rays, relative to the place's.
     stop_radius : float32 array (ray,)
@@ -65,7 +67,7 @@ def lens_tables(lens: Lens, rays: LensRays, frame: PixelGrid, iris: Iris | None 
     rays : LensRays
         Its rays, as far out as the iris reaches.
     frame : PixelGrid
-        Without overscan.
+        Without overscan and squeeze.
     iris : Iris, optional
         The blades that stop the lens down; by default the stop is round.
     vignette : bool
@@ -121,7 +123,7 @@ def _bokeh(lens, rays, frame, iris):
     right_px, up_px = sample.known_places(*nodes_px)
     far_px, moved_px, light, place = sample.bundles(right_px, up_px)
     chief_mm = field.at_wavelength(green_nm).source_mm(right_px * pitch_mm, up_px * pitch_mm)
-    chief_px = np.stack(chief_mm, axis=-1)[:, :, None] / pitch_mm
+    chief_px = np.stack((lens.squeeze * chief_mm[0], chief_mm[1]), axis=-1)[:, :, None] / pitch_mm
     aberrations_px = far_px + np.asarray(focus_nearness(lens, *chief_mm))[..., None, None] * moved_px - chief_px
     light = light * stop.open_share(place, cell_size(RAYS) * stop.reach)
     total = np.maximum(light.sum(axis=-1, keepdims=True), np.finfo(np.float32).tiny)
