@@ -77,6 +77,40 @@ class GridRayTable(TableByWavelength, Value):
     coefficients: np.ndarray
     reach: float = 1.0
 
+    @property
+    def ends_mm(self) -> np.ndarray:
+        """The first and the last place of the field along x, and along y: array (2, 2)."""
+        return np.array([(-last, last) if of_axis else (first, last) for (first, last), of_axis in
+                         zip((self.x_mm, self.y_mm), self.mirrored[::-1], strict=True)])
+
+    @property
+    def last_height_mm(self) -> float:
+        """The largest distance along x or y from the axis to an end of the field."""
+        return float(np.abs(self.ends_mm).max())
+
+    def inside(self, place_mm: np.ndarray, share: float) -> np.ndarray:
+        """Places (2, ...) clamped to a share of the field around its middle."""
+        first_mm, last_mm = self.ends_mm.T.reshape(2, 2, *(1,) * (np.ndim(place_mm) - 1))
+        middle_mm, half_mm = (first_mm + last_mm) / 2, share * (last_mm - first_mm) / 2
+        return np.clip(place_mm, middle_mm - half_mm, middle_mm + half_mm)
+
+    def rays(self, wavelength: int, place_mm: np.ndarray, stop: np.ndarray) -> SensorRays:
+        """Rays from points of the sensor through points of the stop; as `RayTable.rays`.
+
+        Places beyond the ends of the field have the rays of the ends.
+        """
+        x_mm, y_mm, stop_x, stop_y = np.broadcast_arrays(*place_mm, *stop)
+        side_x, side_y = (np.where((at_mm < 0) & of_axis, -1.0, 1.0) for at_mm, of_axis in
+                          zip((x_mm, y_mm), self.mirrored[::-1], strict=True))
+        radius = np.hypot(stop_x, stop_y)
+        values = _between(self.coefficients[wavelength], (
+            _even_places(side_y * y_mm, self.y_mm, self.mirrored[0]),
+            _even_places(side_x * x_mm, self.x_mm, self.mirrored[1]),
+            even_place(radius / self.reach), _turns(side_x * stop_x, side_y * stop_y)))
+        for side, images in zip((side_x, side_y), MIRRORED, strict=True):
+            values = values * np.where(side < 0, images.reshape(-1, *(1,) * side.ndim), 1)
+        return sensor_rays(values, 1.0, 0.0, radius)
+
     def bundles(self, x_mm: np.ndarray, y_mm: np.ndarray, stop: np.ndarray) -> SensorRays:
         """Rays from a mesh of places through the same stop points, at all wavelengths.
 
@@ -128,7 +162,7 @@ class GridRayTable(TableByWavelength, Value):
         rows, columns = (_weights(_even_places(places_mm, ends_mm, mirrored), count) for places_mm, ends_mm, mirrored,
                          count in zip((y_mm, x_mm), (self.y_mm, self.x_mm), self.mirrored,
                                       self.coefficients.shape[1:3], strict=True))
-        over_stop = _over_stop(np.hypot(*stop) / self.reach, np.arctan2(*stop), radii, azimuths)
+        over_stop = _over_stop(np.hypot(*stop) / self.reach, _turns(*stop), radii, azimuths)
         values = []
         for table in self.coefficients[..., quantities]:
             of_rays = over_stop @ table.transpose(2, 3, 4, 0, 1).reshape(radii * azimuths, -1)
@@ -158,10 +192,28 @@ def _weights(share, count):
     return matrix
 
 
-def _over_stop(radius, azimuth_rad, radii, azimuths):
+def _turns(stop_x, stop_y):
+    """Azimuths of stop points, from 0 to 1."""
+    return np.remainder(np.arctan2(stop_x, stop_y) / (2 * np.pi), 1)
+
+
+def _between(coefficients, shares):
+    """Quantities of one wavelength at positions from 0 to 1, arrays (...), of row, column, radius and azimuth: array
+    (quantity, ...)."""
+    shape = np.shape(shares[0])
+    index, weight = np.zeros((shares[0].size, 1), int), np.ones((shares[0].size, 1))
+    for share, count in zip(shares, coefficients.shape, strict=False):
+        places, weights = splines(share.ravel(), count)
+        index = (index[:, :, None] * count + places[:, None]).reshape(len(index), -1)
+        weight = (weight[:, :, None] * weights[:, None]).reshape(index.shape)
+    values = coefficients.reshape(-1, coefficients.shape[-1])[index]
+    return np.einsum("rk,rkq->qr", weight, values, optimize=True).reshape(-1, *shape)
+
+
+def _over_stop(radius, turns, radii, azimuths):
     """Sparse matrix of the coefficients' weights at stop points: (ray, radius * azimuth)."""
     by_radius = splines(even_place(radius), radii)
-    by_azimuth = splines(np.remainder(azimuth_rad / (2 * np.pi), 1), azimuths)
+    by_azimuth = splines(turns, azimuths)
     return scipy.sparse.csr_matrix(
         ((by_radius[1][:, :, None] * by_azimuth[1][:, None, :]).ravel(),
          (by_radius[0][:, :, None] * azimuths + by_azimuth[0][:, None, :]).ravel(),

@@ -134,6 +134,10 @@ class RayTable(TableByWavelength, Value):
     coefficients: np.ndarray
     reach: float = 1.0
 
+    def inside(self, place_mm: np.ndarray, share: float) -> np.ndarray:
+        """Places (2, ...) clamped to a share of the field."""
+        return place_mm * np.minimum(1, share * self.last_height_mm / np.maximum(np.hypot(*place_mm), 1e-12))
+
     def rays(self, wavelength: int | np.ndarray, place_mm: np.ndarray, stop: np.ndarray) -> SensorRays:
         """Rays from points of the sensor through points of the stop.
 
