@@ -15,7 +15,7 @@ METRES_PER_UNIT = 0.5
 DOT_PX, LAMP_PX = 9.0, 2.5  # sides of dots in focus and of blurred ones, in the viewport
 GRID = np.linspace(-0.83, 0.89, 7), np.linspace(-0.91, 0.77, 5)  # of the dots, in half sides of the frame: lopsided
 LAMPS = (0.03, -0.04), (0.44, 0.52)  # from the axis, in half sides of the frame
-LIMITS = {"place": 0.3, "illumination": 0.02, "disc": 0.10}  # px of 1080 rows; of the light; of the radius
+LIMITS = {"place": 0.3, "illumination": 0.02, "disc": 0.10}  # px of 1080 rows; of the light; of the size
 BLUR_PX, LEAST_BLUR_PX = 32.0, 8.0  # diameters of discs; the least that is measured
 REDRAWS = 5
 FRAME_PX = 900, 1200  # rows and columns of the render
@@ -61,9 +61,11 @@ class Viewport:
 
     def settled(self):
         """Wait until the lens's tables are drawn and the viewport has smoothed its edges."""
-        live, name = session().live, bpy.context.scene.lensfield.lens
+        live, scene = session().live, bpy.context.scene
+        name = scene.lensfield.lens
+        lens = name, module("addon.scene.rings").rings_for(scene, name)
         area("VIEW_3D").tag_redraw()
-        yield from until(lambda: live.question[:1] == (name,) and live.answer.done()
+        yield from until(lambda: live.question[:3:2] == lens and live.answer.done()
                          and live.shown is not None and live.shown[0] is live.answer.result())
         for _ in range(3):
             area("VIEW_3D").tag_redraw()
@@ -94,19 +96,21 @@ def make_scene():
     scene.render.resolution_percentage = 100
 
 
-def place_dots(tangents, side_tangent, depth):
-    """Replace the dots by squares with these middles, in tangents to the right and up, at a depth in scene units, in
-    front of a black wall."""
-    make_squares("Dots", np.asarray(tangents), side_tangent, depth)
-    make_squares("Wall", np.zeros((1, 2)), 1e3, depth * (1 + 1e-4))
+def place_dots(tangents, side_tangent, nearness, lean):
+    """Replace the dots by squares with these middles, in tangents to the right and up, in front of a black wall. Their
+    inverse depth, in scene units, rises with the tangents by `lean`: they are parallel to a plane of focus that leans.
+    """
+    widest = min(1e3, nearness / max(np.hypot(*lean), 1e-9))  # beyond, the plane is infinitely distant
+    make_squares("Dots", np.asarray(tangents), min(side_tangent, widest), nearness, lean)
+    make_squares("Wall", np.zeros((1, 2)), widest, nearness / (1 + 1e-4), lean)
 
 
-def make_squares(name, tangents, side_tangent, depth):
+def make_squares(name, tangents, side_tangent, nearness, lean):
     corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * side_tangent / 2
-    points = (tangents[:, None] + corners).reshape(-1, 2) * depth
+    points = (tangents[:, None] + corners).reshape(-1, 2)
     mesh = bpy.data.objects[name].data
     mesh.clear_geometry()
-    mesh.from_pydata([(x, y, -depth) for x, y in points], [],
+    mesh.from_pydata(np.c_[points, np.full(len(points), -1)] / (nearness + points @ lean)[:, None], [],
                      [range(first, first + 4) for first in range(0, len(points), 4)])
     mesh.update()
 
@@ -118,10 +122,18 @@ class Judge:
         library, self._field_map = module("engine.library"), module("engine.field.field_map").field_map
         self._live = module("addon.ui.live")
         self.lens = library.load_lens(name, rings, "preview", wavelengths_nm=self._live.COLOURS_NM)
-        self._pitch_mm = module("engine.lens.pinhole").fitting_pitch_um(self.lens, FRAME_PX) / 1e3
-        self.tangents = [n * self._pitch_mm / 2 / self.lens.capture_focal_length_mm for n in reversed(FRAME_PX)]
+        self._stretch = np.array([self.lens.squeeze, 1.0])  # of the picture, as the viewport shows it
+        pitch_mm = module("engine.lens.pinhole").fitting_pitch_um(self.lens, FRAME_PX) / 1e3
+        self.tangents = self._stretch * FRAME_PX[::-1] * pitch_mm / 2 / self.lens.capture_focal_length_mm
         self._viewport = viewport
-        self.distance = bpy.context.scene.camera.data.dof.focus_distance
+        self.lean_per_mm = self.lens.focus_slope / self._stretch * self.lens.capture_focal_length_mm
+        self.focus_per_mm = float(module("engine.lens.entrance_pupil").focus_nearness(self.lens))
+
+    def place_dots(self, tangents, side_px, defocus_per_mm=0.0):
+        """Place dots out of focus by this inverse depth."""
+        per_unit = METRES_PER_UNIT * 1e3
+        place_dots(tangents, side_px / self.view()[2], (self.focus_per_mm + defocus_per_mm) * per_unit,
+                   self.lean_per_mm * per_unit)
 
     def places(self, parts):
         """Tangents of places in the frame, which are given from its middle in half sides: array (..., 2)."""
@@ -140,23 +152,49 @@ class Judge:
 
     def landing_px(self, tangents, nm):
         """Where the engine sees points of these tangents: positions in the region, array (point, 2)."""
-        focal_mm = self.lens.capture_focal_length_mm
-        landing_mm = np.stack(self._field_map(self.lens).at_wavelength(nm).landing_mm(
-            *(np.asarray(tangents).T * focal_mm)), axis=-1)
-        return np.array(self.view()[:2]) + landing_mm * self.px_per_mm
+        ideal_mm = np.asarray(tangents) / self._stretch * self.lens.capture_focal_length_mm
+        return self.shown_px(np.stack(self._field_map(self.lens).at_wavelength(nm).landing_mm(*ideal_mm.T), axis=-1))
+
+    def shown_px(self, place_mm):
+        """Positions in the region of places on the sensor, (..., 2)."""
+        return np.array(self.view()[:2]) + self._stretch * place_mm * self.px_per_mm
+
+    def places_mm(self, position_px):
+        """Places on the sensor of positions in the region, (..., 2)."""
+        return (position_px - np.array(self.view()[:2])) / self._stretch / self.px_per_mm
 
     def illumination(self, position_px):
-        x_mm, y_mm = ((position_px - np.array(self.view()[:2])) / self.px_per_mm).T
-        return self._field_map(self.lens).at_wavelength(self._live.COLOURS_NM[1]).relative_illumination(x_mm, y_mm)
+        return self._field_map(self.lens).at_wavelength(self._live.COLOURS_NM[1]).relative_illumination(
+            *self.places_mm(position_px).T)
 
     def disc_px(self, tangent, depth_mm):
-        """The middle and the RMS radius of the engine's PSF of a point at a depth, on the viewport."""
+        """The middle and the sizes of the engine's PSF of a point at a depth, on the viewport."""
         rays, nm = module("engine.library.rays").lens_rays(self.lens), self._live.COLOURS_NM[1]
+        through_focus = module("engine.bake.through_focus")
+        sampling = depth_mm, 1e3 / self.px_per_mm, 2 * int(BLUR_PX) + 1
         middle_px = self.landing_px([tangent], nm)[0]
-        height_mm = np.hypot(*(middle_px - np.array(self.view()[:2]))) / self.px_per_mm
-        psf = module("engine.bake.through_focus").psf_at_depth(
-            rays, nm, float(height_mm), depth_mm, 1e3 / self.px_per_mm, 2 * int(BLUR_PX) + 1, quality="preview")
-        return middle_px, moments(psf)[1]
+        if hasattr(self.lens, "heights_mm"):
+            height_mm = float(np.hypot(*self.places_mm(middle_px)))
+            psf = through_focus.psf_at_depth(rays, nm, height_mm, *sampling, quality="preview")
+            return middle_px, self.sizes(moments(psf)[1])
+        place_mm = chief_place_mm(rays.at([nm]), self.places_mm(middle_px), tangent, depth_mm)
+        psf = through_focus.psf_at_place(rays, nm, tuple(place_mm), *sampling, quality="preview")
+        return self.shown_px(place_mm), self.sizes(self._stretch * moments(psf)[1])
+
+    def sizes(self, rms_px):
+        """RMS width and height of a disc of an anamorphic lens, or the RMS radius of another one's."""
+        return rms_px if self.lens.squeeze != 1 else np.hypot(*rms_px)
+
+
+def chief_place_mm(rays, place_mm, tangent, depth_mm):
+    """Where the chief ray of a point at a depth lands, close to this place: out of focus, the width and the height of
+    an anamorphic picture have different perspectives."""
+    for _ in range(5):
+        step_mm = np.eye(3, 2, -1) * 1e-3
+        ray = rays.rays(0, -(place_mm + step_mm).T, np.zeros((2, 1)))
+        seen = (ray.entrance_mm / depth_mm - ray.direction[:2] / ray.direction[2]).T
+        place_mm = place_mm - (seen[0] - tangent) / np.diag(seen[1:] - seen[0]) * 1e-3
+    return place_mm
 
 
 def redraw_s():
@@ -168,11 +206,11 @@ def redraw_s():
 
 
 def moments(light):
-    """Centroid (x, y) in pixels from the first, and RMS radius, of a picture."""
+    """Centroid (x, y) in pixels from the first, and RMS width and height, of a picture."""
     rows, columns = np.indices(light.shape)
-    total = light.sum()
-    x, y = (light * columns).sum() / total, (light * rows).sum() / total
-    return np.array([x, y]), np.sqrt((light * ((columns - x)**2 + (rows - y)**2)).sum() / total)
+    x, y = (np.average(each, weights=light) for each in (columns, rows))
+    return np.array([x, y]), np.sqrt([np.average((columns - x)**2, weights=light),
+                                      np.average((rows - y)**2, weights=light)])
 
 
 def around(picture, position_px, half_px):
@@ -193,22 +231,23 @@ def visible(viewport, judge, tangents):
     return np.asarray(tangents)[fits]
 
 
-def set_up(viewport, name):
+def set_up(viewport, name, tilt_deg):
     """Choose a lens, and give the camera its view: its Judge."""
     scene = bpy.context.scene
-    scene.lensfield.lens = name
+    scene.lensfield.lens, scene.lensfield.tilt_deg = name, np.radians(tilt_deg)
     dof = scene.camera.data.dof
     facts = module("addon.scene.lens_facts").lens_facts(name)
     distance = max(LEAST_DISTANCE, 1.1 * facts.reach[2] / METRES_PER_UNIT / 1e3)
     dof.use_dof, dof.focus_distance, dof.aperture_fstop = True, distance, 0.1
     judge = Judge(viewport, name, module("addon.scene.rings").rings_for(scene, name))
+    scene.render.pixel_aspect_x = judge.lens.squeeze
     scene.camera.data.sensor_width, scene.camera.data.lens = 36.0, 18.0 / judge.tangents[0]
     return judge
 
 
-def errors(viewport, name):
+def errors(viewport, name, tilt_deg=(0.0, 0.0)):
     """The largest errors of the live view through a lens: dict with the keys of LIMITS."""
-    judge, found = set_up(viewport, name), {}
+    judge, found = set_up(viewport, name, tilt_deg), {}
     for key, error, shift in (("place", place_error, SHIFT), ("illumination", illumination_error, SHIFT),
                               ("disc", disc_error, (0.0, 0.0))):
         camera = bpy.context.scene.camera.data
@@ -223,7 +262,7 @@ def place_error(viewport, judge):
     """The largest distance of dots from where the engine sees them, in pixels of a frame of 1080 rows."""
     tangents = visible(viewport, judge, judge.places(np.stack(np.meshgrid(*GRID), axis=-1).reshape(-1, 2)))
     assert len(tangents) >= 9, len(tangents)
-    place_dots(tangents, DOT_PX / judge.view()[2], judge.distance)
+    judge.place_dots(tangents, DOT_PX)
     yield from viewport.settled()
     tangents = drawn_tangents(viewport, judge, tangents)
     worst_px = 0.0
@@ -247,7 +286,7 @@ def drawn_tangents(viewport, judge, tangents):
 
 def illumination_error(viewport, judge):
     """The largest difference of a white wall's light from the engine's, relative to the axis."""
-    place_dots([(0.0, 0.0)], 1e3, judge.distance)
+    judge.place_dots([(0.0, 0.0)], np.inf)
     yield from viewport.settled()
     middle_px = np.array(judge.view()[:2])
     parts = 0.98 * np.stack(np.meshgrid(*GRID), axis=-1).reshape(-1, 2)
@@ -260,9 +299,9 @@ def illumination_error(viewport, judge):
 
 
 def disc_error(viewport, judge):
-    """The largest relative difference of discs' RMS radii from the engine's PSFs, before and behind the focus."""
+    """The largest relative difference of discs' sizes from the engine's PSFs, before and behind the focus."""
     per_nearness_px = module("engine.depth.depth_range").blur_per_nearness_px(judge.lens, 1e3 / judge.px_per_mm)
-    focus = 1 / (judge.distance * METRES_PER_UNIT * 1e3)
+    focus = judge.focus_per_mm
     clip = 1 / (bpy.context.scene.camera.data.clip_start * METRES_PER_UNIT * 1e3)
     most_px = 0.5 * (clip - focus) * per_nearness_px, 0.9 * focus * per_nearness_px
     blurs_px = [sign * min(BLUR_PX, most) for sign, most in zip((1, -1), most_px, strict=True) if most > LEAST_BLUR_PX]
@@ -270,12 +309,12 @@ def disc_error(viewport, judge):
     tangents = visible(viewport, judge, np.array(LAMPS) * judge.tangents)
     worst = 0.0
     for blur_px in blurs_px:
-        nearness = focus + blur_px / per_nearness_px
-        place_dots(tangents, LAMP_PX / judge.view()[2], 1 / nearness / METRES_PER_UNIT / 1e3)
+        defocus = blur_px / per_nearness_px
+        judge.place_dots(tangents, LAMP_PX, defocus)
         yield from viewport.settled()
         for tangent in tangents:
-            middle_px, radius_px = judge.disc_px(tangent, 1 / nearness)
+            middle_px, sizes_px = judge.disc_px(tangent, 1 / (focus + defocus + judge.lean_per_mm @ tangent))
             part, _ = around(viewport.light[..., 1], middle_px, int(BLUR_PX))
             assert part.sum() > 1
-            worst = max(worst, abs(moments(part)[1] / radius_px - 1))
+            worst = max(worst, np.abs(judge.sizes(moments(part)[1]) / sizes_px - 1).max())
     return worst

@@ -57,7 +57,8 @@ from hands import (
 
 LIVE_LENSES = ("olympus-fisheye-8mm", "muller-fisheye-25mm", "zeiss-hologon-15mm", "zeiss-flektogon-20mm",
                "nikkor-28mm", "edmund-54852", "tessar-50mm", "nikkor-58mm-f1.4", "canon-50mm-f0.95",
-               "kodak-petzval-100mm", "nikkor-z-135mm-plena", "canon-fd-500mm-f4.5")
+               "kodak-petzval-100mm", "nikkor-z-135mm-plena", "canon-fd-500mm-f4.5", "cooke-42mm-2x")
+LIVE_TILTED, LIVE_TILT_DEG = "zeiss-biotar-50mm", (1.5, -1.0)
 COMPARED_LENSES = "edmund-54852", "zeiss-biotar-50mm"
 DOT_LENS = """# A Cooke triplet, without its field
 name: Triplet 50mm f/5
@@ -378,13 +379,14 @@ def opens_as_f12():
 
 
 def live():
-    """The live view through twelve lenses, from fisheye to tele, agrees with the engine in the places of three colours,
+    """The live view through lenses from fisheye to tele, one of them tilted, agrees with the engine in the places of three colours,
     in illumination, and in the discs of blurred points; switched off, it leaves Blender's own view."""
     yield from live_figures.make_scene()
     bpy.context.scene.lensfield.view = "LENS"
     viewport, found = live_figures.Viewport(), {}
     for name in LIVE_LENSES:
         found[name] = yield from live_figures.errors(viewport, name)
+    found |= {f"{LIVE_TILTED}, tilted": (yield from live_figures.errors(viewport, LIVE_TILTED, LIVE_TILT_DEG))}
     shoot("discs")
     with_live_s = live_figures.redraw_s()
     yield from start("live")
