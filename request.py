@@ -18,6 +18,7 @@ from .engine.field.overscan import CAMERA_VIEW, LENS_VIEW, VIEWS
 from .engine.lens.formats import FORMATS, format_mm
 from .engine.library import LensSource
 from .engine.library.bodies import CameraSource, load_camera
+from .engine.prescription.coatings import AS_LENS, IDEAL, MULTI, NONE, SINGLE
 from .engine.prescription.tolerances import GRADES
 from .engine.rays.rings import MOST_TILT_DEG
 from .engine.runtime.setting import check_choices, documented, option_of, setting, settings_of
@@ -26,7 +27,7 @@ from .engine.spectral.wavelength_choice import IMAGE_WAVELENGTHS, SpectralOption
 
 CAMERA = "camera"
 BY_SCENE, ON = "scene", "on"
-RING_FIELDS = "focus", "f_number", "focused_wide_open", "tilt_deg", "copy", "copy_grade"
+RING_FIELDS = "focus", "f_number", "focused_wide_open", "tilt_deg", "copy", "copy_grade", "coating"
 CAMERA_FIELDS = "camera", "iso", "shutter_s", "noise", "develop", "dng"
 FOLLOWER_FIELDS = "picture", "state", "source"
 """Fields that a program sets when it starts a render and monitors it."""
@@ -94,6 +95,15 @@ class RenderRequest:
                                       f"{grade.group_decentre_um:g} \u00b5m and {grade.group_tilt_arcmin:g}\u2032; "
                                       "standard deviations")
                  for name, grade in GRADES.items()})
+    coating: str = setting(
+        AS_LENS, name="Coating", panel="", recorded=False, unset="the scene's",
+        text="Coating of the surfaces between glass and air, which determines the light that they reflect and the lens "
+             "loses",
+        choices={AS_LENS: ("As the Lens", "The coatings that the lens states"),
+                 NONE: ("None", "Bare glass, as in lenses until about 1940"),
+                 SINGLE: ("Single", "A quarter wave of magnesium fluoride, as until about 1970"),
+                 MULTI: ("Multi", "Three layers"),
+                 IDEAL: ("Ideal", "No reflections: only the glass absorbs light")})
     lens_quality: str | None = setting(
         None, name="Lens Quality", text="Quality at which a prescription is baked", unset="the tier's", recorded=False,
         choices={quality: (quality.title(), "") for quality in QUALITIES})

@@ -9,6 +9,7 @@ from ..engine import InputError, Options
 from ..engine.depth.iris import Iris
 from ..engine.library import ALL_LENSES, clamped_rings, has_rings, iris_is_visible, load_lens
 from ..engine.plan.options import KNOBS
+from ..engine.prescription.coatings import coating_of
 from ..engine.prescription.tolerances import copy_of
 from ..engine.rays.rings import Rings
 from ..engine.runtime.files import check_target, check_written_by_lensfield, identity
@@ -23,7 +24,7 @@ LENSES = "a bundled lens, a lens package, or a prescription"
 NO_CAMERA = "none"
 TIME_LIMIT_S = 3600.0
 WITHOUT_CAMERA = {"focus": "the prescription's, usually infinity", "f_number": "the widest",
-                  "tilt_deg": "0,0", "copy": "0", "copy_grade": "vintage", "lens_quality": "standard"}
+                  "tilt_deg": "0,0", "copy": "0", "copy_grade": "vintage", "coating": "lens", "lens_quality": "standard"}
 """Default rings in commands without a scene, as text."""
 MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 
@@ -92,7 +93,7 @@ def add_lens_settings(command, camera=False):
 
 
 def add_rings(command, camera=False, fields=RING_FIELDS):
-    """Add options for focus, f-stop, tilt, copy and lens quality; with `camera`, the scene sets the defaults."""
+    """Add options for focus, f-stop, tilt, copy, coating and lens quality; with `camera`, the scene sets the defaults."""
     group = command.add_argument_group("rings", "for lenses with a prescription; the lens is baked and cached "
                                                 "(lensfield lens cache)")
     add_settings(group, RenderRequest, [*fields, "lens_quality"], None if camera else WITHOUT_CAMERA)
@@ -174,10 +175,11 @@ PARSERS = {"focus": _focus, "camera": _camera, "tilt_deg": _tilt,
 
 
 def rings_option(options):
-    """The Rings of the command line: focus, f-stop, tilt and copy."""
+    """The Rings of the command line: focus, f-stop, tilt, copy and coating."""
     return Rings(None if options.focus is None else distance_mm(options.focus), options.f_number,
                  bool(options.focused_wide_open), tilt_deg=_tilt(options.tilt or "0,0"),
-                 copy=copy_of(options.copy or 0, options.copy_grade or RenderRequest.copy_grade))
+                 copy=copy_of(options.copy or 0, options.copy_grade or RenderRequest.copy_grade),
+                 coating=coating_of(options.coating or RenderRequest.coating))
 
 
 def chosen_lens(options):

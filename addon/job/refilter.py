@@ -20,6 +20,7 @@ from ...engine.lens.pinhole import fitting_pitch_um
 from ...engine.library import clamped_rings, has_rings, iris_is_visible, prescription_of
 from ...engine.pictures.spectral_exr import read_header, read_parts, read_with_layers, read_with_planes
 from ...engine.plan.plan_cache import cached_plan
+from ...engine.prescription.coatings import coating_of
 from ...engine.prescription.tolerances import copy_of
 from ...engine.rays.rings import Rings, resized_rings
 from ...engine.runtime.errors import absence
@@ -57,8 +58,8 @@ def apply_lens(radiance, *, progress=None, **given):
     progress : callable (fraction, label), optional
     given : by name
         Fields of a `RenderRequest`: `lens`, and optionally `output_folder` (by default the radiance's), `options`,
-        `view`, `focus`, `f_number`, `focused_wide_open`, `tilt_deg`, `copy`, `copy_grade`, `iris`, `lens_quality`,
-        `depth`, and a camera's.
+        `view`, `focus`, `f_number`, `focused_wide_open`, `tilt_deg`, `copy`, `copy_grade`, `coating`, `iris`,
+        `lens_quality`, `depth`, and a camera's.
 
     Returns
     -------
@@ -160,7 +161,7 @@ def requested_rings(request):
     if request.focus == CAMERA:
         raise InputError("options", "focus", CAMERA, "expected a distance: a radiance file has no camera")
     return Rings(request.focus, request.f_number, request.focused_wide_open, tilt_deg=request.tilt_deg,
-                 copy=copy_of(request.copy, request.copy_grade))
+                 copy=copy_of(request.copy, request.copy_grade), coating=coating_of(request.coating))
 
 
 def stored_radiance(path):

@@ -8,6 +8,7 @@ from mathutils import Vector
 from ...engine import Lens
 from ...engine.depth.iris import Iris
 from ...engine.library import clamped_rings, has_rings, iris_is_visible, prescription_of
+from ...engine.prescription.coatings import AS_LENS, coating_of
 from ...engine.prescription.tolerances import copy_of
 from ...engine.rays.rings import AT_REST, Rings, resized_rings
 from ...engine.runtime.errors import InputError
@@ -19,13 +20,13 @@ CAMERA = "camera"
 FEWEST_BLADES = 3
 MOST_ANSWERS = 64
 LEAST = 1e-3  # distance in mm, and f-number: Blender allows 0, and lenses are then clamped to their own range
-FIXED = "the lens is a package, valid for one focus and one f-number: the camera's, tilt and copy are ignored"
+FIXED = "the lens is a package, valid for one focus and one f-number: the camera's, tilt, copy and coating are ignored"
 
 
 def scene_rings(scene, focus=None, f_number=None, focused_wide_open=None, tilt_deg=None, copy=None,
-                copy_grade=None) -> Rings:
-    """The focus and f-stop from the scene's camera, if its depth of field is on, and the tilt and the copy from the
-    settings, except for the given values.
+                copy_grade=None, coating=None) -> Rings:
+    """The focus and f-stop from the scene's camera, if its depth of field is on, and the tilt, the copy and the coating
+    from the settings, except for the given values.
 
     Parameters
     ----------
@@ -33,7 +34,7 @@ def scene_rings(scene, focus=None, f_number=None, focused_wide_open=None, tilt_d
     focus : float or "camera", optional
         Distance in mm; or the camera's, even if its depth of field is off.
     f_number : float, optional
-    focused_wide_open, tilt_deg, copy, copy_grade : optional
+    focused_wide_open, tilt_deg, copy, copy_grade, coating : optional
         As in a RenderRequest.
     """
     settings = scene.lensfield
@@ -43,12 +44,12 @@ def scene_rings(scene, focus=None, f_number=None, focused_wide_open=None, tilt_d
         focus = _as_set(_focus_mm(scene))
     if f_number is None and turns:
         f_number = max(_as_set(camera.dof.aperture_fstop), LEAST)
-    focused_wide_open, tilt_deg, copy, copy_grade = (
+    focused_wide_open, tilt_deg, copy, copy_grade, coating = (
         settings.value_of(name) if given is None else given for name, given in (
             ("focused_wide_open", focused_wide_open), ("tilt_deg", tilt_deg), ("copy", copy),
-            ("copy_grade", copy_grade)))
+            ("copy_grade", copy_grade), ("coating", coating)))
     return Rings(None if focus == CAMERA else focus, f_number, focused_wide_open, tilt_deg=tilt_deg,
-                 copy=copy_of(copy, copy_grade))
+                 copy=copy_of(copy, copy_grade), coating=coating_of(coating))
 
 
 def scene_iris(scene, lens, iris=None, **overrides) -> Iris | None:
@@ -164,4 +165,4 @@ def ring_fields(rings):
     """The fields of a RenderRequest for these rings; the lens's size follows from the view."""
     copy = {"copy": rings.copy.seed, "copy_grade": rings.copy.grade} if rings.copy else {"copy": 0}
     return {"focus": rings.focus_mm, "f_number": rings.f_number, "focused_wide_open": rings.focused_wide_open,
-            "tilt_deg": rings.tilt_deg, **copy}
+            "tilt_deg": rings.tilt_deg, **copy, "coating": rings.coating or AS_LENS}

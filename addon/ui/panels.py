@@ -189,7 +189,7 @@ def _draw_notes(layout, scene):
 
 
 def _draw_view(layout, scene):
-    """Draw the lens's view, its limits, the treatment of depth, the copy, and the iris."""
+    """Draw the lens's view, its limits, the treatment of depth, the copy, the coating, and the iris."""
     settings, camera = scene.lensfield, scene.camera
     layout.prop(settings, "view")
     if settings.view == "SENSOR":
@@ -208,6 +208,7 @@ def _draw_view(layout, scene):
     copy.prop(settings, "copy")
     if settings.copy:
         copy.prop(settings, "copy_grade")
+    layout.prop(settings, "coating")
     blades = layout.column(align=True)
     blades.prop(dof, "aperture_blades", text="Iris Blades")
     if dof.aperture_blades >= FEWEST_BLADES:

@@ -136,7 +136,9 @@ def _illumination(lens):
 
 
 def _transmittance(lens):
-    if np.all(lens.transmittance == 1):
+    if lens.prescription and "" in lens.prescription.coatings_in_air:
+        yield LensFinding("note", "coating", "unknown", "reflections are not counted: choose one (--coating)")
+    elif np.all(lens.transmittance == 1):
         yield LensFinding("note", "transmittance", "1 at all wavelengths",
                           "losses in glass and at coatings are not included")
 

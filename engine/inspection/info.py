@@ -4,6 +4,7 @@ import numpy as np
 
 from ..lens import GridLens, Lens
 from ..lens.entrance_pupil import focus_nearness
+from ..rays.axial_image import eye_response_at
 from ..runtime.values import json_value
 from . import grid_curves
 from .curves import lateral_colour_um, reference_nm, relative_illumination
@@ -11,6 +12,7 @@ from .finding import greatest
 
 FRAUNHOFER_F_NM, FRAUNHOFER_C_NM = 486.1, 656.3
 LEAN_SIDES = ("on the right", "on the left"), ("at the top", "at the bottom")
+UNKNOWN_COATINGS = "unknown: reflections are not counted (--coating)"
 SHARES = 0.5, 1.0  # of the way to the sensor's edges and corners
 
 
@@ -20,7 +22,9 @@ def lens_info(lens: Lens) -> dict:
     Returns
     -------
     dict of numbers, lists and strings, ready for JSON. An infinite object distance and an unknown enclosed energy are
-    None.
+    None. `transmittance` is the T of Eq. 2 in eye-weighted white light, and `t_number_effective` the T-stop: the effective
+    f-number over its root. `coatings` names those of the surfaces between glass and air, each once; None if they are
+    unknown.
 
     For a rotationally symmetric lens, `heights` contains, for each field height at the reference wavelength: height_mm
     (paraxial), real_height_mm, distortion_percent, relative_illumination (of pictures, with the light that PSFs move),
@@ -35,6 +39,8 @@ def lens_info(lens: Lens) -> dict:
     facts = {
         "name": lens.name, "maker": lens.maker, "story": lens.story, "source": lens.source, "notes": lens.notes,
         "efl_mm": lens.efl_mm, "magnification": lens.magnification, "f_number_effective": lens.f_number_effective,
+        "transmittance": white_transmittance(lens), "t_number_effective": t_number_effective(lens),
+        "coatings": _coatings(lens),
         "object_distance_mm": json_value(lens.object_distance_mm), "entrance_pupil_mm": lens.entrance_pupil_mm,
         "capture_focal_length_mm": lens.capture_focal_length_mm, "sensor_mm": list(lens.sensor_mm),
         "reference_wavelength_nm": lens.reference_wavelength_nm, "wavelengths_nm": lens.wavelengths_nm.tolist(),
@@ -44,6 +50,22 @@ def lens_info(lens: Lens) -> dict:
         "lateral_colour_between_nm": [float(short), float(long)],
     }
     return facts | (_over_places if isinstance(lens, GridLens) else _over_heights)(lens, short, long)
+
+
+def white_transmittance(lens: Lens) -> float:
+    """T of Eq. 2 in eye-weighted white light."""
+    return float(np.average(lens.transmittance, weights=eye_response_at(lens.wavelengths_nm)))
+
+
+def t_number_effective(lens: Lens) -> float:
+    """The f-number of a lens without losses that is as bright."""
+    return lens.f_number_effective / np.sqrt(white_transmittance(lens))
+
+
+def _coatings(lens):
+    """Names of the coatings of surfaces between glass and air, each once; None if they are unknown."""
+    names = lens.prescription.coatings_in_air if lens.prescription else ("",)
+    return None if "" in names else list(dict.fromkeys(names))
 
 
 def _over_heights(lens, short_nm, long_nm):
@@ -104,6 +126,8 @@ def lens_text(info: dict) -> str:
         *_camera_lines(info),
         f"magnification            {info['magnification']:.6f}",
         f"effective f-number       {info['f_number_effective']:.3f}",
+        f"effective T-stop         {info['t_number_effective']:.3f}: T = {info['transmittance']:.3f} in white light",
+        f"coatings                 {', '.join(info['coatings']) if info['coatings'] else UNKNOWN_COATINGS}",
         f"object distance          {'infinity' if distance is None else f'{distance:g} mm'}",
         f"sensor                   {info['sensor_mm'][0]:g} x {info['sensor_mm'][1]:g} mm",
         f"wavelengths              {info['wavelengths_nm'][0]:g} to {info['wavelengths_nm'][-1]:g} nm"

@@ -10,6 +10,7 @@ from ..runtime.errors import LensError
 from .glasses import LARGEST_INDEX
 
 IDEAL, NONE, SINGLE, MULTI = "ideal", "none", "single", "multi"
+AS_LENS = "lens"  # choice of a setting
 MOST_LAYERS, THICKEST_NM = 100, 1e5
 EVERYWHERE_NM = (0.0, np.inf)
 EYE_NM, BAND_NM = 550.0, 510.0  # centres, in wavenumber, of the eye's sensitivity and of the visible range
@@ -113,6 +114,16 @@ BUILT_IN = {coating.name: coating for coating in (
 quarter-half-quarter of J. T. Cox, G. Hass and A. Thelen, J. Opt. Soc. Am. 52, 965 (1962): MgF2, ZrO2, and a layer of
 medium index on the glass.
 """
+
+
+def of_layers(number: int) -> str:
+    """Name of the built-in coating with this number of layers, for files that state no more."""
+    return (NONE, SINGLE, MULTI)[min(number, 2)]
+
+
+def coating_of(choice: str) -> str | None:
+    """The built-in coating of a setting's choice; None for the lens's."""
+    return None if choice == AS_LENS else choice
 
 
 def reflectance(coating: Coating, indices: tuple[np.ndarray, np.ndarray], wavelengths_nm: Sequence[float] | np.ndarray,

@@ -14,7 +14,7 @@ from .glasses import LARGEST_INDEX, Glass
 APERTURES = ("stop", "entrance_pupil_diameter_mm", "f_number", "working_f_number", "object_na")
 FIELDS = ("angle_deg", "image_height_mm", "object_height_mm")
 FOCUSES = ("as given", "paraxial", "best", "field")
-PARTS = ("figures", "surfaces", "aspheres", "glasses", "stop", "apertures")  # "figures": all that are not listed
+PARTS = ("figures", "surfaces", "aspheres", "glasses", "stop", "apertures", "coatings")  # "figures": all that are not listed
 ORIGINS = ("patent", "published", "estimated", "guessed")
 HIGHEST_F_NUMBER = 22.0  # default of the aperture ring
 CLOSEST_FOCUS = 10  # default of the focus ring, in focal lengths
@@ -257,6 +257,13 @@ class Prescription:
         fronts = ("", *(surface.glass for surface in self.surfaces))
         return tuple(_coating_between(front, surface, self.coating)
                      for front, surface in zip(fronts, self.surfaces, strict=False))
+
+    @property
+    def coatings_in_air(self) -> tuple[str, ...]:
+        """Names of the coatings of surfaces between glass and air, in their order; "" for unknown ones."""
+        fronts = ("", *(surface.glass for surface in self.surfaces))
+        return tuple(surface.coating or self.coating for front, surface in zip(fronts, self.surfaces, strict=False)
+                     if front != surface.glass and "" in (front, surface.glass))
 
     @property
     def stop_index(self) -> int:

@@ -1,7 +1,7 @@
 """.lens: a name, a focal length, and rows of radius, thickness, index, Abbe number, aperture and coating.
 
 The column `semi_ap` contains diameters in all known files of spheres, which a program converted, and is halved. The
-authors of the files dropped the designs' aspheric terms. Newer files have a seventh column, the type of the surface: a
+authors of the files dropped the designs' aspheric terms. The column `coating` is a number of layers. Newer files have a seventh column, the type of the surface: a
 cylinder is named after its axis, so that `cyl_y` is curved along x. A toroid's radius along x is first, and its
 profile's, along y, in an eighth column. Files with these are written by hand, with semi-diameters.
 """
@@ -16,12 +16,13 @@ import numpy as np
 from ...runtime.errors import LensError
 from ...runtime.text import read_text
 from ...runtime.unread import unread_names
+from ..coatings import of_layers
 from ..prescription import LEAST_F_NUMBER, Prescription, Surface
 from .ghostlight import read_ghostlight
 from .lines import Line, numbered
 from .reading import Reading, ReadingOptions, with_stop
 
-ROW, KIND, COLUMNS = 5, 6, 8  # required numbers, index of the type, possible words: coatings are not modelled
+ROW, COATING, KIND, COLUMNS = 5, 5, 6, 8  # required numbers, indices of coating and type, possible words
 SPHERES = ("sph", "sphere", "spherical")
 CYLINDERS_X, CYLINDERS_Y, TOROID = ("cyl_x", "cylinder_x"), ("cyl_y", "cylinder_y"), "toric"
 KINDS = (*SPHERES, *CYLINDERS_X, *CYLINDERS_Y, TOROID)
@@ -104,7 +105,7 @@ def _surface(line):
     radius_mm = np.inf if stop else line.figure(0) or np.inf
     index, abbe, diameter_mm = (line.figure(at) for at in (2, 3, 4))
     glass = "" if index <= 1 else f"{index:.9g}/{abbe:.9g}" if abbe else f"{index:.9g}"
-    surface = Surface(radius_mm, line.figure(1), glass, diameter_mm / 2 or np.inf, stop=stop)
+    surface = Surface(radius_mm, line.figure(1), glass, diameter_mm / 2 or np.inf, stop=stop, coating=_coating(line))
     if kind in CYLINDERS_X:
         return replace(surface, radius_x_mm=np.inf)
     if kind in CYLINDERS_Y:
@@ -112,3 +113,12 @@ def _surface(line):
     if kind == TOROID:
         return replace(surface, radius_mm=line.figure(KIND + 1), radius_x_mm=line.figure(0), profile="y")
     return surface
+
+
+def _coating(line):
+    """The coating of a row, if it states the number of its layers."""
+    if len(line.words) <= COATING:
+        return ""
+    if not line.words[COATING].isdecimal():
+        raise line.refusal("expected the number of a coating's layers after the aperture")
+    return of_layers(int(line.words[COATING]))

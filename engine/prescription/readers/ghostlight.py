@@ -8,6 +8,7 @@ import numpy as np
 from ...runtime.errors import LensError
 from ...runtime.unread import json_names, unread_names
 from ...spectral.refraction import Formula
+from ..coatings import of_layers
 from ..glasses import Glass
 from ..prescription import Prescription, Surface
 from .frames import START, Frame, posed
@@ -19,7 +20,7 @@ CURVED = {"x": ("radius_mm", "radius_x_mm"), "y": ("radius_x_mm", "radius_mm")} 
 AIR, ABBE, SELLMEIER, EVERYWHERE_NM = ("air", "AIR", ""), "abbe", "sellmeier", (0.0, np.inf)
 RELATIVE = "relative_to_preceding"
 TURNS = (("y", "tilt_y"), ("x", "tilt_x"), ("z", "roll"))  # about the element's own axes, in this order
-COATING, ATTENUATOR = "coating", "attenuator_gaussian"
+COATING, SIMPLE, ATTENUATOR = "coating", "simple", "attenuator_gaussian"
 KNOWN_NAMES = ("format", "pivots", "optical_system", "transform", "position", "mode", "x", "y", "z", "rotation",
                "tilt_x", "tilt_y", "roll", "pivot", "surfaces", "semi_aperture", "is_stop", "is_active", "thickness",
                "form", "type", "radius", "conic_constant", "terms", "axis", "materials", "glass")
@@ -111,7 +112,8 @@ def _surface(path, number, row, glass):
     if any(modifier.get("model") == ATTENUATOR for modifier in row.get("modifiers", ())):
         raise LensError(path, f"surface {number}", ATTENUATOR, "expected surfaces without filters")
     return Surface(thickness_mm=float(row.get("thickness", 0.0)), glass=glass, stop=bool(row.get("is_stop", False)),
-                   semi_aperture_mm=float(row["semi_aperture"]), **_form(path, number, row["form"]))
+                   semi_aperture_mm=float(row["semi_aperture"]), coating=_coating(row),
+                   **_form(path, number, row["form"]))
 
 
 def _form(path, number, form) -> dict[str, Any]:
@@ -130,7 +132,16 @@ def _form(path, number, form) -> dict[str, Any]:
                     f"expected {SPHERE}, {ASPHERE}, or {CYLINDER} along {' or '.join(CURVED)}")
 
 
+def _coating(row):
+    """The coating of a surface, by the number of its layers; "" without one, or with one of another model."""
+    for modifier in row.get("modifiers", ()):
+        if modifier["type"] == COATING and modifier.get("model") == SIMPLE:
+            return of_layers(int(modifier["ar_layers"]))
+    return ""
+
+
 def _effects(contents):
-    """Names of modifiers that change more than reflections: shapes of apertures."""
-    return (f"{modifier.get('shape')} aperture" for element in contents["optical_system"]
-            for row in element["surfaces"] for modifier in row.get("modifiers", ()) if modifier["type"] != COATING)
+    """Names of modifiers that are not used: shapes of apertures, and coatings of other models."""
+    return (f"{modifier.get('shape') or modifier.get('model')} {modifier['type']}"
+            for element in contents["optical_system"] for row in element["surfaces"]
+            for modifier in row.get("modifiers", ()) if (modifier["type"], modifier.get("model")) != (COATING, SIMPLE))

@@ -8,6 +8,7 @@ import numpy as np
 from ...runtime.errors import LensError
 from ...runtime.toml_fields import TomlTable
 from ...runtime.unread import json_names, unread_names
+from ..coatings import MULTI, NONE, SINGLE
 from ..prescription import Prescription, Surface
 from .reading import Reading, ReadingOptions, with_stop
 
@@ -17,10 +18,11 @@ STOP, PLANES, ASPHERE = "stop", ("flat", "stop"), "aspheric"
 CYLINDERS = {"cylindrical_x": ("radius_x_mm", "radius_mm"), "cylindrical_y": ("radius_mm", "radius_x_mm")}
 """The curved section, and the plane one."""
 OF_ASPHERE = ("conic", "aspheric_coeffs")
-KNOWN_NAMES = (LENS, SURFACES, "name", "patent", "focal_length", "max_fstop", "type", "radius", "thickness", "ior",
-               "abbe_v", "aperture", "conic", "aspheric_coeffs", "focus", "close_distance", "variable",
+KNOWN_NAMES = (LENS, SURFACES, "name", "patent", "focal_length", "max_fstop", "coating", "type", "radius", "thickness",
+               "ior", "abbe_v", "aperture", "conic", "aspheric_coeffs", "focus", "close_distance", "variable",
                "thickness_close")
-HARMLESS_NAMES = ("coating", "squeeze")  # the surfaces determine the squeeze
+COATINGS = (NONE, SINGLE, MULTI)
+HARMLESS_NAMES = ("squeeze",)  # the surfaces determine the squeeze
 
 
 def read_physical_camera(path: Path, table: TomlTable, options: ReadingOptions) -> Reading:
@@ -35,6 +37,7 @@ def read_physical_camera(path: Path, table: TomlTable, options: ReadingOptions) 
     return Reading(Prescription(
         name=lens.line("name") or path.stem, surfaces=surfaces, field=options.field,
         aperture=("f_number", f_number), focus=options.image_plane or "best",
+        coating=lens.choice("coating", COATINGS) if "coating" in lens else "",
         focal_length_mm=lens.number("focal_length"), focused_at_mm=(np.inf, close_mm) if closes_mm else (),
         source=" ".join(f"{lens.line('patent')} ({path.name}, physical-camera)".split())),
         f_number, unread_names(json_names(table.values, HARMLESS_NAMES), KNOWN_NAMES))

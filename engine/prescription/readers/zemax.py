@@ -23,7 +23,7 @@ APERTURES = {("ENPD", 0): "entrance_pupil_diameter_mm", ("FNUM", 0): "f_number",
 FIELDS = {0: "angle_deg", 1: "object_height_mm", 2: "image_height_mm", 3: "image_height_mm"}
 REAL_IMAGE_HEIGHT = 3
 SHAPES = ("STANDARD", "EVENASPH", "ODDASPHE", "TOROIDAL", "BICONICX", "COORDBRK")
-BREAK = "COORDBRK"
+BREAK, COATING = "COORDBRK", "COAT"  # a coating is a name, which another file defines
 OTHER_APERTURES = ("SQAP", "ELAP", "USAP", "OBSC", "SQOB", "ELOB", "SPID")
 SURFACE_OPERANDS = ("TYPE", "CURV", "CONI", "PARM", "DISZ", "GLAS", "STOP", "DIAM", "CLAP", "FLAP", "OBDC", "SCBD",
                     "XDAT", *OTHER_APERTURES)
@@ -32,10 +32,10 @@ ZERNIKE_TERMS = 13  # parameter of a toroid: their number; in older files the fi
 AUTOMATIC, FIXED, PICKED_UP = 0, 1, 2  # source of a semi-diameter: rays, the user, or another surface
 SYSTEM_OPERANDS = ("MODE", "UNIT", "GCAT", "NAME", "ENPD", "FNUM", "OBNA", "FLOA", "FTYP", "XFLD", "XFLN", "YFLD",
                    "YFLN", "WAVM", "WAVL", "WAVN", "PWAV", "VDXN", "VDYN", "VCXN", "VCYN", "VANN", "MNUM", "ENVD")
-HARMLESS_OPERANDS = (  # remarks; how Zemax traces, draws, polishes and makes; coatings, which are not modelled
+HARMLESS_OPERANDS = (  # remarks; how Zemax traces, draws, polishes and makes
     "VERS", "NOTE", "PFIL", "LANG", "AUTH", "LUID", "HYPR", "GFAC", "RAIM", "PUSH", "SDMA", "OMMA", "ROPD", "PICB",
     "FWGN", "FWGT", "WWGT", "WWGN", "POLS", "GLRS", "GSTD", "NSCD", "COFN", "EERA", "IWDP", "DBDT", "FSVY", "STUD",
-    "FCOM", "COMM", "HIDE", "MIRR", "SLAB", "POPS", "COAT", "FIMP", "MEMA", "SSID", "NSCS", "MAZH", "TOLE", "PZUP",
+    "FCOM", "COMM", "HIDE", "MIRR", "SLAB", "POPS", "FIMP", "MEMA", "SSID", "NSCS", "MAZH", "TOLE", "PZUP",
     "OEMA", "PPAR", "VPAR", "PIKU", "VDSZ", "CVVA", "ZVCX", "ZVCY", "ZVDX", "ZVDY", "ZVAN", "PROD")
 TAIL = ("BLNK", "TOL", "MNUM", "MOFF")  # start of the merit function, tolerances and configurations
 USUAL_AIR = (20.0, 1.0)  # degrees Celsius and atmospheres, the conditions of the catalogues' indices
@@ -78,7 +78,7 @@ def _operands(path):
         if operand != "NAME":  # some systems write decimal commas
             line = line._replace(words=tuple(re.sub(r"(?<=\d),(?=\d)", ".", word) for word in line.words))
         ended = ended or bool(rows) and operand in TAIL
-        names += () if ended else (operand,)
+        names += () if ended else (" ".join(line.words[:2]) if operand == COATING else operand,)
         if operand == "SURF":
             rows.append(defaultdict(list))
         elif rows and operand in SURFACE_OPERANDS:
