@@ -32,7 +32,7 @@ def body_scene(lens):
     scene = truth_scenes.empty_scene()
     truth_scenes.set_even_light(scene, 1.0)
     scene.cycles.max_bounces, scene.cycles.diffuse_bounces = 1, 1
-    across = lens.sensor_mm[0] / lens.capture_focal_length_mm
+    across = lens.squeeze * lens.sensor_mm[0] / lens.capture_focal_length_mm
     body = material("Body", chequer((0.7, 0.7, 0.7), (0.3, 0.3, 0.3), 40))
     add_box(scene, "Body", (0, 0, -1.9), (0.06 * across / 0.3, 0.1 * across / 0.3, 0.8), (0, -0.14, 0), body)
     add_mesh(scene, "Wall", facing(-9, 9, -9, 9, 8.0), [(0, 1, 2, 3)], material("Wall", (0.02, 0.02, 0.02)))
@@ -47,7 +47,7 @@ def lamp_scene(lens, pitch_mm, distance_m):
     scene = truth_scenes.empty_scene()
     width_mm, height_mm = lens.sensor_mm
     places_mm = np.array([(0, 0), (0.25 * width_mm, 0), (-0.2 * width_mm, 0.25 * height_mm)])
-    metres = places_mm / lens.capture_focal_length_mm * distance_m
+    metres = places_mm * (lens.squeeze, 1) / lens.capture_focal_length_mm * distance_m
     radius_m = LAMP_PX / 2 * pitch_mm / lens.capture_focal_length_mm * distance_m
     lamps = discs(scene, "Lamps", [(x, y, distance_m) for x, y in metres], radius_m, (1, 1, 1), 1.0, corners=32)
     lamps.active_material.lensfield.emission = truth_scenes.GREY

@@ -30,7 +30,7 @@ from lensfield.commands.terminal import quiet
 from lensfield.engine import Rings, load_lens
 from lensfield.engine.depth.depth_range import blur_px
 from lensfield.engine.image.spectral_image import SpectralImage
-from lensfield.engine.lens.entrance_pupil import entrance_pupil_diameter_mm
+from lensfield.engine.lens.entrance_pupil import entrance_pupil_size_mm
 from lensfield.engine.pictures.preview import to_rec709
 from lensfield.engine.pictures.spectral_exr import read_exr
 from lensfield.engine.runtime.build_identity import build_identity
@@ -39,7 +39,7 @@ from lensfield.engine.runtime.values import digest_of
 from lensfield.engine.spectral.colour import encode_srgb
 from traced_lens_truth import Figure, frame_of, places_mm
 
-LENSES = "kodak-petzval-100mm", "angenieux-50mm", "nikkor-58mm-f1.4"
+LENSES = "kodak-petzval-100mm", "angenieux-50mm", "nikkor-58mm-f1.4", "cooke-42mm-2x"
 FRAME_PX = 288, 384
 WAVELENGTHS_NM = 453.0, 562.0, 655.0
 MIDDLE_NM = WAVELENGTHS_NM[1:2]
@@ -110,7 +110,8 @@ class Bench:
             dof = scene.camera.data.dof
             dof.use_dof, dof.focus_distance = True, FOCUS_M
             camera_mm = scene.camera.data.lens  # the aperture's diameter is this over the f-number, in Blender's mm
-            dof.aperture_fstop = camera_mm / entrance_pupil_diameter_mm(self.lens)
+            width_mm, height_mm = entrance_pupil_size_mm(self.lens)
+            dof.aperture_fstop, dof.aperture_ratio = camera_mm / height_mm, height_mm / width_mm
 
         bpy.app.handlers.render_init.append(begin)
         try:
@@ -202,7 +203,7 @@ def lamp_figures(bench):
                  for place in ideal_mm]
         away = max(np.hypot(*(ours[:2] - true[:2])) for ours, true in spots) / width_px
         wider = max(abs(ours[2] / true[2] - 1) for ours, true in spots)
-        first = np.sqrt(width_px**2 / 8 + LAMP_PX**2 / 8 + 1 / 6)
+        first = np.sqrt((width_px**2 + LAMP_PX**2) * (1 + bench.lens.squeeze**-2) / 16 + 1 / 6)
         where = f"lamps {distance_m:g} m away, {width_px:.1f} px wide"
         yield Figure(f"{where}: difference of centroids, over the width", away, 0.02)
         yield Figure(f"{where}: difference of RMS radii", wider, 0.02)
