@@ -1,14 +1,10 @@
-"""An asset library of the bundled lenses: a Quick Look node group for each, at rest, for the asset browser.
-
-Quick Look shows rotationally symmetric lenses only; others are left out.
-"""
+"""An asset library of the bundled lenses: a Quick Look node group for each, at rest, for the asset browser."""
 
 from pathlib import Path
 
 import bpy
 import numpy as np
 
-from ...engine.depth.lens_curves import lens_curves
 from ...engine.lens.entrance_pupil import focus_nearness
 from ...engine.library import described_lenses
 from ...engine.rays.rings import AT_REST
@@ -18,44 +14,42 @@ from ..scene.lens_facts import lens_facts
 from ..scene.quick_look import new_quick_look, set_lens
 from .live import frame_lens
 from .previews import asset_preview
+from .quick_look import compositor_lens
 
 FILE, CATALOGUES = "lensfield_lenses.blend", "blender_assets.cats.txt"
 CATALOGUE, CATALOGUE_ID = "Lensfield", "6a3a9f0e-5f0b-4b0e-9c53-3f9b6a1d7c42"
-ONLY_RADIAL = "Quick Look shows rotationally symmetric lenses only"
 UNIT_MM = 1000.0  # of a new file
 STEP_S = 0.01
 
 
 def lens_asset_steps(folder: Path):
-    """Write the asset library into a folder, in steps: yields the finished fraction, and returns the titles of lenses
-    that Quick Look does not show."""
-    lenses, curves = described_lenses(), {}
+    """Write the asset library into a folder, in steps: yields the finished fraction. The groups of anamorphic lenses
+    are for pictures whose pixels have their squeeze as the aspect."""
+    lenses, looks = described_lenses(), {}
     for number, name in enumerate(lenses, 1):
-        facts = lens_facts(name)
-        if facts.radial:
-            lens = frame_lens(name, AT_REST, None, None)
-            curves[name] = lens_curves(lens, facts.f_number), focus_nearness(lens) * UNIT_MM
+        lens = frame_lens(name, AT_REST, None, None)
+        looks[name] = (compositor_lens(lens, lens_facts(name).f_number, pixel_aspect=lens.squeeze),
+                       focus_nearness(lens) * UNIT_MM)
         yield number / (len(lenses) + 1)
     groups = []
     try:
-        for name, (of_lens, nearness) in curves.items():
-            groups.append(_asset(lenses[name], name, of_lens, nearness))
+        for name, (look, nearness) in looks.items():
+            groups.append(_asset(lenses[name], name, look, nearness))
         bpy.data.libraries.write(str(folder / FILE), set(groups), fake_user=True, compress=True)
     finally:
         images = [node.image for group in groups for node in group.nodes if node.bl_idname == "CompositorNodeImage"]
         bpy.data.batch_remove([*groups, *images])
     _add_catalogue(folder / CATALOGUES)
-    return [lens.title for name, lens in lenses.items() if name not in curves]
 
 
-def _asset(lens, name, curves, nearness):
+def _asset(lens, name, look, nearness):
     """A node group of a lens as an asset."""
     group = new_quick_look()
     group.name = lens.title
     del group[QUICK_LOOK]  # it does not follow a scene's lens
-    set_lens(group, curves, unit_mm=UNIT_MM)
+    set_lens(group, look, unit_mm=UNIT_MM)
     inputs = {item.name: item for item in group.interface.items_tree if item.in_out == "INPUT"}
-    inputs["F-Stop"].default_value = curves.f_number
+    inputs["F-Stop"].default_value = look.f_number
     inputs["Focus Distance"].default_value = 1 / nearness if nearness else 0.0
     group.asset_mark()
     asset = group.asset_data
@@ -116,9 +110,8 @@ class LENSFIELD_OT_write_lens_assets(bpy.types.Operator):
         try:
             context.window_manager.progress_update(next(self._steps))
             return {"RUNNING_MODAL"}
-        except StopIteration as finished:
-            without = f" without {', '.join(finished.value)}: {ONLY_RADIAL}" if finished.value else ""
-            self.report({"INFO"}, f"{FILE} written{without}")
+        except StopIteration:
+            self.report({"INFO"}, f"{FILE} written")
             return self._end(context, {"FINISHED"})
         except (InputError, OSError, RuntimeError) as error:
             self.report({"ERROR"}, one_line(error))

@@ -90,6 +90,8 @@ def _draw_lens(layout, scene):
     draw_favourite(row, settings.lens)
     facts = _facts(scene)
     layout.label(text=_figures(*facts) if facts else "")
+    if facts and facts[0].squeeze != 1:
+        layout.label(text=f"{facts[0].squeeze:.2f}\u00d7 anamorphic squeeze")
     draw_compare(layout)
 
 

@@ -11,13 +11,15 @@ import bpy
 import numpy as np
 from bpy.app.handlers import persistent
 
-from ...engine.depth.lens_curves import LensCurves, lens_curves
+from ...engine.depth.lens_curves import CompositorLens, lens_curves
+from ...engine.depth.lens_maps import lens_maps
 from ...engine.field.overscan import CAMERA_VIEW
+from ...engine.lens import RadialLens
 from ...engine.lens.entrance_pupil import focus_nearness
 from ...engine.lens.pinhole import fitting_pitch_um
 from ...engine.runtime.errors import InputError, one_line
 from ..job.named_files import check_named_files
-from ..scene.camera import TO_PERSPECTIVE, frame_px, size_for_view
+from ..scene.camera import TO_PERSPECTIVE, frame_px, pixel_aspect, size_for_view
 from ..scene.compositor import LABEL_LENGTH, QUICK_LOOK, lay_group, remove_from_compositor, scene_node
 from ..scene.errors import SceneError
 from ..scene.lens_facts import lens_facts
@@ -37,14 +39,14 @@ _requests = {}  # by the scene's session_uid: the newest question, and the Futur
 
 
 def quick_look_question(scene, at_rest):
-    """Everything that a scene's Quick Look depends on: hashable arguments of `read_curves`."""
+    """Everything that a scene's Quick Look depends on: hashable arguments of `read_look`."""
     _, (width_mm, _) = size_for_view(scene, at_rest, CAMERA_VIEW)
-    return *frame_question(scene, at_rest), width_mm / 2 / scene.camera.data.lens
+    return *frame_question(scene, at_rest), width_mm / 2 / scene.camera.data.lens, pixel_aspect(scene)
 
 
-def read_curves(name, stamp, rings, focal_mm, sensor_mm, shape_px, right_up_px, iris, vignette, tangent):
-    """The LensCurves of these arguments, the camera's scale relative to the lens's, and the inverse of the focus
-    distance in mm.
+def read_look(name, stamp, rings, focal_mm, sensor_mm, shape_px, right_up_px, iris, vignette, tangent, aspect):
+    """The LensCurves or LensMaps of these arguments, the camera's scale relative to the lens's, and the inverse of the
+    focus distance in mm.
 
     Raises
     ------
@@ -53,9 +55,17 @@ def read_curves(name, stamp, rings, focal_mm, sensor_mm, shape_px, right_up_px, 
     """
     lens = frame_lens(name, rings, focal_mm, sensor_mm)
     pitch_mm = fitting_pitch_um(lens, shape_px) * 1e-3
-    curves = lens_curves(lens, lens_facts(name, rings, focal_mm).f_number, iris, vignette,
-                         tuple(part_px * pitch_mm for part_px in right_up_px))
-    return curves, shape_px[1] / 2 * pitch_mm / lens.capture_focal_length_mm / tangent, focus_nearness(lens)
+    look = compositor_lens(lens, lens_facts(name, rings, focal_mm).f_number, iris, vignette,
+                           tuple(part_px * pitch_mm for part_px in right_up_px), pixel_aspect=aspect)
+    return look, shape_px[1] / 2 * pitch_mm / lens.capture_focal_length_mm / tangent, focus_nearness(lens)
+
+
+def compositor_lens(lens, *values, pixel_aspect):
+    """The LensCurves of a lens, or the LensMaps of one that is not rotationally symmetric; arguments as of
+    `lens_maps`."""
+    if isinstance(lens, RadialLens):
+        return lens_curves(lens, *values)
+    return lens_maps(lens, *values, pixel_aspect=pixel_aspect)
 
 
 def add_quick_look(scene):
@@ -74,7 +84,7 @@ def add_quick_look(scene):
     check_named_files()
     _check(scene)
     question = quick_look_question(scene, facts_at_rest(scene, None))
-    answer = read_curves(*question)
+    answer = read_look(*question)
     for layer in scene.view_layers:
         layer.use_pass_z = layer.use_pass_z or layer.use
     _, node = lay_group(scene, QUICK_LOOK, NAME, new_quick_look)
@@ -124,16 +134,16 @@ def _editable_node(scene):
 
 def _answer(scene, question):
     if _requests.get(scene.session_uid, ((),))[0] != question:
-        _requests[scene.session_uid] = question, _worker.submit(read_curves, *question)
+        _requests[scene.session_uid] = question, _worker.submit(read_look, *question)
     return _requests[scene.session_uid][1]
 
 
 def _show(scene, node, question, answer):
-    curves, scale, nearness_per_mm = answer
+    look, scale, nearness_per_mm = answer
     group, unit_mm = node.node_tree, mm_per_unit(scene)
-    _turn(node, 1 / nearness_per_mm / unit_mm if nearness_per_mm else 0.0, curves.f_number,
+    _turn(node, 1 / nearness_per_mm / unit_mm if nearness_per_mm else 0.0, look.f_number,
           always=scene.camera.data.dof.use_dof)
-    set_lens(group, curves, scale, unit_mm, not _blender_blurs(scene))
+    set_lens(group, look, scale, unit_mm, not _blender_blurs(scene))
     group[QUICK_LOOK] = _state(scene, question)
     _label(node, lens_title(scene.lensfield.lens_text()))
 
@@ -163,22 +173,20 @@ def _label(node, text):
         node.label = label
 
 
-def _words(scene, curves, scale, _):
+def _words(scene, look, scale, _):
     """What a picture lacks."""
-    missing = _share_outside(curves, scale, frame_px(scene))
+    missing = _share_outside(look, scale, frame_px(scene))
     if missing > 0.001:
         yield f"{missing:.1%} of the frame is outside the camera's view and remains transparent"
     if _blender_blurs(scene):
         yield "Blender's own Depth of Field blurs the render"
 
 
-def _share_outside(curves: LensCurves, scale, shape_px):
+def _share_outside(look: CompositorLens, scale, shape_px):
     """The share of a frame whose light comes from outside the camera's view."""
-    half = np.array(shape_px[::-1]) / 2 * min(np.divide(curves.sensor, shape_px[::-1]))
-    place = np.stack(np.meshgrid(*(side * np.linspace(-1, 1, PLACES) for side in half)), axis=-1) + curves.shift
-    source = scale * np.interp(np.linalg.norm(place, axis=-1), np.linspace(0, 1, len(curves.sources)),
-                               curves.sources[:, 1])
-    return float(np.mean(np.any(abs(place * source[..., None] - curves.shift) > half, axis=-1)))
+    half = np.array(shape_px[::-1]) / 2 * min(np.divide(look.sensor, shape_px[::-1]))
+    place = np.stack(np.meshgrid(*(side * np.linspace(-1, 1, PLACES) for side in half)), axis=-1) + look.shift
+    return float(np.mean(np.any(abs(scale * look.green_sources(place) - look.shift) > half, axis=-1)))
 
 
 def check():

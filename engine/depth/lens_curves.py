@@ -1,10 +1,11 @@
 """A lens in a few curves, for a compositor: where the light of a picture comes from, how bright it is, and its blur."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from ..lens import Lens
+from ..lens import Lens, RadialLens
 from ..lens.entrance_pupil import entrance_pupil_diameter_mm
 from .iris import Iris, opening
 from .lens_tables import STEEPEST_RAD, colour_directions
@@ -13,17 +14,13 @@ POINTS = 512  # linear interpolation is accurate to 0.02 px of 1080 rows
 BOKEH_PX = 33
 
 
-@dataclass(frozen=True, eq=False)
-class LensCurves:
-    """A lens from its axis outwards. Lengths are in distances of the sensor's farthest corner from the axis.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CompositorLens:
+    """What curves and maps of lenses have in common. Lengths are in distances of the sensor's farthest corner from the
+    axis.
 
     Attributes
     ----------
-    sources : float32 array (POINTS, colour)
-        Distances in a pinhole's picture from which red, green and blue light comes, relative to the distances at which
-        it arrives: these are evenly spaced from 0 to 1.
-    illumination : float32 array (POINTS,)
-        Light, relative to the axis, at the same distances.
     sensor : (float, float)
         Width and height.
     shift : (float, float)
@@ -35,22 +32,46 @@ class LensCurves:
     f_number : float
     """
 
-    sources: np.ndarray
-    illumination: np.ndarray
     sensor: tuple[float, float]
     shift: tuple[float, float]
     bokeh: np.ndarray
     bokeh_mm: float
     f_number: float
 
+    def green_sources(self, place: np.ndarray) -> np.ndarray:
+        """Where the green light of places (..., 2) from the axis comes from in a pinhole's picture."""
+        raise NotImplementedError
 
-def lens_curves(lens: Lens, f_number: float, iris: Iris | None = None, vignette: bool = False,
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LensCurves(CompositorLens):
+    """A rotationally symmetric lens from its axis outwards.
+
+    Attributes
+    ----------
+    sources : float32 array (POINTS, colour)
+        Distances in a pinhole's picture from which red, green and blue light comes, relative to the distances at which
+        it arrives: these are evenly spaced from 0 to 1.
+    illumination : float32 array (POINTS,)
+        Light, relative to the axis, at the same distances.
+    """
+
+    sources: np.ndarray
+    illumination: np.ndarray
+
+    def green_sources(self, place: np.ndarray) -> np.ndarray:
+        """See `CompositorLens`."""
+        radius = np.linalg.norm(place, axis=-1, keepdims=True)
+        return place * np.interp(radius, np.linspace(0, 1, POINTS), self.sources[:, 1])
+
+
+def lens_curves(lens: RadialLens, f_number: float, iris: Iris | None = None, vignette: bool = False,
                 shift_mm: tuple[float, float] = (0.0, 0.0)) -> LensCurves:
     """The curves of a lens.
 
     Parameters
     ----------
-    lens : Lens
+    lens : RadialLens
         Its data cover `COLOURS_NM`.
     f_number : float
         As on its ring.
@@ -61,18 +82,27 @@ def lens_curves(lens: Lens, f_number: float, iris: Iris | None = None, vignette:
     shift_mm : (float, float)
         From the axis to the middle of the sensor, to the right and up.
     """
-    focal_mm = lens.capture_focal_length_mm
-    farthest_mm = float(np.linalg.norm(np.divide(lens.sensor_mm, 2) + np.abs(shift_mm)))
+    focal_mm, farthest_mm = lens.capture_focal_length_mm, farthest_corner_mm(lens, shift_mm)
     distance = np.linspace(0, 1, POINTS)
     distance[0] = distance[1] * 1e-3  # the limit on the axis
     x_mm, y_mm = distance * farthest_mm, np.zeros(POINTS)
     angle_rad, illumination = colour_directions(lens, x_mm, y_mm, vignette)
     sources = np.tan(np.minimum(angle_rad[..., 0], STEEPEST_RAD)) * focal_mm / x_mm[:, None]
-    stop = opening(iris, lens)
-    bokeh_mm = entrance_pupil_diameter_mm(lens) * stop.reach * focal_mm * f_number / farthest_mm
+    return LensCurves(sources=sources.astype(np.float32), illumination=illumination.astype(np.float32),
+                      bokeh=_bokeh(opening(iris, lens)), **common_values(lens, f_number, iris, shift_mm))
+
+
+def farthest_corner_mm(lens: Lens, shift_mm: tuple[float, float]) -> float:
+    """Distance of a shifted sensor's farthest corner from the axis."""
+    return float(np.linalg.norm(np.divide(lens.sensor_mm, 2) + np.abs(shift_mm)))
+
+
+def common_values(lens: Lens, f_number: float, iris: Iris | None, shift_mm: tuple[float, float]) -> dict[str, Any]:
+    """The fields of CompositorLens without the bokeh, whose side is that of the stop's image in the picture's height."""
+    focal_mm, farthest_mm = lens.capture_focal_length_mm, farthest_corner_mm(lens, shift_mm)
+    bokeh_mm = entrance_pupil_diameter_mm(lens) * opening(iris, lens).reach * focal_mm * f_number / farthest_mm
     sensor, shift = ((across_mm / farthest_mm, up_mm / farthest_mm) for across_mm, up_mm in (lens.sensor_mm, shift_mm))
-    return LensCurves(sources.astype(np.float32), illumination.astype(np.float32),
-                      sensor, shift, _bokeh(stop), bokeh_mm, f_number)
+    return {"sensor": sensor, "shift": shift, "bokeh_mm": bokeh_mm, "f_number": f_number}
 
 
 def _bokeh(stop):

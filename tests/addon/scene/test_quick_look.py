@@ -5,17 +5,18 @@ import numpy as np
 import pytest
 
 from laid_images import lay, render_composite
+from lenses import fine_grid_lens
 from lensfield import addon
 from lensfield.addon.scene.compositor import QUICK_LOOK, compositing_tree, scene_node
-from lensfield.addon.scene.quick_look import new_quick_look, set_lens
-from lensfield.addon.ui.quick_look import follow
+from lensfield.addon.scene.quick_look import MAP_X, MAP_Y, new_quick_look, set_lens
+from lensfield.addon.ui.quick_look import compositor_lens, follow
 from lensfield.engine import load_lens
 from lensfield.engine.depth.depth_range import blur_per_nearness_px
 from lensfield.engine.depth.iris import Iris, opening
-from lensfield.engine.depth.lens_curves import lens_curves
 from lensfield.engine.depth.lens_tables import BOKEH_NODES, COLOURS_NM, lens_tables
 from lensfield.engine.field.field_map import field_map
 from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.lens.entrance_pupil import focus_nearness
 from lensfield.engine.lens.pinhole import fitting_pitch_um
 from lensfield.engine.library.rays import lens_rays
 from lensfield.engine.rays.rings import Rings
@@ -25,11 +26,13 @@ SHAPE_PX = 1080, 1760
 MOST_PX = 0.3 if bpy.app.version >= (5, 0, 0) else 1.0  # before, Displace filters anisotropically
 
 
-def composited(scene, path, lens, picture, depth=None, iris=None, focus=0.0, shift_mm=(0.0, 0.0), **settings):
+def composited(scene, path, lens, picture, depth=None, iris=None, focus=0.0, shift_mm=(0.0, 0.0), aspect=1.0,
+               **settings):
     """A picture through Quick Look: arrays (row, column, channel) with row 0 at the top."""
     group = new_quick_look()
     del group[QUICK_LOOK]  # so that it does not follow the scene's lens
-    set_lens(group, lens_curves(lens, lens.f_number_effective, iris, shift_mm=shift_mm), **settings)
+    set_lens(group, compositor_lens(lens, lens.f_number_effective, iris, False, shift_mm, pixel_aspect=aspect),
+             **settings)
     tree = compositing_tree(scene)
     tree.nodes.clear()
     node = tree.nodes.new("CompositorNodeGroup")
@@ -56,10 +59,18 @@ def image_node(tree, values):
 
 
 def preview_lens(name):
-    return load_lens(name, quality="preview", wavelengths_nm=COLOURS_NM)
+    return anamorphic() if name == "hand-made grid" else load_lens(name, quality="preview", wavelengths_nm=COLOURS_NM)
 
 
-def sources_px(lens, colour, shift_px, scale=1.0):
+def anamorphic(**changes):
+    """A squeezed lens with barrel distortion across, lateral colour up and down, and a plane of focus that leans."""
+    return fine_grid_lens(
+        source_mm=lambda nm, x, y: (x * (1 + 0.02 * x**2), y * (1 + 5e-5 * (nm - 550))),
+        relative_illumination=lambda nm, x, y: 1 - 0.02 * x**2 - 0.02 * y,
+        **{"mirrored": (False, True), "squeeze": 2.0, "wavelengths_nm": (400.0, 550.0, 700.0)} | changes)
+
+
+def sources_px(lens, colour, shift_px, scale=1.0, aspect=1.0):
     """Rows and columns where the light of all pixels comes from, and their light, by the engine."""
     frame = PixelGrid(SHAPE_PX, fitting_pitch_um(lens, SHAPE_PX)).shifted(*shift_px)
     x_mm, y_mm = frame.axes_mm()
@@ -67,22 +78,25 @@ def sources_px(lens, colour, shift_px, scale=1.0):
     light = field.relative_illumination(x_mm[None], y_mm[:, None])
     x_mm, y_mm = field.source_mm(x_mm[None], y_mm[:, None])
     row, column = frame.centre_px
-    return row - scale * y_mm / pitch_mm, column + scale * x_mm / pitch_mm, light
+    return row - scale * y_mm / pitch_mm, column + scale * lens.squeeze / aspect * x_mm / pitch_mm, light
 
 
-@pytest.mark.parametrize(("name", "scale", "channels", "shift_px"), [
-    ("edmund-54852", 1.0, ("column", "row", "light"), (-80, 120)),
-    ("muller-fisheye-25mm", 0.7, ("light", "column", "row"), (0, 0)),
-    ("tessar-50mm", 1.3, ("row", "light", "column"), (300, -80))])
-def test_each_colour_is_where_the_lens_puts_it_and_as_bright(scene, tmp_path, name, scale, channels, shift_px):
+@pytest.mark.parametrize(("name", "scale", "channels", "shift_px", "aspect"), [
+    ("edmund-54852", 1.0, ("column", "row", "light"), (-80, 120), 1.0),
+    ("muller-fisheye-25mm", 0.7, ("light", "column", "row"), (0, 0), 1.0),
+    ("tessar-50mm", 1.3, ("row", "light", "column"), (300, -80), 1.0),
+    ("hand-made grid", 0.9, ("row", "column", "light"), (30, -90), 2.0),
+    ("hand-made grid", 0.8, ("column", "light", "row"), (0, 0), 1.6)])
+def test_each_colour_is_where_the_lens_puts_it_and_as_bright(scene, tmp_path, name, scale, channels, shift_px, aspect):
     """Channels that hold their own row or column, or 1; the sensor is shifted to the right and up."""
     lens, (row, column) = preview_lens(name), np.indices(SHAPE_PX) + 10.0
     values = {"row": row, "column": column, "light": np.ones(SHAPE_PX)}
     shown = composited(scene, tmp_path / "picture.exr", lens, np.dstack([values[name] for name in channels]),
-                       scale=scale, shift_mm=[px * fitting_pitch_um(lens, SHAPE_PX) * 1e-3 for px in shift_px])
+                       scale=scale, shift_mm=[px * fitting_pitch_um(lens, SHAPE_PX) * 1e-3 for px in shift_px],
+                       aspect=aspect)
     *_, light = sources_px(lens, 1, shift_px)
     for colour, channel in enumerate(channels):
-        row_px, column_px, _ = sources_px(lens, colour, shift_px, scale)
+        row_px, column_px, _ = sources_px(lens, colour, shift_px, scale, aspect)
         inside = (abs(row_px - 539.5) < 538) & (abs(column_px - 879.5) < 878)
         outside = (abs(row_px - 539.5) > 541) | (abs(column_px - 879.5) > 881)
         assert inside.mean() > 0.5 and np.all(shown[outside, colour] == 0)
@@ -241,10 +255,41 @@ def test_a_scene_that_no_lens_can_replace_is_refused_and_unchanged(lit_scene):
     assert links(lit_scene) == before and scene_node(lit_scene, QUICK_LOOK) is None
 
 
-def test_a_lens_without_rotational_symmetry_is_refused_and_its_node_says_why(lit_scene):
+def test_an_anamorphic_lens_on_a_leaning_sensor_blurs_as_its_rays_do(scene, tmp_path):
+    """Two points at the same depth, to the left and to the right; the plane of focus leans across."""
+    shape_px, nearness = (1080, 1440), 1 / 115
+    lens = anamorphic(focus_slope=(1e-4, 0.0), squeeze=1.5)
+    grid, rays = PixelGrid(shape_px, fitting_pitch_um(lens, shape_px)), lens_rays(lens)
+    picture, depth = np.zeros((*shape_px, 3)), np.full((*shape_px, 3), 1e-3 / nearness)
+    picture[500, [240, 1240]] = 1e4
+    sharp, light = (composited(scene, tmp_path / "picture.exr", lens, picture, each, focus=0.105, aspect=1.5)[..., 1]
+                    for each in (None, depth))
+    field, (row, column) = field_map(lens).at_wavelength(COLOURS_NM[1]), np.indices(shape_px)
+    tables, per_nearness_px = lens_tables(lens, rays, grid), blur_per_nearness_px(lens, grid.pitch_um)
+    for half in (np.s_[:, :720], np.s_[:, 720:]):
+        _, sharp_px = _sizes(column[half], row[half], sharp[half])
+        (right_px, down_px), sizes_px = _sizes(column[half], row[half], light[half])
+        x_mm, y_mm = grid.position_mm(down_px, right_px)
+        ideal_mm = field.source_mm(x_mm, y_mm)
+        i, j = np.rint((BOKEH_NODES - 1) * np.array([1 - down_px / 1080, right_px / 1440])).astype(int)
+        blur_px = per_nearness_px * (nearness - focus_nearness(lens, *ideal_mm))
+        moved_px = tables.shifts[i, j] / (lens.squeeze, 1) * blur_px / 2
+        _, expected_px = _sizes(*moved_px.T, tables.light[i, j])
+        assert np.sqrt(np.square(sizes_px) - np.square(sharp_px)) == pytest.approx(expected_px, rel=0.1)
+        assert expected_px[0] < 0.5 * expected_px[1]
+
+
+def _sizes(x, y, light):
+    """Centroid, and RMS width and height."""
+    middle = [np.average(each, weights=light) for each in (x, y)]
+    return middle, [np.sqrt(np.average((each - mean)**2, weights=light)) for each, mean in zip((x, y), middle)]
+
+
+def test_a_lens_without_rotational_symmetry_takes_the_place_of_another_and_back(lit_scene, tmp_path):
     bpy.ops.lensfield.quick_look()
-    lit_scene.lensfield.copy = 7
-    with pytest.raises(RuntimeError, match="lens.* not rotationally symmetric: .*: use Preview"):
-        bpy.ops.lensfield.quick_look()
-    follow(lit_scene, wait=True)
-    assert "not rotationally symmetric" in scene_node(lit_scene, QUICK_LOOK).label
+    node, symmetric = scene_node(lit_scene, QUICK_LOOK), corner(lit_scene, tmp_path)
+    lit_scene.lensfield.tilt_deg = 0.05, 0.0
+    assert corner(lit_scene, tmp_path) != pytest.approx(symmetric, rel=1e-3)
+    assert {MAP_X, MAP_Y} <= set(node.node_tree.nodes.keys())
+    lit_scene.lensfield.tilt_deg = 0.0, 0.0
+    assert corner(lit_scene, tmp_path) == symmetric and len([image for image in bpy.data.images if image.packed_file]) == 2
