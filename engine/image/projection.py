@@ -50,6 +50,13 @@ class Projection:
         """Angles from the axis at radii."""
         return np.arctan(radius) if self.is_plane else polyval(radius, self._angle)
 
+    def solid_angle(self, radius: np.ndarray) -> np.ndarray:
+        """Solid angle per area of the capture at radii, in sr per squared focal length; 0 where the capture is folded
+        or ends behind the camera."""
+        slope = 1 / (1 + np.square(radius)) if self.is_plane else polyval(radius, polyder(self._angle))
+        sine = np.sin(np.minimum(self.angle_rad(radius), np.pi))
+        return np.maximum(slope * np.divide(sine, radius, out=np.array(slope, float), where=radius > 0), 0)
+
     def radius(self, tangent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Radii for tangents of angles below 90 degrees, and their derivative; linear beyond the largest angle."""
         if self.is_plane:
