@@ -34,7 +34,7 @@ FLOORS = {
                      "engine.prescription", "engine.rays", "engine.runtime"},
     "engine.sensor": {"engine.image", "engine.kernels", "engine.runtime", "engine.spectral"},
     "engine.pictures": {"engine.depth", "engine.field", "engine.image", "engine.lens", "engine.runtime",
-                        "engine.sensor", "engine.spectral"},
+                        "engine.sensor", "engine.spectral", "engine.stray"},
     "engine.library": {"engine.bake", "engine.field", "engine.lens", "engine.lens_files",
                        "engine.prescription", "engine.rays", "engine.runtime", "engine.sensor"},
     "engine.simulation": {"engine.blur", "engine.depth", "engine.field", "engine.image", "engine.kernels",

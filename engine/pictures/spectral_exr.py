@@ -27,8 +27,10 @@ from ..runtime.inputs import check_input
 from ..runtime.memory import check_room
 from ..runtime.scratch import is_large, new_array, release_memory
 from ..runtime.threads import thread_count
+from ..stray.sources import Sources
 from .detail_channels import detail_of, detail_planes, is_detail
 from .preview import to_rec709
+from .stored_sources import sources_attribute, sources_of
 
 CHANNEL = re.compile(r"^(?:S0|T)\.(\d*,?\d*(?:[Ee][+-]?\d+)?)(Y|Z|E|P|T|G|M|k|h|da|d|c|m|u|n|p)?(m|Hz)$")
 PREFIX = dict(Y=1e24, Z=1e21, E=1e18, P=1e15, T=1e12, G=1e9, M=1e6, k=1e3, h=1e2, da=1e1,
@@ -57,7 +59,7 @@ def channel_name(wavelength_nm: float) -> str:
 
 
 def write_exr(image: SpectralImage, path: str | os.PathLike, other_planes: dict[str, np.ndarray] | None = None,
-              layered: LayeredRadiance | None = None) -> None:
+              layered: LayeredRadiance | None = None, outside: Sources | None = None) -> None:
     """Write a spectral image to a file, which appears complete or not at all.
 
     Radiance has the layout's attribute `emissiveUnits`. Irradiance, for which the layout defines no unit, does not.
@@ -76,10 +78,12 @@ def write_exr(image: SpectralImage, path: str | os.PathLike, other_planes: dict[
         Further channels by name, such as A (alpha) and Z (depth).
     layered : LayeredRadiance, optional
         The layers of the picture; each is written with its alpha A, and its depth Z in metres.
+    outside : Sources, optional
+        Sources of stray light beyond the picture's edges, written as in `stored_sources.py`.
     """
     planes = _spectral_planes(image.cube, image.wavelengths_nm, path) | _rgb_planes(to_rec709(image))
     planes |= detail_planes(image.detail) | (other_planes or {})
-    _write([(_header(image), planes), *(_layer_parts(layered, path) if layered else ())], path)
+    _write([(_header(image) | sources_attribute(outside), planes), *(_layer_parts(layered, path) if layered else ())], path)
     for cube in (image.cube, *(layer.cube for layer in (layered.layers if layered else ()))):
         release_memory(cube)
 
@@ -269,6 +273,18 @@ def read_with_layers(path: str | os.PathLike, pitch_um: float | None = None, scr
     parts = read_parts(path)
     image, planes = _first_image(parts, path, pitch_um)
     return image, planes, _layered(image, parts, path)
+
+
+def read_sources(path: str | os.PathLike) -> Sources | None:
+    """The sources of stray light beyond a picture's edges; None if its file does not state them, as for pictures of
+    other programs.
+
+    Raises
+    ------
+    ImageError
+        The file is not an EXR, or the attribute is damaged.
+    """
+    return sources_of(read_parts(path, header_only=True)[0][0], path)
 
 
 def _samples(part):

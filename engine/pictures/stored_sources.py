@@ -1,0 +1,48 @@
+"""The sources of stray light beyond the edges of a radiance file's picture: its attribute `lensfield:sources`.
+
+It is JSON text: an object with `wavelengths_nm`, and `sources`, a list of objects with a source's `name`, `direction`,
+`distance_mm` (null for infinity), `radius_rad` and `irradiance`, as in `Sources`. Numbers have all their digits.
+"""
+
+import json
+
+import numpy as np
+
+from ..runtime.errors import ImageError
+from ..stray.sources import Sources
+
+ATTRIBUTE = "lensfield:sources"
+
+
+def sources_attribute(sources: Sources | None) -> dict[str, str]:
+    """The header's attribute for some sources; none without them."""
+    if sources is None:
+        return {}
+    listed = [{"name": name, "direction": direction.tolist(), "distance_mm": distance if np.isfinite(distance) else None,
+               "radius_rad": radius, "irradiance": irradiance.tolist()}
+              for name, direction, distance, radius, irradiance in zip(
+                  sources.names, sources.directions, sources.distance_mm.tolist(), sources.radius_rad.tolist(),
+                  sources.irradiance, strict=True)]
+    return {ATTRIBUTE: json.dumps({"wavelengths_nm": sources.wavelengths_nm.tolist(), "sources": listed})}
+
+
+def sources_of(header: dict, path: object) -> Sources | None:
+    """The sources that a header states, bit for bit; None without the attribute, and an ImageError if it is damaged."""
+    text = header.get(ATTRIBUTE)
+    if text is None:
+        return None
+    try:
+        stored = json.loads(text)
+        nm, listed = np.array(stored["wavelengths_nm"], float), stored["sources"]
+
+        def values(field, *shape):
+            return np.array([each[field] for each in listed], float).reshape(len(listed), *shape)
+
+        distance_mm = np.array([np.inf if each["distance_mm"] is None else each["distance_mm"] for each in listed],
+                               float)
+        return Sources(values("direction", 3), distance_mm, values("irradiance", nm.size), nm, values("radius_rad"),
+                       tuple(str(each["name"]) for each in listed))
+    except ImageError as error:
+        raise error.at(path) from None
+    except (AttributeError, KeyError, RecursionError, TypeError, ValueError) as error:
+        raise ImageError(path, ATTRIBUTE, "damaged", f"expected the JSON text that Lensfield writes ({error})") from None
