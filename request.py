@@ -24,6 +24,7 @@ from .engine.rays.rings import MOST_TILT_DEG
 from .engine.runtime.setting import check_choices, documented, option_of, setting, settings_of
 from .engine.spectral.spectra import parse_wavelengths
 from .engine.spectral.wavelength_choice import IMAGE_WAVELENGTHS, SpectralOptions
+from .engine.stray.options import StrayOptions
 
 CAMERA = "camera"
 BY_SCENE, ON = "scene", "on"
@@ -119,6 +120,8 @@ class RenderRequest:
         SpectralOptions(), name="Spectra", option=None,
         text="Accuracy of the spectra, which determines how many wavelengths Cycles renders")
     options: Options = setting(Options(), name="Options", option=None, text="Accuracy of the lens image")
+    stray: StrayOptions = setting(
+        StrayOptions(), name="Stray Light", option=None, text="Ghosts, veiling glare and stars that are added to it")
     unfit: str = setting(
         "refuse", name="Unfit Nodes", panel="wavelengths",
         text="Nodes that Cycles renders in red, green and blue only; Check Scene and lensfield lint list them",
@@ -222,7 +225,7 @@ def to_arguments(**given: object) -> list[str]:
 def _arguments(name: str, value: object) -> Iterator[str]:
     if name == "iris":
         value = value or Iris()
-    if isinstance(value, Options | SpectralOptions | Iris):
+    if isinstance(value, Options | SpectralOptions | StrayOptions | Iris):
         yield from (word for field in settings_of(value) for word in _option(value, field, getattr(value, field)))
     else:
         yield from _option(RenderRequest, name, value)

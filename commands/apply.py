@@ -10,12 +10,14 @@ from .arguments import (
     add_iris,
     add_lens_settings,
     add_settings,
+    add_stray,
     add_untrusted,
     check_outputs,
     engine_options,
     given_fields,
     iris_option,
     output_given,
+    stray_option,
 )
 from .blend import import_addon
 from .outcome import finish
@@ -41,6 +43,7 @@ def add_options(apply):
     add_engine_options(apply)
     add_lens_settings(apply)
     add_iris(apply)
+    add_stray(apply)
     add_settings(apply.add_argument_group("camera", "that takes a picture of the lens image"), RenderRequest,
                  CAMERA_FIELDS)
     add_progress_options(apply.add_argument_group("for programs that run this command"))
@@ -57,7 +60,8 @@ def _apply(options):
     check_outputs([(options.report, ".json")], [options.radiance, options.lens])
     with messages(options) as write:
         given = given_fields(options) | {"lens": lens_source(options, options.lens),
-                                         "options": engine_options(options), "iris": iris_option(options)}
+                                         "options": engine_options(options), "iris": iris_option(options),
+                                         "stray": stray_option(options)}
         addon = import_addon()
         addon.check_next_to_frames(options.output or options.radiance.parent, options.report)
         with progress(options, write) as on_progress:

@@ -15,6 +15,7 @@ from ..engine.rays.rings import Rings
 from ..engine.runtime.files import check_target, check_written_by_lensfield, identity
 from ..engine.runtime.setting import option_of, settings_of
 from ..engine.spectral.spectra import parse_wavelengths
+from ..engine.stray.options import StrayOptions
 from ..request import CAMERA, RING_FIELDS, RenderRequest
 from .prescription_file import add_reading, errors_of, lens_source
 from .terminal import progress_bar
@@ -58,7 +59,8 @@ def given_settings(options, owner):
 
 
 def given_fields(options):
-    """The fields of a RenderRequest that the command line gives, parsed; except `iris`, `options` and `spectral`."""
+    """The fields of a RenderRequest that the command line gives, parsed; except `iris`, `options`, `spectral` and
+    `stray`."""
     return {name: PARSERS[name](value) if name in PARSERS else value
             for name, value in given_settings(options, RenderRequest).items()}
 
@@ -105,6 +107,18 @@ def add_iris(command, camera=False):
                                                "opening has the round stop's area")
     unset = {"blades": "the camera's Aperture if its Depth of Field is on"} if camera else None
     add_settings(group, Iris, settings_of(Iris), unset)
+
+
+def add_stray(command, of_scene=False):
+    """Add options for stray light."""
+    group = command.add_argument_group("stray light", "that is added to the lens image, and a layer in its file "
+                                                      "(docs/stray_light.md)")
+    add_settings(group, StrayOptions, settings_of(StrayOptions), scene_defaults(StrayOptions) if of_scene else None)
+
+
+def stray_option(options):
+    """The StrayOptions of the command line."""
+    return StrayOptions(**given_settings(options, StrayOptions))
 
 
 def iris_option(options):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..engine import ChannelCache, ImageError, InputError, Report, simulate
+from ..engine import ChannelCache, ImageError, InputError, Report
 from ..engine.depth.depth_range import AUTO, OFF
 from ..engine.depth.iris import opening
 from ..engine.depth.slabs import plan_slabs
@@ -15,6 +15,7 @@ from ..engine.field.field_map import field_map
 from ..engine.pictures.file_depth import DEPTH_KINDS
 from ..engine.runtime.build_identity import is_accepted, other_builds_line
 from ..engine.runtime.locks import Busy, only_writer
+from ..engine.simulation.lens_image import lens_image
 from ..engine.simulation.report import FIGURE, together
 from ..engine.simulation.report_parts import FileFacts
 from ..engine.spectral.wavelength_choice import RGB_WAVELENGTHS
@@ -23,12 +24,14 @@ from .arguments import (
     add_engine_options,
     add_iris,
     add_lens_settings,
+    add_stray,
     add_untrusted,
     check_outputs,
     chosen_lens,
     engine_options,
     number_pair,
     shown_iris,
+    stray_option,
 )
 from .frame_records import record_frame, record_stamp, recorded_build, remove_record, request_facts
 from .outcome import finish
@@ -78,6 +81,7 @@ def add_options(filter_):
     add_engine_options(filter_)
     add_lens_settings(filter_)
     add_iris(filter_)
+    add_stray(filter_)
     add_untrusted(filter_)
     filter_.set_defaults(run=_filter, confines=_folders)
 
@@ -143,7 +147,7 @@ class _Run:
 
     def __init__(self, options, lens, chosen, first, number):
         self._options, self._lens, self._chosen, self._first, self._number = options, lens, chosen, first, number
-        self._iris = shown_iris(options)
+        self._iris, self._stray = shown_iris(options), stray_option(options)
         self._cache = ChannelCache() if number > 1 else ChannelCache(limit_mb=0)
         self._exposure, self._reported, self._finished = None, set(), 0
 
@@ -155,7 +159,7 @@ class _Run:
         try:
             with report.stage("read radiance"), quiet(1, 2):  # the EXR library prints long messages about damage
                 source = read_picture(shot.radiance, self._options, self._lens)
-            radiance = source.radiance
+            radiance, layers = source.radiance, None
             with report.stage("plan"):
                 plan = self._cache.plan(self._chosen, self._lens, radiance)
                 needed = field_map(self._lens).overscan_px(radiance.grid, radiance.wavelengths_nm, plan.reach_px)
@@ -164,12 +168,12 @@ class _Run:
             report.add(self._facts(shot, source, needed, slabs))
             if slabs and slabs.needed:
                 with report.stage("layers of depth"):
-                    radiance = source.layers(slabs)
-            irradiance = self._through_lens(shot, radiance, report)
+                    layers = source.layers(slabs)
+            irradiance, stray = self._through_lens(shot, radiance, layers, report)
         except ImageError as error:
             raise error.at(shot.radiance) from None
         with report.stage("write irradiance"):
-            write_exr(irradiance, shot.output)
+            write_exr(irradiance, shot.output, stray=stray)
         if shot.preview:
             with report.stage("write preview"):
                 self._write_preview(irradiance, shot)
@@ -215,12 +219,13 @@ class _Run:
                 print(line, flush=True)
             self._reported.add(kind)
 
-    def _through_lens(self, shot, radiance, report):
+    def _through_lens(self, shot, radiance, layers, report):
         label = f"Through {self._lens.name}" if shot.frame is None else f"Frame {shot.frame} through {self._lens.name}"
         with progress_bar() as on_progress:
             on_progress(self._finished / self._number, label)
-            return simulate(radiance, self._lens, self._chosen, iris=self._iris, report=report, cache=self._cache,
-                            progress=lambda fraction: on_progress((self._finished + fraction) / self._number, label))
+            return lens_image(radiance, self._lens, self._chosen, self._stray, layers=layers, iris=self._iris,
+                              report=report, cache=self._cache, progress=lambda fraction: on_progress(
+                                  (self._finished + fraction) / self._number, label))
 
     def _write_preview(self, irradiance, shot):
         from ..engine.pictures.preview import auto_exposure, to_rec709, write_png

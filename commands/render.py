@@ -4,6 +4,7 @@ from pathlib import Path
 
 from ..engine import Options
 from ..engine.spectral.wavelength_choice import SpectralOptions
+from ..engine.stray.options import StrayOptions
 from ..request import FOLLOWER_FIELDS, RenderRequest
 from .arguments import (
     add_settings,
@@ -200,6 +201,8 @@ def scene_and_fields(options, scene_of=_named_scene):
         given["spectral"] = scene.lensfield.to_spectral_options(**spectral)
     if engine or options.tier:
         given["options"] = scene.lensfield.to_options(options.tier, **engine)
+    if stray := given_settings(options, StrayOptions):
+        given["stray"] = scene.lensfield.to_stray_options(**stray)
     if given_reading(options):
         given["lens"] = lens_source(options, options.lens or scene.lensfield.lens_name_or_path())
     return scene, given | {"iris": iris_option(options)}

@@ -10,6 +10,7 @@ from .arguments import (
     add_iris,
     add_lens_settings,
     add_settings,
+    add_stray,
     add_untrusted,
     check_limits,
     scene_defaults,
@@ -52,6 +53,7 @@ def add_scene_options(render, required=True):
     add_engine_options(render, of_scene=True)
     add_lens_settings(render, camera=True)
     add_iris(render, camera=True)
+    add_stray(render, of_scene=True)
     add_untrusted(render)
 
 

@@ -26,6 +26,13 @@ def write_radiance(captured, path):
               captured.layers)
 
 
+def write_irradiance(irradiance, stray, result):
+    """Write an irradiance with the stray light in it, and the latter for compositors: black for None."""
+    write_exr(irradiance, result.irradiance, stray=stray)
+    shown = np.zeros((*irradiance.frame_px, 3), np.float32) if stray is None else to_rec709(stray)
+    write_rgb_exr(shown, result.stray)
+
+
 def write_pictures(captured, irradiance, after, exposure, light_exposure, lens, options, iris, result):
     """Write the lens image and its planes; and PNGs of the frame through a perfect pinhole and through the lens, which
     have the same exposure unless the latter is a camera's.

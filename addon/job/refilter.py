@@ -40,7 +40,7 @@ from .result import Result
 from .steps import Work
 
 APPLIED_DEPTHS = AUTO, OFF
-APPLIED_FIELDS = ("lens", "output_folder", "options", "view", *RING_FIELDS, "iris", "lens_quality", "depth",
+APPLIED_FIELDS = ("lens", "output_folder", "options", "stray", "view", *RING_FIELDS, "iris", "lens_quality", "depth",
                   *CAMERA_FIELDS)
 STANDARD = "standard"  # quality
 SAME = 0.005  # relative difference in sensor size up to which a lens counts as having its own view
@@ -58,7 +58,7 @@ def apply_lens(radiance, *, progress=None, **given):
     progress : callable (fraction, label), optional
     given : by name
         Fields of a `RenderRequest`: `lens`, and optionally `output_folder` (by default the radiance's), `options`,
-        `view`, `focus`, `f_number`, `focused_wide_open`, `tilt_deg`, `copy`, `copy_grade`, `coating`, `iris`,
+        `stray`, `view`, `focus`, `f_number`, `focused_wide_open`, `tilt_deg`, `copy`, `copy_grade`, `coating`, `iris`,
         `lens_quality`, `depth`, and a camera's.
 
     Returns
@@ -101,7 +101,7 @@ def saved_radiance(scene):
 def applied_fields(scene, request):
     """The fields of a scene's request for `apply_lens`, with its camera's focus, f-stop and iris; with layers of depth
     unless depth is off."""
-    return {"lens": request.lens, "view": request.view, "options": request.options,
+    return {"lens": request.lens, "view": request.view, "options": request.options, "stray": request.stray,
             "lens_quality": request.spectral.tier, "depth": OFF if request.depth == OFF else AUTO,
             "iris": scene_iris(scene, request.lens), **{name: getattr(request, name) for name in CAMERA_FIELDS},
             **ring_fields(rings_for(scene, request.lens))}

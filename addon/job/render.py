@@ -5,11 +5,11 @@ from functools import cache
 
 import bpy
 
-from ...engine import ChannelCache, simulate
+from ...engine import ChannelCache
 from ...engine.image.spectral_image import IRRADIANCE
-from ...engine.pictures.spectral_exr import write_exr
 from ...engine.runtime.files import discard
 from ...engine.runtime.locks import only_writer
+from ...engine.simulation.lens_image import lens_image
 from ..scene.compositor import fingerprint_anew, lay_into_compositor
 from ..scene.errors import SceneError
 from ..scene.render_state import go_to_frame
@@ -19,7 +19,7 @@ from ..scene.watch import samples_watched
 from .finished_passes import remove_passes
 from .job import check_output_folder, job_of
 from .photo import shown_picture, take_photo
-from .pictures import write_film_pictures, write_pictures, write_radiance
+from .pictures import write_film_pictures, write_irradiance, write_pictures, write_radiance
 from .radiance import capture
 from .record import write_record
 from .result import PINHOLE_FILES, Result
@@ -142,16 +142,16 @@ def render_steps(scene, job, one=None):
 def lens_steps(captured, lens, request, iris, result, fraction):
     """Steps that put a Captured through a lens and write the resulting files; `fraction` is that of the job so far.
 
-    The RenderRequest gives the options and the camera.
+    The RenderRequest gives the options, the stray light and the camera.
     """
     report = result.report
     discard(result.record)  # the files that it describes are about to change
-    irradiance = yield Work(lambda on_progress: simulate(captured.layers or captured.radiance, lens, request.options,
-                                                         iris=iris, progress=on_progress, report=report,
-                                                         cache=shared_cache()),
-                            f"Through {lens.name}", fraction, WRITING - fraction)
-    irradiance = replace(irradiance, cube=captured.cut(irradiance.cube))
-    yield from _file_steps(irradiance, lens, request, result,
+    images = yield Work(lambda on_progress: lens_image(captured.radiance, lens, request.options, request.stray,
+                                                       layers=captured.layers, iris=iris, progress=on_progress,
+                                                       report=report, cache=shared_cache()),
+                        f"Through {lens.name}", fraction, WRITING - fraction)
+    irradiance, stray = (image and replace(image, cube=captured.cut(image.cube)) for image in images)
+    yield from _file_steps(irradiance, stray, lens, request, result,
                            lambda *shown: write_pictures(captured, irradiance, *shown, lens, request.options, iris,
                                                          result))
 
@@ -164,14 +164,14 @@ def _film_steps(film, job, result):
     for name in PINHOLE_FILES:  # an earlier render may have left them
         discard(getattr(result, name))
         del result.report.files[name]
-    yield from _file_steps(irradiance, lens, job, result,
+    yield from _file_steps(irradiance, None, lens, job, result,
                            lambda *shown: write_film_pictures(film, irradiance, *shown, lens, result))
 
 
-def _file_steps(irradiance, lens, request, result, write_its_pictures):
-    """Steps that write an irradiance, take a picture with the request's camera, and write what pictures show."""
+def _file_steps(irradiance, stray, lens, request, result, write_its_pictures):
+    """Steps that write an irradiance and the stray light in it, if any, take a picture with the request's camera, and write what pictures show."""
     report = result.report
-    yield Work(_timed(report, "write irradiance", lambda _: write_exr(irradiance, result.irradiance)),
+    yield Work(_timed(report, "write irradiance", lambda _: write_irradiance(irradiance, stray, result)),
                "Writing irradiance", WRITING)
     raw = None
     if request.camera:

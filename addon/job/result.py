@@ -10,7 +10,7 @@ from ...engine import Report
 from ...engine.runtime.errors import InputError
 
 FRAME_FILES = {"radiance": "radiance.exr", "irradiance": "irradiance.exr", "lens_image": "lens_image.exr",
-               "depth": "depth.exr", "before": "before.png", "after": "after.png", "record": "report.json"}
+               "stray": "stray_light.exr", "depth": "depth.exr", "before": "before.png", "after": "after.png", "record": "report.json"}
 RAW_END = "raw.dng"  # of a file that only frames with a camera have, if the user wants it
 PINHOLE_FILES = "radiance", "before"
 """The FRAME_FILES that a traced lens does not write: they show the view of a pinhole."""
@@ -27,6 +27,8 @@ class Result:
         Spectral EXRs. The radiance file also contains the capture's depth and, for a transparent film, its alpha.
     lens_image : Path
         A plain EXR: linear R, G and B, premultiplied by its alpha.
+    stray : Path
+        The stray light in the lens image, as a plain EXR; black without any.
     depth : Path
         In metres, by the scene's Unit Scale, distorted like the lens image: nearest samples, 1e10 for the background.
     before, after : Path
@@ -44,6 +46,7 @@ class Result:
     radiance: Path
     irradiance: Path
     lens_image: Path
+    stray: Path
     depth: Path
     before: Path
     after: Path

@@ -13,7 +13,7 @@ import bpy
 import numpy as np
 from bpy.app.handlers import persistent
 
-from ...engine import ChannelCache, simulate
+from ...engine import ChannelCache
 from ...engine.field.frame_planes import nearest_samples
 from ...engine.inspection.curves import reference_nm
 from ...engine.library import has_rings, iris_is_visible
@@ -22,6 +22,7 @@ from ...engine.pictures.preview import to_rec709
 from ...engine.pictures.spectral_exr import write_planes_exr
 from ...engine.rays.rings import AT_REST
 from ...engine.runtime.errors import InputError
+from ...engine.simulation.lens_image import lens_image
 from ...engine.spectral.colour import metamer_weights
 from ...request import RING_FIELDS, RenderRequest
 from ..scene.changes import take_changes
@@ -142,9 +143,10 @@ class ScenePreview:
 
     def _cast(self, times, captured, lens, iris, progress):
         """The lens image: Rec. 709 and alpha; and the depth."""
-        light, options = captured.layers or captured.radiance, self._request.options
-        irradiance = simulate(light, lens, options, iris=iris, progress=progress, cache=_channels(times),
-                              rays=sketched_rays if times == 1 else lens_rays)
+        options = self._request.options
+        irradiance, _ = lens_image(captured.radiance, lens, options, self._request.stray, layers=captured.layers,
+                                   iris=iris, progress=progress, cache=_channels(times),
+                                   rays=sketched_rays if times == 1 else lens_rays)
         irradiance = replace(irradiance, cube=captured.cut(irradiance.cube))
         picture = to_rec709(irradiance)
         alpha = None if captured.alpha is None else captured.cut(alpha_through_lens(captured, lens, options, iris))

@@ -23,13 +23,16 @@ MARK = "lensfield"  # custom property of our node groups; users may rename them
 QUICK_LOOK = "lensfield_quick_look"  # the same of Quick Look's groups; its value identifies the lens
 STATE = "lensfield_frames"  # their custom property with JSON, see `_state`
 BACKGROUND_M = 1e10
+BLACK = 0.0, 0.0, 0.0, 1.0
 LABEL_LENGTH = 63  # Blender's limit
 WIDTH = 240  # of the node, like Render Layers, so that its label is readable
 LENS_IMAGE = re.compile(r"(.*?)(-?\d+)_lens_image\.exr")
-SWITCHED = {"Image": "lens_image", "Depth": "depth"}  # outputs that fall back to the plain render
+SWITCHED = {"Image": "lens_image", "Depth": "depth", "Stray Light": "stray_light"}
+"""Outputs that show a frame's files, or else the plain render, which has no stray light."""
+PLAIN = "Image", "Depth"  # inputs: the plain render
 STILLS = {"Relative Illumination": "relative_illumination", "STMap Distort": "stmap_distort",
           "STMap Undistort": "stmap_undistort"}
-OUTPUTS = {"Image": "Color", "Alpha": "Float", "Depth": "Float", "Relative Illumination": "Float",
+OUTPUTS = {"Image": "Color", "Alpha": "Float", "Depth": "Float", "Stray Light": "Color", "Relative Illumination": "Float",
            "STMap Distort": "Color", "STMap Undistort": "Color"}
 TAKEN_OVER = "Image", "Alpha", "Depth"
 DEPTH_IN_UNITS = "Depth in Blender Units"  # name of the node that converts a file's metres
@@ -418,7 +421,7 @@ def _build(group):
     """Create the sockets and nodes of a group."""
     group.nodes.clear()
     group.interface.clear()
-    for name in SWITCHED:
+    for name in PLAIN:
         socket = group.interface.new_socket(name=name, in_out="INPUT", socket_type=f"NodeSocket{OUTPUTS[name]}")
         if name == "Depth":
             socket.default_value, socket.hide_value = BACKGROUND_M, True
@@ -434,7 +437,7 @@ def _build(group):
         if name == "Depth":
             picture = _add_units(group, picture)
         if name in SWITCHED:
-            picture = _add_switch(group, name, group_input.outputs[name], picture)
+            picture = _add_switch(group, name, group_input.outputs.get(name), picture)
         _link(group, picture, group_output.inputs[name])
         if name == "Image":
             _link(group, picture, group_output.inputs["Alpha"], "Alpha")
@@ -467,10 +470,14 @@ def _add_units(group, depth_m):
 
 
 def _add_switch(group, name, off, on):
+    """Switch between two sockets; without the first, between black and the second."""
     switch = group.nodes.new("CompositorNodeSwitch")
     switch.name = switch.label = f"{name} Switch"
     switch.location = on.node.location.x + 200, on.node.location.y
-    group.links.new(off, switch.inputs["Off"])
+    if off:
+        group.links.new(off, switch.inputs["Off"])
+    else:
+        switch.inputs["Off"].default_value = BLACK
     group.links.new(on, switch.inputs["On"])
     return switch.outputs[0]
 
@@ -539,7 +546,7 @@ def _load(group, path, scene_name):
 
 
 def _show(node, path, image_name, name):
-    node.image = show_file(node.image, path, image_name, REC709 if name == "Image" else "Non-Color",
+    node.image = show_file(node.image, path, image_name, REC709 if OUTPUTS[name] == "Color" and name in SWITCHED else "Non-Color",
                            "SEQUENCE" if name in SWITCHED else "FILE")
 
 
@@ -599,7 +606,7 @@ def _feed(scene, tree, node):
         layers = tree.nodes.new("CompositorNodeRLayers")
         layers.scene, created = scene, layers.name
         layers.location = node.location.x - 300, node.location.y
-    for name in SWITCHED:
+    for name in PLAIN:
         if name in layers.outputs and layers.outputs[name].enabled:
             tree.links.new(layers.outputs[name], node.inputs[name])
     return created

@@ -302,6 +302,16 @@ def _sheet(scene):
     return lens and drawn_sheet(lens)
 
 
+def _draw_stray(layout, scene):
+    settings = scene.lensfield
+    layout.prop(settings, "stray_light")
+    if settings.stray_light == "PARTS":
+        layout.prop(settings, "stray_parts")
+    column = layout.column()
+    column.active = settings.stray_light != "OFF"
+    draw_listed(column, settings, "stray")
+
+
 def _draw_wavelengths(layout, scene):
     settings = scene.lensfield
     layout.prop(settings, "wavelength_mode", expand=True)
@@ -343,7 +353,7 @@ def _draw_output(layout, scene):
     draw_quick_look(layout, scene)
 
 
-_PARTS = (("view", "View and Depth", _draw_view), ("body", "Camera", draw_camera),
+_PARTS = (("view", "View and Depth", _draw_view), ("stray", "Stray Light", _draw_stray), ("body", "Camera", draw_camera),
           ("sheet", "Lens Sheet", _draw_sheet), ("wavelengths", "Wavelengths and Spectra", _draw_wavelengths),
           ("quality", "Quality", _draw_quality), ("check", "Scene Check", draw_check),
           ("output", "Output", _draw_output))

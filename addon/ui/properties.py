@@ -31,6 +31,7 @@ from ...engine.runtime.setting import settings_of
 from ...engine.spectral.refraction import refraction_names
 from ...engine.spectral.spectra import library_names, parse_wavelengths
 from ...engine.spectral.wavelength_choice import IMAGE_WAVELENGTHS, SpectralOptions
+from ...engine.stray.options import OFF, PARTS, StrayOptions
 from ...request import RenderRequest, view_on_sensor
 from ..job.job import folder_for
 from ..job.named_files import FROM_FILE
@@ -46,7 +47,8 @@ PANEL_KNOBS = "section_size", "azimuths"  # the knobs of methods that the panel 
 NOT_OFFERED = {"method": AUTO}
 """Choices without an item: the user sets an accuracy instead."""
 MORE_ITEMS = {"tier": [("RESULT", "Custom", "Set the accuracy of colours and blur, or the size of sections")],
-              "view": [("SENSOR", "Custom Sensor", "The lens's field of view on a sensor of your size")]}
+              "view": [("SENSOR", "Custom Sensor", "The lens's field of view on a sensor of your size")],
+              "stray_light": [("PARTS", "Chosen Parts", "The parts that you choose, however little light they have")]}
 """Items that only the panel has."""
 NO_CAMERA = "NONE"
 OWN_CAMERA = "Your own camera (.toml), with the parameters of EMVA 1288"
@@ -240,6 +242,9 @@ class LensfieldSettings(bpy.types.PropertyGroup):
                                               "spectra determine how many of them Cycles renders")
     wavelength_list: StringProperty(name="List", description="Ascending wavelengths in nm, such as 450, 550, 650",
                                     default="450, 550, 650")
+    stray_parts: EnumProperty(
+        name="Parts", description="Parts of the stray light", options={"ENUM_FLAG"}, default={part.upper() for part in PARTS},
+        items=[(part.upper(), *texts, 1 << number) for number, (part, texts) in enumerate(PARTS.items())])
     quality: EnumProperty(
         name="Blur", default="ACCURACY", description="Accuracy of the lens's blur",
         items=[("ACCURACY", "By Result", "Set the accuracy of the picture; the fastest method that reaches it is used"),
@@ -306,7 +311,7 @@ class LensfieldSettings(bpy.types.PropertyGroup):
         readers = {name: partial(self.value_of, name) for name in settings_of(RenderRequest) if name in SETTINGS} | {
             "lens": self.lens_name_or_path, "view": self.view_text, "camera": self.camera_name_or_path,
             "wavelengths_nm": self.wavelengths_nm, "options": self.to_options,
-            "spectral": self.to_spectral_options, "output_folder": lambda: None}
+            "spectral": self.to_spectral_options, "stray": self.to_stray_options, "output_folder": lambda: None}
         request = RenderRequest(**{name: read() for name, read in readers.items() if name not in given} | given)
         return replace(request, wavelengths_nm=tuple(map(float, request.wavelengths_nm)),
                        output_folder=folder_for(self.id_data, request.output_folder))
@@ -325,6 +330,13 @@ class LensfieldSettings(bpy.types.PropertyGroup):
         if self.tier == "RESULT":
             return SpectralOptions(colour_error=self.value_of("colour_error"))
         return SpectralOptions(self.value_of("tier"))
+
+    def to_stray_options(self, **given):
+        """The StrayOptions of these settings, except for the given fields."""
+        values = {name: self.value_of(name) for name in settings_of(StrayOptions)}
+        if self.stray_light == "PARTS":
+            values["stray_light"] = ",".join(part for part in PARTS if part.upper() in self.stray_parts) or OFF
+        return StrayOptions(**values | given)
 
     def shown_knobs(self):
         """The knobs of the chosen method that the panel shows."""
@@ -350,7 +362,7 @@ class LensfieldSettings(bpy.types.PropertyGroup):
         return blur | {"supersampling": self.supersampling}
 
 
-SETTINGS = {name: each for owner in (RenderRequest, SpectralOptions, Options)
+SETTINGS = {name: each for owner in (RenderRequest, SpectralOptions, StrayOptions, Options)
             for name, each in settings_of(owner).items() if each.panel is not None}
 LensfieldSettings.__annotations__ |= {name: _property(name, each) for name, each in SETTINGS.items()}
 classes = (LensfieldWorldSpectra, LensfieldLightSpectra, LensfieldMaterialSpectra, LensfieldSettings)

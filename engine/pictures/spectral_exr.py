@@ -2,7 +2,8 @@
 
 One FLOAT channel per wavelength, `S0.550,000000nm`, in addition to R, G and B for programs that do not support spectra.
 Overscan follows OpenEXR: the data window is larger than the display window. Layers of radiance are further parts of the
-file, `layer.1` onwards, from near to far. The first part is the complete pinhole picture.
+file, `layer.1` onwards, from near to far. The first part is the complete pinhole picture. The stray light in an irradiance
+is a further part, `stray`, with the same channels; the first part contains it.
 """
 
 import math
@@ -43,7 +44,7 @@ SPEED_OF_LIGHT_M_S = 299792458.0
 LAYOUT_VERSION = "1.0"
 EMISSIVE_UNITS = "W.m^-2.sr^-1"  # the layout's canonical string; its values are densities per nm
 PANORAMA, WITHOUT_POLYNOMIAL = "polynomial", {"plane": PLANE, "equidistant": FISHEYE}  # equidistant: older files
-FIRST_PART, LAYER_PART = "radiance", "layer."
+LAYER_PART, STRAY_PART = "layer.", "stray"
 SAMPLE_BYTES, DEEP_BYTES = 4, 128  # per pixel and channel, for a number and for an array
 EMPTY_PX, MOST_EMPTY = 2**25, 64  # a display window of more pixels may be at most this many times as large as its data
 M_TO_MM = 1e3
@@ -59,7 +60,8 @@ def channel_name(wavelength_nm: float) -> str:
 
 
 def write_exr(image: SpectralImage, path: str | os.PathLike, other_planes: dict[str, np.ndarray] | None = None,
-              layered: LayeredRadiance | None = None, outside: Sources | None = None) -> None:
+              layered: LayeredRadiance | None = None, outside: Sources | None = None,
+              stray: SpectralImage | None = None) -> None:
     """Write a spectral image to a file, which appears complete or not at all.
 
     Radiance has the layout's attribute `emissiveUnits`. Irradiance, for which the layout defines no unit, does not.
@@ -80,11 +82,18 @@ def write_exr(image: SpectralImage, path: str | os.PathLike, other_planes: dict[
         The layers of the picture; each is written with its alpha A, and its depth Z in metres.
     outside : Sources, optional
         Sources of stray light beyond the picture's edges, written as in `stored_sources.py`.
+    stray : SpectralImage, optional
+        The stray light that the image contains.
     """
     planes = _spectral_planes(image.cube, image.wavelengths_nm, path) | _rgb_planes(to_rec709(image))
     planes |= detail_planes(image.detail) | (other_planes or {})
-    _write([(_header(image) | sources_attribute(outside), planes), *(_layer_parts(layered, path) if layered else ())], path)
-    for cube in (image.cube, *(layer.cube for layer in (layered.layers if layered else ()))):
+    parts = [(image.quantity, _header(image) | sources_attribute(outside), planes),
+             *(_layer_parts(layered, path) if layered else ())]
+    if stray:
+        parts.append((STRAY_PART, _header(stray), _spectral_planes(stray.cube, stray.wavelengths_nm, path)
+                      | _rgb_planes(to_rec709(stray))))
+    _write(parts, path)
+    for cube in (image.cube, *(each.cube for each in (*(layered.layers if layered else ()), *filter(None, [stray])))):
         release_memory(cube)
 
 
@@ -97,12 +106,12 @@ def _spectral_planes(cube, wavelengths_nm, path):
 
 
 def _layer_parts(layered, path):
-    """(header, planes) of each layer."""
+    """(name, header, planes) of each layer."""
     above, left = layered.grid.overscan_px
-    for layer in layered.layers:
+    for number, layer in enumerate(layered.layers, 1):
         origin = layer.origin_px[0] - above, layer.origin_px[1] - left
         depth_m = np.where(layer.depth_mm < BACKGROUND_MM, layer.depth_mm, BACKGROUND_MM) / np.float32(M_TO_MM)
-        yield (_windows(layered.grid.frame_px, origin, layer.alpha.shape, layered.grid.squeeze),
+        yield (f"{LAYER_PART}{number}", _windows(layered.grid.frame_px, origin, layer.alpha.shape, layered.grid.squeeze),
                _spectral_planes(layer.cube, layered.wavelengths_nm, path) | detail_planes(layer.detail)
                | {"A": layer.alpha, "Z": depth_m})
 
@@ -157,19 +166,18 @@ def write_planes_exr(planes: dict[str, np.ndarray], path: str | os.PathLike, att
 
     The file appears complete or not at all.
     """
-    _write([(attributes | {"compression": OpenEXR.NO_COMPRESSION, "type": OpenEXR.scanlineimage}, planes)], path)
+    _write([("", attributes | {"compression": OpenEXR.NO_COMPRESSION, "type": OpenEXR.scanlineimage}, planes)], path)
 
 
 def _write_zipped(planes, path):
     header = {"compression": RGB_COMPRESSION, "type": OpenEXR.scanlineimage}
-    _write([(header, planes)], path)
+    _write([("", header, planes)], path)
 
 
 def _write(parts, path):
-    parts[0][0]["software"] = software()
-    names = [FIRST_PART, *(f"{LAYER_PART}{index}" for index in range(1, len(parts)))] if len(parts) > 1 else [""]
-    parts = [OpenEXR.Part(header, {name: _contiguous(plane) for name, plane in planes.items()},
-                          name) for (header, planes), name in zip(parts, names, strict=True)]
+    parts[0][1]["software"] = software()
+    parts = [OpenEXR.Part(header, {channel: _contiguous(plane) for channel, plane in planes.items()},
+                          name if len(parts) > 1 else "") for name, header, planes in parts]
     with atomic_path(path) as temporary, exr_threads(), OpenEXR.File(parts) as file:
         try:
             with open(temporary, "wb") as stream:  # given a path, OpenEXR does not notice if the last bytes are lost
@@ -285,6 +293,12 @@ def read_sources(path: str | os.PathLike) -> Sources | None:
         The file is not an EXR, or the attribute is damaged.
     """
     return sources_of(read_parts(path, header_only=True)[0][0], path)
+
+
+def read_stray(path: str | os.PathLike) -> SpectralImage | None:
+    """The stray light in an irradiance file; None for a file without it."""
+    parts = [part for part in read_parts(path) if part[0].get("name") == STRAY_PART]
+    return _first_image(parts, path, None)[0] if parts else None
 
 
 def _samples(part):
