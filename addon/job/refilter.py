@@ -40,8 +40,8 @@ from .result import Result
 from .steps import Work
 
 APPLIED_DEPTHS = AUTO, OFF
-APPLIED_FIELDS = ("lens", "output_folder", "options", "stray", "view", *RING_FIELDS, "iris", "lens_quality", "depth",
-                  *CAMERA_FIELDS)
+APPLIED_FIELDS = ("lens", "output_folder", "options", "stray", "view", *RING_FIELDS, "iris", "lens_quality",
+                  "depth", *CAMERA_FIELDS)
 STANDARD = "standard"  # quality
 SAME = 0.005  # relative difference in sensor size up to which a lens counts as having its own view
 

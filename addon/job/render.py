@@ -169,7 +169,8 @@ def _film_steps(film, job, result):
 
 
 def _file_steps(irradiance, stray, lens, request, result, write_its_pictures):
-    """Steps that write an irradiance and the stray light in it, if any, take a picture with the request's camera, and write what pictures show."""
+    """Steps that write an irradiance and its stray light, take a picture with the request's camera, and write what
+    pictures show."""
     report = result.report
     yield Work(_timed(report, "write irradiance", lambda _: write_irradiance(irradiance, stray, result)),
                "Writing irradiance", WRITING)

@@ -10,7 +10,8 @@ from ...engine import Report
 from ...engine.runtime.errors import InputError
 
 FRAME_FILES = {"radiance": "radiance.exr", "irradiance": "irradiance.exr", "lens_image": "lens_image.exr",
-               "stray": "stray_light.exr", "depth": "depth.exr", "before": "before.png", "after": "after.png", "record": "report.json"}
+               "stray": "stray_light.exr", "depth": "depth.exr", "before": "before.png", "after": "after.png",
+               "record": "report.json"}
 RAW_END = "raw.dng"  # of a file that only frames with a camera have, if the user wants it
 PINHOLE_FILES = "radiance", "before"
 """The FRAME_FILES that a traced lens does not write: they show the view of a pinhole."""

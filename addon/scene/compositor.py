@@ -30,10 +30,11 @@ LENS_IMAGE = re.compile(r"(.*?)(-?\d+)_lens_image\.exr")
 SWITCHED = {"Image": "lens_image", "Depth": "depth", "Stray Light": "stray_light"}
 """Outputs that show a frame's files, or else the plain render, which has no stray light."""
 PLAIN = "Image", "Depth"  # inputs: the plain render
+PICTURES = "Image", "Stray Light"  # in colour
 STILLS = {"Relative Illumination": "relative_illumination", "STMap Distort": "stmap_distort",
           "STMap Undistort": "stmap_undistort"}
-OUTPUTS = {"Image": "Color", "Alpha": "Float", "Depth": "Float", "Stray Light": "Color", "Relative Illumination": "Float",
-           "STMap Distort": "Color", "STMap Undistort": "Color"}
+OUTPUTS = {"Image": "Color", "Alpha": "Float", "Depth": "Float", "Stray Light": "Color",
+           "Relative Illumination": "Float", "STMap Distort": "Color", "STMap Undistort": "Color"}
 TAKEN_OVER = "Image", "Alpha", "Depth"
 DEPTH_IN_UNITS = "Depth in Blender Units"  # name of the node that converts a file's metres
 
@@ -546,7 +547,7 @@ def _load(group, path, scene_name):
 
 
 def _show(node, path, image_name, name):
-    node.image = show_file(node.image, path, image_name, REC709 if OUTPUTS[name] == "Color" and name in SWITCHED else "Non-Color",
+    node.image = show_file(node.image, path, image_name, REC709 if name in PICTURES else "Non-Color",
                            "SEQUENCE" if name in SWITCHED else "FILE")
 
 

@@ -353,10 +353,10 @@ def _draw_output(layout, scene):
     draw_quick_look(layout, scene)
 
 
-_PARTS = (("view", "View and Depth", _draw_view), ("stray", "Stray Light", _draw_stray), ("body", "Camera", draw_camera),
-          ("sheet", "Lens Sheet", _draw_sheet), ("wavelengths", "Wavelengths and Spectra", _draw_wavelengths),
-          ("quality", "Quality", _draw_quality), ("check", "Scene Check", draw_check),
-          ("output", "Output", _draw_output))
+_PARTS = (("view", "View and Depth", _draw_view), ("stray", "Stray Light", _draw_stray),
+          ("body", "Camera", draw_camera), ("sheet", "Lens Sheet", _draw_sheet),
+          ("wavelengths", "Wavelengths and Spectra", _draw_wavelengths), ("quality", "Quality", _draw_quality),
+          ("check", "Scene Check", draw_check), ("output", "Output", _draw_output))
 
 
 class _SettingsPanel:

@@ -243,7 +243,8 @@ class LensfieldSettings(bpy.types.PropertyGroup):
     wavelength_list: StringProperty(name="List", description="Ascending wavelengths in nm, such as 450, 550, 650",
                                     default="450, 550, 650")
     stray_parts: EnumProperty(
-        name="Parts", description="Parts of the stray light", options={"ENUM_FLAG"}, default={part.upper() for part in PARTS},
+        name="Parts", description="Parts of the stray light", options={"ENUM_FLAG"},
+        default={part.upper() for part in PARTS},
         items=[(part.upper(), *texts, 1 << number) for number, (part, texts) in enumerate(PARTS.items())])
     quality: EnumProperty(
         name="Blur", default="ACCURACY", description="Accuracy of the lens's blur",

@@ -2,8 +2,8 @@
 
 One FLOAT channel per wavelength, `S0.550,000000nm`, in addition to R, G and B for programs that do not support spectra.
 Overscan follows OpenEXR: the data window is larger than the display window. Layers of radiance are further parts of the
-file, `layer.1` onwards, from near to far. The first part is the complete pinhole picture. The stray light in an irradiance
-is a further part, `stray`, with the same channels; the first part contains it.
+file, `layer.1` onwards, from near to far. The first part is the complete pinhole picture. The stray light in an
+irradiance is a further part, `stray`, with the same channels; the first part contains it.
 """
 
 import math
@@ -93,8 +93,8 @@ def write_exr(image: SpectralImage, path: str | os.PathLike, other_planes: dict[
         parts.append((STRAY_PART, _header(stray), _spectral_planes(stray.cube, stray.wavelengths_nm, path)
                       | _rgb_planes(to_rec709(stray))))
     _write(parts, path)
-    for cube in (image.cube, *(each.cube for each in (*(layered.layers if layered else ()), *filter(None, [stray])))):
-        release_memory(cube)
+    for each in (image, *(layered.layers if layered else ()), *((stray,) if stray else ())):
+        release_memory(each.cube)
 
 
 def _spectral_planes(cube, wavelengths_nm, path):
@@ -111,7 +111,8 @@ def _layer_parts(layered, path):
     for number, layer in enumerate(layered.layers, 1):
         origin = layer.origin_px[0] - above, layer.origin_px[1] - left
         depth_m = np.where(layer.depth_mm < BACKGROUND_MM, layer.depth_mm, BACKGROUND_MM) / np.float32(M_TO_MM)
-        yield (f"{LAYER_PART}{number}", _windows(layered.grid.frame_px, origin, layer.alpha.shape, layered.grid.squeeze),
+        yield (f"{LAYER_PART}{number}",
+               _windows(layered.grid.frame_px, origin, layer.alpha.shape, layered.grid.squeeze),
                _spectral_planes(layer.cube, layered.wavelengths_nm, path) | detail_planes(layer.detail)
                | {"A": layer.alpha, "Z": depth_m})
 

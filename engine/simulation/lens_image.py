@@ -116,5 +116,5 @@ def lens_image(radiance: SpectralImage, lens: Lens, options: Options, stray: Str
 def _facts(added: StrayLight, irradiance: SpectralImage) -> StrayFacts:
     """Facts about stray light that is not in the irradiance yet."""
     light = max(float(irradiance.cube.sum(dtype=np.float64)), np.finfo(float).tiny)
-    return StrayFacts({name: sum_ / light for name, sum_ in added.sums.items()}, added.predicted, added.sources,
+    return StrayFacts({name: sum_ / light for name, sum_ in added.sums.items()}, dict(added.predicted), added.sources,
                       added.pairs, added.neglected / light, added.words)

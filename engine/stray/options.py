@@ -51,7 +51,7 @@ class StrayOptions:
     glare_index: float = setting(
         0.0, name="Glare Index (%)", kind=float, metavar="PERCENT", limits=(0.0, 50.0), soft_limits=(0.0, 10.0),
         precision=2, panel="stray", unset="the cleanliness's",
-        text="Veiling glare index as measured by ISO 18844, in percent, in place of the cleanliness's; 0 for the latter")
+        text="Veiling glare index as in ISO 18844, in percent, in place of the cleanliness's; 0 for the latter")
     neglected: float = setting(
         0.01, name="Neglected", kind=float, option="neglected-ghosts", metavar="FRACTION", limits=(1e-4, 0.5),
         precision=3, subtype="FACTOR", panel="stray", unset="0.01",

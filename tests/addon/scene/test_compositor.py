@@ -429,7 +429,8 @@ def test_operator_renders_with_the_settings(scene, tmp_path, folder):
     assert sorted(path.name for path in (tmp_path / folder).iterdir()) == [
         "Scene_0001_after.png", "Scene_0001_before.png", "Scene_0001_depth.exr", "Scene_0001_irradiance.exr",
         "Scene_0001_lens_image.exr", "Scene_0001_radiance.exr", "Scene_0001_report.json",
-        "Scene_relative_illumination.exr", "Scene_stmap_distort.exr", "Scene_stmap_undistort.exr"]
+        "Scene_0001_stray_light.exr", "Scene_relative_illumination.exr", "Scene_stmap_distort.exr",
+        "Scene_stmap_undistort.exr"]
     assert lensfield_nodes(scene)
 
 
