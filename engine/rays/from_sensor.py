@@ -12,6 +12,7 @@ import numpy as np
 from ..prescription.prescription import Prescription
 from .fields import view_of
 from .focus import build_system
+        coating_transmittance=float(coating_transmittance(system, [wavelength_nm])[0]),
 from .sensor_aim import Bins, Cells, aim_bins, aim_cells, all_semi_apertures_mm
 from .trace import traced_surfaces
 
@@ -36,6 +37,8 @@ class FromSensor:
         Index in front of a surface over the index behind it, along these rays.
     absorption_per_mm : array (surface,)
         Absorption of the medium in front of a surface, along these rays.
+    coating_transmittance : float
+        As of `transmission.coating_transmittance`, for all rays.
     entrance_pupil_mm : float
         From the last of these surfaces to the entrance pupil, away from the scene.
     aim : Bins or Cells
@@ -56,6 +59,7 @@ class FromSensor:
     semi_aperture_mm: np.ndarray
     index_ratio: np.ndarray
     absorption_per_mm: np.ndarray
+    coating_transmittance: float
     entrance_pupil_mm: float
     aim: Bins | Cells
     origin_mm: np.ndarray
@@ -131,6 +135,7 @@ def lens_from_sensor(prescription: Prescription, wavelength_nm: float, edges_mm:
         semi_aperture_mm=all_semi_apertures_mm(system)[::-1],
         index_ratio=(indices[1:] / indices[:-1])[::-1],
         absorption_per_mm=4 * np.pi * extinction / (wavelength_nm * 1e-6),
+        coating_transmittance=float(coating_transmittance(system, [wavelength_nm])[0]),
         entrance_pupil_mm=system.entrance_pupil_mm, aim=aim, origin_mm=view.origin_mm, sections=sections,
         poses=_poses(prescription, view))
 

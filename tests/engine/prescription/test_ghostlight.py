@@ -14,7 +14,7 @@ from lensfield.engine.prescription.prescription import Pose, Surface
 from lensfield.engine.prescription.readers import ReadingOptions, read_prescription
 
 FIELD = ("image_height_mm", 12.0)
-LENS = (Surface(thickness_mm=2.0, semi_aperture_mm=2.5, stop=True), Surface(50.0, 4.0, "N-BK7", 8.0),
+LENS = (Surface(thickness_mm=2.0, semi_aperture_mm=2.5, stop=True), Surface(50.0, 4.0, "N-BK7", 8.0, coating="single"),
         Surface(-50.0, 1.5, "", 8.0, -0.5, (0.0, 1e-6, -2e-9)))
 TILT = Pose((0.3, -0.2, 0.0), (2.0, 0.0, 0.0))
 
@@ -84,6 +84,14 @@ def test_other_apertures_and_unknown_names_are_reported(read):
             "tilt": 3.0, "modifiers": [{"type": "aperture", "shape": "polygon", "blades": 9}]}
 
     assert read(add).notes == "Not used from the file: tilt, polygon aperture."
+
+
+@pytest.mark.parametrize("modifier, coating, notes", [
+    ({"model": "simple", "ar_layers": 0}, "none", ""), ({"model": "simple", "ar_layers": 5}, "multi", ""),
+    ({"model": "measured", "file": "x"}, "", "Not used from the file: measured coating.")])
+def test_coatings_are_read_by_their_layers(read, modifier, coating, notes):
+    lens = read(lambda contents: rear(contents)["surfaces"][0].update(modifiers=[{"type": "coating"} | modifier]))
+    assert lens.surfaces[3].coating == coating and lens.notes == notes
 
 
 @pytest.mark.parametrize("change, message", [

@@ -115,12 +115,24 @@ def test_an_invalid_text_is_an_error_with_its_line(optbench, old, new, message):
         optbench((old, new))
 
 
+def coated(*surfaces):
+    """The surfaces with the coatings of the text."""
+    return tuple(replace(surface, coating=name) for surface, name in zip(surfaces, ("none", "single", "none"),
+                                                                         strict=True))
+
+
 def test_a_dot_lens(dot_lens):
     lens = dot_lens(field=FIELD)
-    assert lens.surfaces == (STOP, FRONT, Surface(-50.0, 47.5, "", 8.0))
+    assert lens.surfaces == coated(STOP, FRONT, Surface(-50.0, 47.5, "", 8.0))
     assert (lens.name, lens.aperture, lens.field) == ("Singlet 50mm f/10", ("f_number", 10.0), FIELD)
     assert lens.focus == "best" and "diameters" in lens.notes
     assert build_system(lens).efl_mm == pytest.approx(49.0, abs=0.1)
+
+
+@pytest.mark.parametrize("layers, coating", [("0", "none"), ("1", "single"), ("2", "multi"), ("7", "multi"), ("", "")])
+def test_the_layers_of_a_coating_in_a_dot_lens(dot_lens, layers, coating):
+    row = "64.20    16.000    "
+    assert dot_lens((f"{row}1", f"{row}{layers}"), field=FIELD).surfaces[1].coating == coating
 
 
 @pytest.mark.parametrize("name, aperture", [
@@ -155,7 +167,7 @@ def test_cylinders_and_toroids_of_a_dot_lens(tmp_path, kind, changes):
     path.write_text(changed(DOT_LENS, (LAST_ROW, LAST_ROW.rstrip() + f"  {kind}\n")))
     lens = read_file(path, ReadingOptions(FIELD)).prescription
     factor = 2 if changes else 1
-    expected = STOP, FRONT, replace(Surface(-50.0, 47.5, "", 8.0), **changes)
+    expected = coated(STOP, FRONT, replace(Surface(-50.0, 47.5, "", 8.0), **changes))
     assert lens.surfaces == tuple(replace(surface, semi_aperture_mm=factor * surface.semi_aperture_mm)
                                   for surface in expected)
     assert f"Apertures are read as {'semi-' * bool(changes)}diameters" in lens.notes
@@ -182,6 +194,7 @@ def test_an_attachment_in_a_dot_lens_is_rejected(dot_lens):
 
 @pytest.mark.parametrize("old, new, message", [
     ("  stop  ", "  0     ", "stop is 0 rows: expected one row that begins with stop"),
+    ("64.20    16.000    1", "64.20    16.000    -1", "line 12 is .*-1: expected the number of a coating's layers"),
     ("64.20    16.000    1", "64.20", "line 12 is 50.0000 4.0000 1.51680 64.20: expected radius or stop"),
     ("1.51680", "glass", "line 12 is 50.0000 4.0000 glass .*: expected a number as word 3")])
 def test_an_invalid_dot_lens_is_an_error_with_its_line(dot_lens, old, new, message):

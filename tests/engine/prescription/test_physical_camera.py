@@ -27,7 +27,7 @@ def test_a_lens(read):
     lens = read(field=FIELD)
     assert lens.surfaces == SURFACES
     assert (lens.name, lens.aperture, lens.field, lens.focus) == ("singlet", ("f_number", 9.8), FIELD, "best")
-    assert lens.focused_at_mm == (np.inf, 500.0) and lens.focal_length_mm == 49.0
+    assert lens.focused_at_mm == (np.inf, 500.0) and lens.focal_length_mm == 49.0 and lens.coating == "single"
     assert "US 1,234,567" in lens.source and lens.notes == ""
 
 
