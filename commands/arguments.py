@@ -25,7 +25,8 @@ LENSES = "a bundled lens, a lens package, or a prescription"
 NO_CAMERA = "none"
 TIME_LIMIT_S = 3600.0
 WITHOUT_CAMERA = {"focus": "the prescription's, usually infinity", "f_number": "the widest",
-                  "tilt_deg": "0,0", "copy": "0", "copy_grade": "vintage", "coating": "lens", "lens_quality": "standard"}
+                  "tilt_deg": "0,0", "copy": "0", "copy_grade": "vintage", "coating": "lens",
+                  "lens_quality": "standard"}
 """Default rings in commands without a scene, as text."""
 MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 
@@ -95,7 +96,8 @@ def add_lens_settings(command, camera=False):
 
 
 def add_rings(command, camera=False, fields=RING_FIELDS):
-    """Add options for focus, f-stop, tilt, copy, coating and lens quality; with `camera`, the scene sets the defaults."""
+    """Add options for focus, f-stop, tilt, copy, coating and lens quality; with `camera`, the scene sets the
+    defaults."""
     group = command.add_argument_group("rings", "for lenses with a prescription; the lens is baked and cached "
                                                 "(lensfield lens cache)")
     add_settings(group, RenderRequest, [*fields, "lens_quality"], None if camera else WITHOUT_CAMERA)

@@ -22,9 +22,9 @@ def lens_info(lens: Lens) -> dict:
     Returns
     -------
     dict of numbers, lists and strings, ready for JSON. An infinite object distance and an unknown enclosed energy are
-    None. `transmittance` is the T of Eq. 2 in eye-weighted white light, and `t_number_effective` the T-stop: the effective
-    f-number over its root. `coatings` names those of the surfaces between glass and air, each once; None if they are
-    unknown.
+    None. `transmittance` is the T of Eq. 2 in eye-weighted white light, and `t_number_effective` the T-stop: the
+    effective f-number over its root. `coatings` names those of the surfaces between glass and air, each once; None if
+    they are unknown.
 
     For a rotationally symmetric lens, `heights` contains, for each field height at the reference wavelength: height_mm
     (paraxial), real_height_mm, distortion_percent, relative_illumination (of pictures, with the light that PSFs move),

@@ -14,7 +14,8 @@ from .glasses import LARGEST_INDEX, Glass
 APERTURES = ("stop", "entrance_pupil_diameter_mm", "f_number", "working_f_number", "object_na")
 FIELDS = ("angle_deg", "image_height_mm", "object_height_mm")
 FOCUSES = ("as given", "paraxial", "best", "field")
-PARTS = ("figures", "surfaces", "aspheres", "glasses", "stop", "apertures", "coatings")  # "figures": all that are not listed
+PARTS = ("figures", "surfaces", "aspheres", "glasses", "stop", "apertures", "coatings")
+"""Parts of a design; "figures" are all that are not listed."""
 ORIGINS = ("patent", "published", "estimated", "guessed")
 HIGHEST_F_NUMBER = 22.0  # default of the aperture ring
 CLOSEST_FOCUS = 10  # default of the focus ring, in focal lengths

@@ -118,7 +118,8 @@ class System(FirstOrder):
         if unknown.size:
             surface, wavelength, _ = unknown[0]
             raise LensError(self.prescription.name, f"surface {surface + 1}, coating", self.coatings[surface].name,
-                            f"not known at {nm[wavelength]:g} nm: give other wavelengths, or another coating (--coating)")
+                            f"not known at {nm[wavelength]:g} nm: give other wavelengths, or another coating "
+                            "(--coating)")
         return shares
 
     def glass_transmittance(self, wavelengths_nm: Sequence[float] | np.ndarray) -> np.ndarray:

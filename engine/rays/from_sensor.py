@@ -12,9 +12,9 @@ import numpy as np
 from ..prescription.prescription import Prescription
 from .fields import view_of
 from .focus import build_system
-        coating_transmittance=float(coating_transmittance(system, [wavelength_nm])[0]),
 from .sensor_aim import Bins, Cells, aim_bins, aim_cells, all_semi_apertures_mm
 from .trace import traced_surfaces
+from .transmission import coating_transmittance
 
 TURNED = np.diag([1.0, 1.0, -1.0, 1.0])  # from z along the light to z towards the scene
 

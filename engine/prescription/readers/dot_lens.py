@@ -1,9 +1,10 @@
 """.lens: a name, a focal length, and rows of radius, thickness, index, Abbe number, aperture and coating.
 
 The column `semi_ap` contains diameters in all known files of spheres, which a program converted, and is halved. The
-authors of the files dropped the designs' aspheric terms. The column `coating` is a number of layers. Newer files have a seventh column, the type of the surface: a
-cylinder is named after its axis, so that `cyl_y` is curved along x. A toroid's radius along x is first, and its
-profile's, along y, in an eighth column. Files with these are written by hand, with semi-diameters.
+authors of the files dropped the designs' aspheric terms. The column `coating` is a number of layers. Newer files have
+a seventh column, the type of the surface: a cylinder is named after its axis, so that `cyl_y` is curved along x. A
+toroid's radius along x is first, and its profile's, along y, in an eighth column. Files with these are written by hand,
+with semi-diameters.
 """
 
 import json
