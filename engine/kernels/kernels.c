@@ -11,6 +11,8 @@ typedef struct {
     lf_waves_loop *waves;
     lf_trace_loop *trace;
     lf_aim_loop *aim;
+    lf_ghost_rays_loop *ghost_rays;
+    lf_ghost_light_loop *ghost_light;
     lf_fit_loop *fit;
     lf_spots_loop *spots;
     lf_cast_loop *cast;
@@ -27,6 +29,8 @@ typedef struct {
     lf_waves_loop lf_waves_##v; \
     lf_trace_loop lf_trace_##v; \
     lf_aim_loop lf_aim_##v; \
+    lf_ghost_rays_loop lf_ghost_rays_##v; \
+    lf_ghost_light_loop lf_ghost_light_##v; \
     lf_fit_loop lf_fit_##v; \
     lf_spots_loop lf_spots_##v; \
     lf_cast_loop lf_cast_##v; \
@@ -34,7 +38,7 @@ typedef struct {
     lf_read_loop lf_read_##v;
 #define LISTED(v) \
     {#v, lf_spread_##v, lf_extremes_##v, lf_excess_##v, lf_footprints_##v, lf_turn_##v, lf_waves_##v, lf_trace_##v, \
-     lf_aim_##v, lf_fit_##v, lf_spots_##v, lf_cast_##v, lf_collect_##v, lf_read_##v}
+     lf_aim_##v, lf_ghost_rays_##v, lf_ghost_light_##v, lf_fit_##v, lf_spots_##v, lf_cast_##v, lf_collect_##v, lf_read_##v}
 
 #if defined(__x86_64__)
 DECLARED(base) DECLARED(avx2) DECLARED(avx512)
@@ -243,6 +247,38 @@ int lf_aim(int variant, const lf_system *s, const lf_targets *t, double *out)
         || !within(t->rays, 0, MOST_PX) || !within(t->kind, LF_ANGLE, LF_IMAGE_HEIGHT))
         return LF_BAD_SIZE;
     return variants[variant].aim(s, t, out);
+}
+
+int lf_ghost_rays(int variant, const lf_system *s, const lf_beam *b, double *out)
+{
+    if (!within(variant, 0, VARIANTS - 1) || !is_system(s) || !within(b->steps, 1, MOST_PX) || !within(b->pairs, 0, MOST_PX)
+        || !within(b->rows, 2, 1 << 10) || !within(b->columns, 2, 1 << 10) || !(b->steps_per_unit >= 0 && b->steps_per_unit < 1e300))
+        return LF_BAD_SIZE;
+    for (int64_t pair = 0; pair < b->pairs; pair++) {
+        const int64_t near = b->surfaces[2 * pair], far = b->surfaces[2 * pair + 1];
+        if (far >= 0 && (!within(far, 0, s->surfaces - 1) || !within(near, 0, far - 1))) return LF_BAD_SIZE;
+    }
+    return variants[variant].ghost_rays(s, b, out);
+}
+
+int64_t lf_ghost_work(int64_t rows, int64_t columns)
+{
+    if (!within(rows, 2, 1 << 10) || !within(columns, 2, 1 << 11)) return 0;
+    return 8 * rows * columns; /* corners of ghosts.c */
+}
+
+int lf_ghost_light(int variant, const lf_meshes *m, const lf_picture *levels, int64_t count, double *light, double *work)
+{
+    if (!within(variant, 0, VARIANTS - 1) || !within(m->pairs, 0, MOST_PX) || !within(m->blades, 0, 1 << 10)
+        || !within(m->rows, 2, 1 << 10) || !within(m->columns, 2, 1 << 10) || !within(count, 1, 64))
+        return LF_BAD_SIZE;
+    for (int64_t n = 0; n < count; n++)
+        if (!fits(levels + n) || levels[n].planes != 1 || !within(levels[n].rows, 2, MOST_PX)
+            || !within(levels[n].row_step, levels[n].columns + 8, MOST_PX * 2))
+            return LF_BAD_SIZE;
+    for (int64_t pair = 0; pair < m->pairs; pair++)
+        if (!within(m->crossings[pair], 0, LF_CROSSINGS)) return LF_BAD_SIZE;
+    return variants[variant].ghost_light(m, levels, count, light, work);
 }
 
 int64_t lf_fit_work(int64_t places, int64_t degree, int64_t step)

@@ -1,0 +1,447 @@
+/* Ghosts: rays that two surfaces reflect, over a grid across the light that enters a lens; and their light on the sensor,
+   with each cell of the grid as two triangles. See engine/stray/ghosts.py. Lengths are in mm, of pictures in pixels. */
+#include "surfaces.h"
+
+typedef int32_t eight_ints __attribute__((vector_size(32), aligned(4), may_alias));
+
+/* rays */
+
+typedef struct {
+    ray ray;
+    eight_doubles light, limit; /* the part of the light that is left; the largest square of height over semi-aperture */
+    eight_doubles stop_x[LF_CROSSINGS], stop_y[LF_CROSSINGS];
+    int crossings;
+} passage;
+
+/* The reflectance of a surface for light with this (n sin)^2, by linear interpolation. */
+INLINE eight_doubles reflectance(const lf_beam *b, int64_t n, eight_doubles square)
+{
+    const double *table = b->reflectances + n * (b->steps + 1), last = (double)b->steps;
+    for (int k = 0; k < 8; k++) {
+        const double place = square[k] * b->steps_per_unit;
+        const double there = place > 0 ? place < last ? place : last : 0; /* NaN: 0 */
+        const int64_t step = there < last ? (int64_t)there : b->steps - 1;
+        square[k] = table[step] + (there - (double)step) * (table[step + 1] - table[step]);
+    }
+    return square;
+}
+
+/* To a surface, and reflected or refracted there; `heading` is the sign of the direction behind it. */
+static void meet(const lf_system *s, const lf_beam *b, int64_t n, int reflecting, double heading, double before,
+                 double behind, passage *p)
+{
+    ray *r = &p->ray;
+    enter(s, n, r);
+    r->position = moved(r->position, distance_to(s, n, r), r->direction);
+    const triple at = r->position;
+    const double per_mm = b->per_semi_aperture[n];
+    if (n == s->stop) {
+        const int k = p->crossings < LF_CROSSINGS ? p->crossings++ : LF_CROSSINGS - 1;
+        p->stop_x[k] = at.x * per_mm, p->stop_y[k] = at.y * per_mm;
+    } else {
+        const eight_doubles limit = (at.x * at.x + at.y * at.y) * (per_mm * per_mm);
+        p->limit = chosen(limit > p->limit, limit, p->limit);
+    }
+    const triple normal = normal_at(s, n, at);
+    const eight_doubles cosine = product(r->direction, normal);
+    const eight_doubles share = reflectance(b, n, (before * before) * (1 - cosine * cosine));
+    if (reflecting) {
+        r->direction = moved(r->direction, -2 * cosine, normal);
+        p->light *= share;
+    } else {
+        r->direction = refracted(r->direction, normal, cosine, before / behind);
+        p->light *= 1 - share;
+    }
+    leave(s, n, r);
+    p->light = chosen(r->direction.z * heading > 0, p->light, even(__builtin_nan("")));
+}
+
+/* On through the surfaces from `first` up to `end`, from a place relative to `first`. */
+static void onwards(const lf_system *s, const lf_beam *b, int64_t first, int64_t end, passage *p)
+{
+    for (int64_t n = first; n < end; n++) {
+        meet(s, b, n, 0, 1, s->indices[n], s->indices[n + 1], p);
+        p->ray.position.z -= shape_of(s, n)[2];
+    }
+}
+
+/* To the image plane, from a place relative to the first vertex; reflected at `far`, and then at `near`, unless `far` is
+   below 0. */
+static APART void through(const lf_system *s, const lf_beam *b, int64_t near, int64_t far, passage *p)
+{
+    int64_t next = 0;
+    if (far >= 0) {
+        onwards(s, b, 0, far, p);
+        meet(s, b, far, 1, -1, s->indices[far], s->indices[far], p);
+        for (int64_t n = far - 1; n >= near; n--) {
+            p->ray.position.z += shape_of(s, n)[2];
+            const int last = n == near;
+            meet(s, b, n, last, last ? 1 : -1, s->indices[n + 1], s->indices[last ? n + 1 : n], p);
+        }
+        p->ray.position.z -= shape_of(s, near)[2];
+        next = near + 1;
+    }
+    onwards(s, b, next, s->surfaces, p);
+    ray *r = &p->ray;
+    enter(s, s->surfaces, r);
+    r->position = moved(r->position, -r->position.z / r->direction.z, r->direction);
+}
+
+/* Starts rays at places of the beam's cross section through the first vertex. */
+static APART void started(const lf_beam *b, eight_doubles across, eight_doubles up, passage *p)
+{
+    ray *r = &p->ray;
+    r->position = (triple){across * b->across[0] + up * b->up[0], across * b->across[1] + up * b->up[1],
+                           across * b->across[2] + up * b->up[2]};
+    r->direction = (triple){even(b->along[0]), even(b->along[1]), even(b->along[2])};
+    p->light = even(1), p->limit = even(0), p->crossings = 0;
+    for (int k = 0; k < LF_CROSSINGS; k++) p->stop_x[k] = p->stop_y[k] = even(0);
+    if (!b->finite) return;
+    const triple from = {r->position.x - b->source[0], r->position.y - b->source[1], r->position.z - b->source[2]};
+    const eight_doubles square = product(from, from), length = root(square);
+    p->light = b->distance * b->distance / square * (product(from, r->direction) / length);
+    r->direction = (triple){from.x / length, from.y / length, from.z / length};
+}
+
+lf_ghost_rays_loop OF_VARIANT(lf_ghost_rays);
+int OF_VARIANT(lf_ghost_rays)(const lf_system *s, const lf_beam *b, double *out)
+{
+    const int64_t rays = b->rows * b->columns;
+    for (int64_t pair = 0; pair < b->pairs; pair++) {
+        const double *box = b->boxes + 4 * pair;
+        for (int64_t first = 0; first < rays; first += 8) {
+            const int64_t count = rays - first;
+            eight_doubles across, up;
+            for (int k = 0; k < 8; k++) {
+                const int64_t n = k < count ? first + k : rays - 1;
+                across[k] = box[0] + (double)(n % b->columns) * box[1], up[k] = box[2] + (double)(n / b->columns) * box[3];
+            }
+            passage p;
+            started(b, across, up, &p);
+            through(s, b, b->surfaces[2 * pair], b->surfaces[2 * pair + 1], &p);
+            double *to = out + pair * LF_GHOST_QUANTITIES * rays + first;
+            stored(to, count, p.ray.position.x), stored(to + rays, count, p.ray.position.y);
+            stored(to + 2 * rays, count, p.light), stored(to + 3 * rays, count, p.limit);
+            for (int k = 0; k < LF_CROSSINGS; k++) {
+                const int last = k < p.crossings ? k : p.crossings ? p.crossings - 1 : 0;
+                stored(to + (4 + 2 * k) * rays, count, p.stop_x[last]), stored(to + (5 + 2 * k) * rays, count, p.stop_y[last]);
+            }
+        }
+    }
+    return 0;
+}
+
+/* light */
+
+#define FARTHEST_PX 1e6
+#define LEAST_PX2 1e-12 /* added to areas: rays that meet in a point */
+#define MOST_POINTS 2048
+#define DIAGONAL 1.4 /* of a cell, over its side */
+#define QUANTITIES (2 + 2 * LF_CROSSINGS) /* light, limit, and positions in the stop */
+
+typedef struct {
+    double x, y; /* in pixels of the first level */
+    float values[QUANTITIES];
+    double light, area; /* of the triangles around it */
+} corner;
+
+typedef struct { /* a triangle at one level */
+    double x[3], y[3], twice_area, longest;
+    const float *values[3];
+    float per_limit, per_stop[LF_CROSSINGS]; /* one over the change across a pixel, or between points */
+    int cut; /* whether anything may block its light */
+} triangle;
+
+typedef struct { const lf_meshes *mesh; const lf_picture *out; int crossings; float part; double scale, sum; } canvas;
+
+INLINE double larger(double a, double b) { return a > b ? a : b; }
+INLINE double smaller(double a, double b) { return a < b ? a : b; }
+INLINE double magnitude(double a) { return a < 0 ? -a : a; }
+INLINE eight_floats fewer(eight_floats a, eight_floats b)
+{
+    const eight_ints mask = a < b;
+    return (eight_floats)(((eight_ints)a & mask) | ((eight_ints)b & ~mask));
+}
+INLINE eight_floats more(eight_floats a, eight_floats b) { return -fewer(-a, -b); }
+INLINE eight_floats all(float value) { return (eight_floats){0} + value; }
+/* The first integer that is not below a number. */
+INLINE int64_t up_to(double a)
+{
+    const int64_t whole = (int64_t)a;
+    return whole + ((double)whole < a);
+}
+
+/* Distance from the edge of the opening, in semi-apertures; negative outside. */
+INLINE eight_floats inside(const lf_meshes *m, eight_floats x, eight_floats y)
+{
+    const eight_floats square = x * x + y * y, bent = m->blade_margin - m->blade_bend * square;
+    eight_floats margin = (m->reach * m->reach - square) * (0.5f / m->reach);
+    for (int64_t k = 0; k < m->blades; k++)
+        margin = fewer(margin, bent - m->blade_slope * (x * m->normals[2 * k] + y * m->normals[2 * k + 1]));
+    return margin;
+}
+
+/* The part of the light that nothing blocks. */
+INLINE eight_floats open_part(const canvas *c, const triangle *t, const eight_floats *values)
+{
+    eight_floats distance = (1 - values[1]) * t->per_limit;
+    for (int k = 0; k < c->crossings; k++)
+        distance = fewer(distance, inside(c->mesh, values[2 + 2 * k], values[3 + 2 * k]) * t->per_stop[k]);
+    return fewer(more(distance + 0.5f, all(0)), all(1));
+}
+
+/* Adds one value, shared by the four pixels around a place. */
+INLINE void add_point(canvas *c, double x, double y, float light)
+{
+    const lf_picture *out = c->out;
+    if (!(x >= 0 && y >= 0 && x < (double)(out->columns - 1) && y < (double)(out->rows - 1))) return;
+    const int64_t column = (int64_t)x, row = (int64_t)y;
+    const float right = (float)(x - (double)column), down = (float)(y - (double)row);
+    float *to = out->values + row * out->row_step + column, *below = to + out->row_step;
+    to[0] += light * (1 - right) * (1 - down), to[1] += light * right * (1 - down);
+    below[0] += light * (1 - right) * down, below[1] += light * right * down;
+    c->sum += light;
+}
+
+/* The weights of the corners in the middle of a narrow triangle at places along its longest side, from corner 0 to 1;
+   and its relative height there. */
+INLINE void across(eight_floats place, float foot, eight_floats *weights, eight_floats *height)
+{
+    const eight_floats rising = place / (float)larger(foot, 1e-6), falling = (1 - place) / (float)larger(1 - foot, 1e-6);
+    *height = fewer(rising, falling);
+    const eight_floats third = fewer(*height, all(1)) * 0.5f;
+    const eight_floats shift = third * foot;
+    weights[2] = third, weights[1] = place - shift, weights[0] = 1 - weights[1] - third;
+}
+
+/* A triangle narrower than a pixel, as points along its longest side, which is from corner 0 to 1. */
+static APART void draw_points(canvas *c, const triangle *t)
+{
+    const int64_t count = t->longest < MOST_POINTS - 1 ? 1 + (int64_t)t->longest : MOST_POINTS;
+    const double side_x = t->x[1] - t->x[0], side_y = t->y[1] - t->y[0];
+    const double along = (t->x[2] - t->x[0]) * side_x + (t->y[2] - t->y[0]) * side_y;
+    const float foot = (float)smaller(larger(along / larger(side_x * side_x + side_y * side_y, 1e-30), 0), 1);
+    const double light = magnitude(t->twice_area) / 2 + LEAST_PX2 * c->scale * c->scale;
+    eight_floats weights[3], height;
+    double heights = 0;
+    for (int64_t n = 0; n < count; n++) across(all(((float)n + 0.5f) / (float)count), foot, weights, &height), heights += height[0];
+    for (int64_t first = 0; first < count; first += 8) {
+        eight_floats place, values[QUANTITIES];
+        for (int k = 0; k < 8; k++) place[k] = ((float)(first + k) + 0.5f) / (float)count;
+        across(place, foot, weights, &height);
+        for (int q = 0; q < 2 + 2 * c->crossings; q++)
+            values[q] = t->values[0][q] * weights[0] + t->values[1][q] * weights[1] + t->values[2][q] * weights[2];
+        eight_floats value = values[0] * height * (c->part * (float)(light / heights));
+        if (t->cut) value *= open_part(c, t, values);
+        for (int k = 0; k < 8 && first + k < count; k++)
+            add_point(c, t->x[0] * weights[0][k] + t->x[1] * weights[1][k] + t->x[2] * weights[2][k],
+                      t->y[0] * weights[0][k] + t->y[1] * weights[1][k] + t->y[2] * weights[2][k], value[k]);
+    }
+}
+
+/* The columns of a row whose middles are in the triangle: from the first up to the end. Triangles with a common side
+   share it without gaps or overlap, because its columns come from the same operations. */
+INLINE void columns_of(const triangle *t, double row, int64_t columns, int64_t *first, int64_t *end)
+{
+    double left = 1e300, right = -1e300;
+    for (int k = 0; k < 3; k++) {
+        const int next = k == 2 ? 0 : k + 1;
+        const int a = t->y[k] < t->y[next] ? k : next, b = a == k ? next : k;
+        if (!(t->y[a] <= row && row < t->y[b])) continue;
+        const double x = t->x[a] + (row - t->y[a]) * ((t->x[b] - t->x[a]) / (t->y[b] - t->y[a]));
+        left = smaller(left, x), right = larger(right, x);
+    }
+    *first = up_to(smaller(larger(left, 0), (double)columns)), *end = up_to(smaller(larger(right, 0), (double)columns));
+}
+
+static APART void draw_pixels(canvas *c, triangle *t)
+{
+    float by_x[QUANTITIES], by_y[QUANTITIES];
+    const int count = 2 + 2 * c->crossings;
+    const double x1 = t->x[1] - t->x[0], y1 = t->y[1] - t->y[0], x2 = t->x[2] - t->x[0], y2 = t->y[2] - t->y[0];
+    for (int q = 0; q < count; q++) {
+        const double rise1 = t->values[1][q] - t->values[0][q], rise2 = t->values[2][q] - t->values[0][q];
+        by_x[q] = (float)((rise1 * y2 - rise2 * y1) / t->twice_area);
+        by_y[q] = (float)((rise2 * x1 - rise1 * x2) / t->twice_area);
+    }
+    const lf_picture *out = c->out;
+    const double top = smaller(smaller(t->y[0], t->y[1]), t->y[2]), bottom = larger(larger(t->y[0], t->y[1]), t->y[2]);
+    const int64_t end_row = up_to(smaller(larger(bottom, 0), (double)out->rows));
+    const eight_floats lanes = {0, 1, 2, 3, 4, 5, 6, 7};
+    eight_floats sum = all(0);
+    for (int64_t row = up_to(larger(top, 0)); row < end_row; row++) {
+        int64_t first, end;
+        columns_of(t, (double)row, out->columns, &first, &end);
+        const float down = (float)((double)row - t->y[0]);
+        for (; first < end; first += 8) {
+            const eight_floats right = lanes + (float)((double)first - t->x[0]);
+            eight_floats values[QUANTITIES];
+            for (int q = 0; q < count; q++) values[q] = t->values[0][q] + by_y[q] * down + right * by_x[q];
+            eight_floats value = values[0] * c->part;
+            if (t->cut) value *= open_part(c, t, values);
+            value = (eight_floats)((eight_ints)value & (lanes < (float)(end - first)));
+            *(eight_floats *)(out->values + row * out->row_step + first) += value;
+            sum += value;
+        }
+    }
+    for (int k = 0; k < 8; k++) c->sum += sum[k];
+}
+
+INLINE float change_of(const triangle *t, int q)
+{
+    const float a = t->values[0][q], b = t->values[1][q], c = t->values[2][q];
+    return (float)(larger(larger(a, b), c) - smaller(smaller(a, b), c));
+}
+
+/* Sets the changes across a pixel, and whether anything may block the light; returns 0 if all of it is blocked. */
+static int is_lit(const canvas *c, triangle *t)
+{
+    float lowest = 1e30f, highest = -1e30f;
+    const double scale = DIAGONAL / larger(t->longest, 1);
+    for (int k = 0; k < c->crossings; k++) {
+        const float x = change_of(t, 2 + 2 * k), y = change_of(t, 3 + 2 * k);
+        t->per_stop[k] = (float)(1 / larger(scale * (double)larger(x, y), 1e-9));
+    }
+    t->per_limit = (float)(1 / larger(scale * change_of(t, 1), 1e-9));
+    for (int n = 0; n < 3; n++) {
+        const float *v = t->values[n];
+        float distance = (1 - v[1]) * t->per_limit;
+        highest = (float)larger(highest, distance), lowest = (float)smaller(lowest, distance);
+    }
+    if (highest <= -0.5f) return 0;
+    t->cut = lowest < 0.5f;
+    for (int k = 0; k < c->crossings; k++) {
+        eight_floats x = all(0), y = all(0);
+        for (int n = 0; n < 3; n++) x[n] = t->values[n][2 + 2 * k], y[n] = t->values[n][3 + 2 * k];
+        const eight_floats distance = inside(c->mesh, x, y) * t->per_stop[k];
+        const float closest = (float)larger(larger(distance[0], distance[1]), distance[2]);
+        if (closest < -2.5 * larger(t->longest, 1)) return 0;
+        t->cut |= smaller(smaller(distance[0], distance[1]), distance[2]) < 0.5;
+    }
+    return 1;
+}
+
+static void draw(canvas *c, const corner *const *at)
+{
+    const double scale = c->scale;
+    triangle t;
+    double sides[3];
+    for (int k = 0; k < 3; k++) {
+        const corner *a = at[(k + 1) % 3], *b = at[(k + 2) % 3];
+        sides[k] = (a->x - b->x) * (a->x - b->x) + (a->y - b->y) * (a->y - b->y);
+    }
+    const int apex = sides[0] > sides[1] ? (sides[0] > sides[2] ? 0 : 2) : (sides[1] > sides[2] ? 1 : 2);
+    for (int k = 0; k < 3; k++) { /* the last corner is opposite to the longest side */
+        const corner *a = at[(apex + 1 + k) % 3];
+        t.x[k] = (a->x + 0.5) * scale - 0.5 + LF_GHOST_RIM, t.y[k] = (a->y + 0.5) * scale - 0.5 + LF_GHOST_RIM;
+        t.values[k] = a->values;
+    }
+    const double columns = (double)c->out->columns, rows = (double)c->out->rows;
+    if (!(smaller(smaller(t.x[0], t.x[1]), t.x[2]) < columns && larger(larger(t.x[0], t.x[1]), t.x[2]) >= 0
+          && smaller(smaller(t.y[0], t.y[1]), t.y[2]) < rows && larger(larger(t.y[0], t.y[1]), t.y[2]) >= 0))
+        return;
+    t.twice_area = (t.x[1] - t.x[0]) * (t.y[2] - t.y[0]) - (t.x[2] - t.x[0]) * (t.y[1] - t.y[0]);
+    t.longest = __builtin_sqrt(sides[apex]) * scale;
+    if (!is_lit(c, &t)) return;
+    if (magnitude(t.twice_area) < t.longest) draw_points(c, &t);
+    else draw_pixels(c, &t);
+}
+
+/* The corners of a mesh, of which half may be given, turned about the axis. */
+static APART void laid_out(const lf_meshes *m, int64_t pair, int64_t columns, corner *corners)
+{
+    const int64_t plane = m->rows * m->columns, middle = columns - m->columns;
+    for (int64_t n = 0; n < m->rows * columns; n++) {
+        const int64_t column = n % columns - middle, left = column < 0;
+        const double *in = m->rays + pair * LF_GHOST_QUANTITIES * plane + n / columns * m->columns + (left ? -column : column);
+        corner *to = corners + n;
+        const double x = left ? -in[0] : in[0], y = in[plane];
+        to->x = m->centre_column + (x * m->cosine - y * m->sine) * m->px_per_mm;
+        to->y = m->centre_row - (x * m->sine + y * m->cosine) * m->px_per_mm;
+        to->values[0] = (float)in[2 * plane], to->values[1] = (float)in[3 * plane];
+        for (int k = 0; k < LF_CROSSINGS; k++) {
+            const double stop_x = (left ? -1 : 1) * in[(4 + 2 * k) * plane], stop_y = in[(5 + 2 * k) * plane];
+            to->values[2 + 2 * k] = (float)(stop_x * m->cosine - stop_y * m->sine);
+            to->values[3 + 2 * k] = (float)(stop_x * m->sine + stop_y * m->cosine);
+        }
+        to->light = to->area = 0;
+        if (!(magnitude(to->x) < FARTHEST_PX && magnitude(to->y) < FARTHEST_PX && in[2 * plane] >= 0)) to->values[0] = -1;
+    }
+}
+
+/* The corners of one of the two triangles of a cell; returns whether rays reach all of them. The diagonals are mirror
+   images on both sides of the middle. */
+INLINE int is_triangle(const corner *corners, int64_t columns, int64_t row, int64_t column, int second, const corner **at)
+{
+    const corner *a = corners + row * columns + column, *b = a + 1, *c = a + columns, *d = c + 1;
+    const int left = 2 * column < columns - 1;
+    at[0] = left ? (second ? d : a) : (second ? c : b);
+    at[1] = left ? b : a, at[2] = left ? c : d;
+    return at[0]->values[0] >= 0 && at[1]->values[0] >= 0 && at[2]->values[0] >= 0;
+}
+
+/* Turns the light of rays into irradiance, and returns the area on the sensor that is lit, in pixels. The irradiance at a
+   corner is the light of the triangles around it over their area: it stays finite where the mesh folds, and the
+   triangles together have their light. */
+static APART double irradiated(const lf_meshes *m, int64_t pair, const lf_picture *out, int64_t columns, corner *corners)
+{
+    const double limit = (double)m->reach * m->reach;
+    const double width = (double)(out->columns - 2 * LF_GHOST_RIM), height = (double)(out->rows - 2 * LF_GHOST_RIM);
+    const corner *at[3];
+    double lit = 0;
+    for (int64_t row = 0; row + 1 < m->rows; row++)
+        for (int64_t column = 0; column + 1 < columns; column++)
+            for (int second = 0; second < 2; second++) {
+                if (!is_triangle(corners, columns, row, column, second, at)) continue;
+                const double light = (at[0]->values[0] + at[1]->values[0] + at[2]->values[0]) / 6.0 * m->cells[pair];
+                const double area = magnitude((at[1]->x - at[0]->x) * (at[2]->y - at[0]->y)
+                                              - (at[2]->x - at[0]->x) * (at[1]->y - at[0]->y)) / 2 + LEAST_PX2;
+                int open = 0;
+                for (int k = 0; k < 3; k++) {
+                    corner *each = (corner *)at[k];
+                    each->light += light, each->area += area;
+                    const float *v = each->values;
+                    open |= v[1] < 1 && v[2] * v[2] + v[3] * v[3] < limit && each->x > 0 && each->x < width && each->y > 0
+                            && each->y < height;
+                }
+                lit += open ? area : 0;
+            }
+    const double per_px2 = m->irradiance * m->px_per_mm * m->px_per_mm;
+    for (int64_t n = 0; n < m->rows * columns; n++)
+        if (corners[n].area > 0) corners[n].values[0] = (float)(corners[n].light / corners[n].area * per_px2);
+    return lit;
+}
+
+static void draw_mesh(canvas *c, int64_t columns, const corner *corners)
+{
+    const corner *at[3];
+    for (int64_t row = 0; row + 1 < c->mesh->rows; row++)
+        for (int64_t column = 0; column + 1 < columns; column++)
+            for (int second = 0; second < 2; second++)
+                if (is_triangle(corners, columns, row, column, second, at)) draw(c, at);
+}
+
+lf_ghost_light_loop OF_VARIANT(lf_ghost_light);
+/* Each mesh is shared by two levels, so that pictures of moving lamps are continuous. */
+int OF_VARIANT(lf_ghost_light)(const lf_meshes *m, const lf_picture *levels, int64_t count, double *light, double *work)
+{
+    corner *corners = (corner *)work;
+    const int64_t columns = m->mirrored ? 2 * m->columns - 1 : m->columns;
+    for (int64_t pair = 0; pair < m->pairs; pair++) {
+        laid_out(m, pair, columns, corners);
+        const double area = irradiated(m, pair, levels, columns, corners);
+        double over = larger(area / m->pixels[pair], m->blur[pair]), scale = 1;
+        int64_t level = 0;
+        for (; over >= 4 && level + 1 < count; level++) over /= 4, scale /= 2;
+        const float coarser = level + 1 < count && over > 1 ? (float)((over - 1) / 3) : 0;
+        light[pair] = 0;
+        for (int k = 0; k < 2; k++) {
+            const float part = k ? coarser : 1 - coarser;
+            if (!(part > 0)) continue;
+            canvas c = {m, levels + level + k, (int)m->crossings[pair], part, scale / (1 + k), 0};
+            draw_mesh(&c, columns, corners);
+            light[pair] += c.sum / (c.scale * c.scale * m->px_per_mm * m->px_per_mm);
+        }
+    }
+    return 0;
+}

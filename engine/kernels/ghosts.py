@@ -1,0 +1,191 @@
+"""Rays that two surfaces of a lens reflect, and their light on the sensor."""
+
+from collections.abc import Sequence
+from ctypes import byref
+from dataclasses import dataclass
+
+import numpy as np
+
+from .arrays import address, picture
+from .declarations import NUMBERS, STRUCTURES
+from .library import check, chosen
+from .tracing import TracedSurfaces
+
+BEAM, MESHES, PICTURE = (STRUCTURES[name] for name in ("beam", "meshes", "picture"))
+QUANTITIES, CROSSINGS, RIM = NUMBERS["GHOST_QUANTITIES"], NUMBERS["CROSSINGS"], NUMBERS["GHOST_RIM"]
+SLACK = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Beam:
+    """Light in front of a lens, from a point.
+
+    Attributes
+    ----------
+    axes : array (3, 3)
+        Axes across and up its cross section through the first vertex, and its direction there: one in each row.
+    source_mm : array (3,)
+        Place of the point, from the first vertex; ignored at infinity.
+    distance_mm : float
+        Of the point from the viewpoint, for which its irradiance is given; inf for infinity.
+    """
+
+    axes: np.ndarray
+    source_mm: np.ndarray
+    distance_mm: float
+
+
+@dataclass(frozen=True, eq=False)
+class Coated:
+    """What the surfaces of a lens do to light at one wavelength.
+
+    Attributes
+    ----------
+    indices : array (surface + 1,)
+        Refractive indices.
+    reflectances : array (surface, step)
+        At even steps of (n sin(angle))^2 from 0.
+    steps_per_unit : float
+    """
+
+    indices: np.ndarray
+    reflectances: np.ndarray
+    steps_per_unit: float
+
+
+@dataclass(frozen=True, eq=False)
+class Blades:
+    """The opening of the stop, in its semi-apertures: `shape` and `reach` as of `Opening`, and the blades' normals
+    (blade, 2), float32."""
+
+    normals: np.ndarray
+    shape: tuple[float, float, float]
+    reach: float
+
+
+@dataclass(frozen=True, eq=False)
+class Meshes:
+    """Rays of several ghosts of one source, from `ghost_rays`.
+
+    Attributes
+    ----------
+    rays : array (pair, quantity, row, column)
+    crossings : int64 array (pair,)
+        How often the light crosses the stop.
+    cells_mm2 : array (pair,)
+        Cross section of the light in a cell.
+    pixels : array (pair,)
+        Number of pixels to spend on each ghost, a quarter to all of which are used.
+    blur : array (pair,)
+        Least area of the pixels that a ghost is drawn in, in pixels: these blur it.
+    mirrored : bool
+        Whether the first column is the middle, and the other half is the mirror image.
+    azimuth_rad : float
+        By which the rays are turned, from the right upwards.
+    irradiance : float
+        W m^-2 nm^-1 of the light in front of the lens.
+    """
+
+    rays: np.ndarray
+    crossings: np.ndarray
+    cells_mm2: np.ndarray
+    pixels: np.ndarray
+    blur: np.ndarray
+    mirrored: bool
+    azimuth_rad: float
+    irradiance: float
+
+
+def ghost_rays(surfaces: TracedSurfaces, coated: Coated, per_semi_aperture: np.ndarray, beam: Beam, pairs: np.ndarray,
+               boxes: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """Trace rays on even grids across a beam, reflected at two surfaces, to the image plane.
+
+    Parameters
+    ----------
+    surfaces : TracedSurfaces
+    coated : Coated
+    per_semi_aperture : array (surface,)
+        One over the semi-aperture of each surface in mm, and of the stop's opening.
+    beam : Beam
+    pairs : int array (pair, 2)
+        Surfaces that reflect, the one nearer to the object first; (-1, -1) for light that is not reflected.
+    boxes : array (pair, 4)
+        First place and step in mm, across and up.
+    shape : (int, int)
+        Rows (up) and columns (across).
+
+    Returns
+    -------
+    array (pair, QUANTITIES, row, column)
+        Position x, y on the image plane in mm; the part of the irradiance that is left, on the beam's cross section,
+        NaN for lost rays; the largest square of a height over its semi-aperture, except at the stop; and positions x, y
+        at each crossing of the stop, in semi-apertures, the last one again if there are fewer than CROSSINGS.
+
+    Raises
+    ------
+    ValueError
+        Sizes are invalid.
+    """
+    loops, variant = chosen()
+    system, _arrays = surfaces.system(coated.indices)
+    reflectances, per_mm, boxes = (np.ascontiguousarray(each, np.float64)
+                                   for each in (coated.reflectances, per_semi_aperture, boxes))
+    pairs = np.ascontiguousarray(pairs, np.int64)
+    count, steps = len(surfaces.shapes), reflectances.shape[-1] - 1
+    source = np.where(np.isfinite(beam.source_mm), beam.source_mm, 0)
+    request = BEAM(address(reflectances, np.float64, (count, steps + 1)), address(per_mm, np.float64, (count,)),
+                   address(pairs, np.int64, (len(boxes), 2)), address(boxes, np.float64, (len(boxes), 4)),
+                   *(tuple(axis) for axis in beam.axes), tuple(source), beam.distance_mm, coated.steps_per_unit, steps,
+                   len(boxes), *shape, np.isfinite(beam.distance_mm))
+    out = np.empty((len(boxes), QUANTITIES, *shape))
+    check(loops.lf_ghost_rays(variant, byref(system), byref(request), address(out, np.float64)))
+    return out
+
+
+def ghost_levels(shape_px: tuple[int, int], count: int) -> list[np.ndarray]:
+    """Black pictures for `draw_ghosts`, each with half as many pixels per side as the one before, and a rim: float32
+    arrays (1, row, column)."""
+    sizes = [tuple(-(-n // 2**level) + 2 * RIM for n in shape_px) for level in range(count)]
+    return [np.zeros((1, rows, columns + SLACK), np.float32)[:, :, :columns] for rows, columns in sizes]
+
+
+def draw_ghosts(meshes: Meshes, blades: Blades, centre_px: tuple[float, float], px_per_mm: float,
+                levels: Sequence[np.ndarray]) -> np.ndarray:
+    """Add the irradiance of ghosts to pictures, in W m^-2 nm^-1.
+
+    Parameters
+    ----------
+    meshes : Meshes
+    blades : Blades
+    centre_px : (float, float)
+        Row and column of the image plane's origin, in the first picture without its rim.
+    px_per_mm : float
+    levels : sequence of float32 arrays (1, row, column)
+        From `ghost_levels`. A ghost is drawn into the two that suit its size best, in parts that vary continuously.
+
+    Returns
+    -------
+    array (pair,)
+        Light of each ghost in the pictures, as irradiance times mm^2.
+
+    Raises
+    ------
+    ValueError
+        Sizes are invalid.
+    """
+    loops, variant = chosen()
+    rays = np.ascontiguousarray(meshes.rays, np.float64)
+    pairs, _, rows, columns = rays.shape
+    crossings = np.ascontiguousarray(meshes.crossings, np.int64)
+    per_pair = [np.ascontiguousarray(each, np.float64) for each in (meshes.cells_mm2, meshes.pixels, meshes.blur)]
+    normals = np.ascontiguousarray(blades.normals, np.float32)
+    request = MESHES(address(rays, np.float64), address(crossings, np.int64, (pairs,)),
+                     *(address(each, np.float64, (pairs,)) for each in per_pair), normals.ctypes.data, pairs, rows,
+                     columns, len(normals), meshes.mirrored, *blades.shape, blades.reach, np.cos(meshes.azimuth_rad),
+                     np.sin(meshes.azimuth_rad), meshes.irradiance, *centre_px, px_per_mm)
+    full = 2 * columns - 1 if meshes.mirrored else columns
+    light, work = np.zeros(pairs), np.empty(loops.lf_ghost_work(rows, full))
+    pictures = (PICTURE * len(levels))(*(picture(level) for level in levels))
+    check(loops.lf_ghost_light(variant, byref(request), pictures, len(levels), address(light, np.float64),
+                               address(work, np.float64)))
+    return light

@@ -1,0 +1,139 @@
+"""Light of small sources in front of a lens: its direction, and its cross section that the first surface lets in."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..depth.iris import Opening
+from ..kernels.ghosts import Beam, Blades, Coated
+from ..kernels.tracing import TracedSurfaces
+from ..prescription.surfaces import sag_and_gradient
+from ..prescription.system import System
+from ..rays.fields import view_of
+from ..rays.trace import traced_surfaces
+from ..rays.view import View
+from .sources import Sources
+
+INVARIANT_STEPS = 128  # for each unit of (n sin)^2, over which reflectances are interpolated
+OUTLINE_RADII, OUTLINE_AZIMUTHS = 5, 32  # points of the first surface
+STEEPEST = 0.02  # cosine of the angle to the axis of the lens, beyond which no light enters
+
+
+@dataclass(frozen=True, eq=False)
+class GhostLens:
+    """A lens prepared for tracing ghosts.
+
+    Attributes
+    ----------
+    system : System
+    view : View
+    surfaces : TracedSurfaces
+    opening : Opening
+    per_semi_aperture : array (surface,)
+        One over the semi-aperture in mm; 0 for unlimited surfaces.
+    pairs : int array (pair, 2)
+        Surfaces that reflect, the one nearer to the object first.
+    """
+
+    system: System
+    view: View
+    surfaces: TracedSurfaces
+    opening: Opening
+    per_semi_aperture: np.ndarray
+    pairs: np.ndarray
+
+    @property
+    def radial(self) -> bool:
+        """Whether sources may be turned into one meridional plane."""
+        return self.system.prescription.radial
+
+    @property
+    def blades(self) -> Blades:
+        """The stop's opening, for the loops."""
+        return Blades(self.opening.iris.directions, self.opening.shape, self.opening.reach)
+
+    @property
+    def crossings(self) -> np.ndarray:
+        """How often the light of each pair crosses the stop, or is reflected there: int array (pair,)."""
+        stop = self.system.prescription.stop_index
+        near, far = self.pairs.T
+        return 1 + 2 * ((near < stop) & (stop < far)) + ((stop == near) | (stop == far))
+
+    def coated(self, wavelengths_nm: np.ndarray) -> list[Coated]:
+        """The surfaces at each wavelength."""
+        indices = self.system.indices_at(wavelengths_nm)
+        steps = int(np.ceil(INVARIANT_STEPS * indices.max() ** 2))
+        shares = self.system.reflectances(wavelengths_nm, np.arange(steps + 1) / INVARIANT_STEPS)
+        return [Coated(indices[:, n], shares[:, n], INVARIANT_STEPS) for n in range(len(wavelengths_nm))]
+
+    def glass_transmittance(self, wavelengths_nm: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+        """T of the glass that the light of each pair passes, along the axis: array (pair, wavelength)."""
+        gaps = np.arange(len(self.system.glasses))
+        times = 1 + 2 * ((gaps >= pairs[:, :1]) & (gaps < pairs[:, 1:]))
+        depths = [4 * np.pi * glass.extinction_at(wavelengths_nm) * abs(surface.thickness_mm) / (wavelengths_nm * 1e-6)
+                  for glass, surface in zip(self.system.glasses, self.system.prescription.surfaces, strict=True)]
+        return np.exp(-times @ np.stack(depths))
+
+
+def ghost_lens(system: System, opening: Opening, wavelengths_nm: np.ndarray) -> GhostLens:
+    """Prepare a lens; its pairs are those of surfaces that reflect at any of the wavelengths."""
+    sizes_mm = system.semi_apertures_mm
+    sizes_mm[system.prescription.stop_index] = system.stop_semi_aperture_mm
+    reflecting = np.flatnonzero(system.reflectances(wavelengths_nm, [0.0]).max(axis=(1, 2)) > 0)
+    near, far = np.triu_indices(len(reflecting), 1)
+    return GhostLens(system, view_of(system), traced_surfaces(system.prescription), opening, 1 / sizes_mm,
+                     np.stack([reflecting[near], reflecting[far]], axis=1))
+
+
+def beam_of(lens: GhostLens, direction: np.ndarray, distance_mm: float) -> tuple[Beam, float]:
+    """The light of a source, and the azimuth by which it must be turned, in radians.
+
+    Parameters
+    ----------
+    lens : GhostLens
+    direction : array (3,)
+    distance_mm : float
+        As in `Sources`.
+    """
+    azimuth_rad = 0.0
+    along = lens.view.axes.T @ direction
+    if lens.radial:
+        azimuth_rad = float(np.arctan2(along[1], along[0]) - np.pi / 2)
+        along = np.array([0.0, np.hypot(along[0], along[1]), along[2]])
+    source_mm = lens.view.viewpoint_mm - distance_mm * along if np.isfinite(distance_mm) else np.full(3, np.inf)
+    if np.isfinite(distance_mm):
+        along = -source_mm / np.linalg.norm(source_mm)
+    across = np.array([1.0, 0.0, 0.0]) - along[0] * along
+    across /= np.linalg.norm(across)
+    return Beam(np.stack([across, np.cross(along, across), along]), source_mm, distance_mm), azimuth_rad
+
+
+def enters(lens: GhostLens, sources: Sources) -> np.ndarray:
+    """Whether the light of each source can enter the lens: bool array (source,)."""
+    return (sources.directions @ lens.view.axes)[:, 2] > STEEPEST
+
+
+def entrance_mm(lens: GhostLens, beam: Beam) -> np.ndarray:
+    """Limits of the cross section of the light that meets the first surface: left, right, lower, upper."""
+    surface = lens.system.prescription.surfaces[0]
+    radius_mm = _front_radius_mm(lens) * np.linspace(0, 1, OUTLINE_RADII)[:, None]
+    azimuth = 2 * np.pi * np.arange(OUTLINE_AZIMUTHS) / OUTLINE_AZIMUTHS
+    x, y = radius_mm * np.cos(azimuth), radius_mm * np.sin(azimuth)
+    points = np.stack([x, y, sag_and_gradient(surface, x, y)[0]]).reshape(3, -1)
+    if np.isfinite(beam.distance_mm):
+        from_source = points - beam.source_mm[:, None]
+        away = np.linalg.norm(beam.source_mm) / (beam.axes[2] @ from_source)
+        points = beam.source_mm[:, None] + from_source * away
+    across, up = beam.axes[:2] @ points
+    return np.array([0.0 if lens.radial else across.min(), across.max(), up.min(), up.max()])
+
+
+def _front_radius_mm(lens):
+    """Semi-aperture of the first surface, or what the field's light needs there if it is unlimited."""
+    system = lens.system
+    if system.prescription.stop_index == 0:
+        return system.stop_semi_aperture_mm * lens.opening.reach
+    if np.isfinite(system.semi_apertures_mm[0]):
+        return system.semi_apertures_mm[0]
+    return (abs(system.marginal_heights_mm[0]) * lens.opening.reach
+            + abs(system.entrance_pupil_mm * system.last_height_mm / system.efl_mm))

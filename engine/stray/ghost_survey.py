@@ -1,0 +1,153 @@
+"""Where the light of ghosts enters a lens, and about how much of it there is: found from few rays."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..image.pixel_grid import PixelGrid
+from ..kernels.ghosts import Beam, Coated, ghost_rays
+from .ghost_beams import GhostLens, beam_of, entrance_mm
+
+FIRST, NEXT = 33, 17  # rays across, and up
+LEAST_SQUARE = 9.0  # of the closest ray to an opening, over the opening's square: beyond it the search ends
+MARGIN = 0.5  # cells of the second search, for what its rays and wavelengths do not show
+TILT_RAD = 1e-4  # for derivatives with respect to a source's direction
+
+
+@dataclass(frozen=True, eq=False)
+class Survey:
+    """Ghosts of one source.
+
+    Attributes
+    ----------
+    beam : Beam
+    azimuth_rad : float
+        By which rays must be turned.
+    limits_mm : array (pair, 4)
+        Left, right, lower and upper limit of the light's cross section that may pass.
+    light_mm2 : array (pair, wavelength)
+        Light on the sensor's frame over irradiance in front of the lens.
+    speed_mm : array (pair,)
+        How far the light moves on the sensor with the source's direction, in mm per radian.
+    """
+
+    beam: Beam
+    azimuth_rad: float
+    limits_mm: np.ndarray
+    light_mm2: np.ndarray
+    speed_mm: np.ndarray
+
+
+def survey(lens: GhostLens, grid: PixelGrid, coated: list[Coated], direction: np.ndarray, distance_mm: float,
+           radius_rad: float) -> Survey:
+    """Search the light of all pairs: first at the middle one of the wavelengths, then at all."""
+    beam, azimuth_rad = beam_of(lens, direction, distance_mm)
+    limits_mm = np.tile(entrance_mm(lens, beam), (len(lens.pairs), 1))
+    limits_mm, _ = _searched(lens, coated[len(coated) // 2], beam, limits_mm, FIRST)
+    found = [_searched(lens, each, beam, limits_mm, NEXT) for each in coated]
+    light_mm2 = [_light_mm2(lens, grid, rays, limits_mm, azimuth_rad) for _, rays in found]
+    middle = found[len(coated) // 2][1]
+    speed_mm = np.zeros(len(lens.pairs))
+    if radius_rad > 0:
+        speed_mm = _speed_mm(lens, coated[len(coated) // 2], (direction, distance_mm), limits_mm, middle)
+    union = np.stack([each for each, _ in found])
+    union = np.where([True, False, True, False], union.min(axis=0), union.max(axis=0))
+    return Survey(beam, azimuth_rad, _widened(lens, union, MARGIN / (NEXT - 1)), np.stack(light_mm2, axis=1), speed_mm)
+
+
+def boxes_of(lens: GhostLens, limits_mm: np.ndarray, side: int) -> tuple[np.ndarray, tuple[int, int]]:
+    """First places and steps of grids of `side` rays, or half of it across for radial lenses; and their shape."""
+    columns = (side + 1) // 2 if lens.radial else side
+    left, right, lower, upper = limits_mm.T
+    return np.stack([left, (right - left) / (columns - 1), lower, (upper - lower) / (side - 1)], axis=1), (side, columns)
+
+
+def open_square(lens: GhostLens, rays: np.ndarray) -> np.ndarray:
+    """The largest square of a distance from the axis over an opening's, of rays: above 1 if blocked, inf if lost."""
+    stop = rays[:, 4::2]**2 + rays[:, 5::2]**2
+    square = np.maximum(rays[:, 3], stop.max(axis=1) / lens.opening.reach**2)
+    return np.where(rays[:, 2] >= 0, square, np.inf)
+
+
+def lit_share(square: np.ndarray) -> np.ndarray:
+    """The share of the cell around each ray that is not blocked, of `open_square`."""
+    with np.errstate(invalid="ignore"):
+        down, right = np.gradient(np.minimum(square, 2 * LEAST_SQUARE), axis=(-2, -1))
+    return np.clip(0.5 + (1 - square) / np.maximum(np.hypot(down, right), 1e-9), 0, 1)
+
+
+def cells_mm2(lens: GhostLens, boxes: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """Cross section of the light around each ray, with the mirror image's: array (pair, 1, column)."""
+    times = np.where(np.arange(shape[1]) > 0, 2.0, 1.0) if lens.radial else np.ones(shape[1])
+    return (boxes[:, 1] * boxes[:, 3])[:, None, None] * times
+
+
+def _searched(lens, coated, beam, limits_mm, side):
+    """Closer limits, with a cell more on each side, and the rays."""
+    boxes, shape = boxes_of(lens, limits_mm, side)
+    rays = ghost_rays(lens.surfaces, coated, lens.per_semi_aperture, beam, lens.pairs, boxes, shape)
+    square = open_square(lens, rays)
+    first, step = boxes[:, 0::2], boxes[:, 1::2]
+    spans = [_span(square.min(axis=axis)) for axis in (1, 2)]
+    closer = [first[:, axis] + step[:, axis] * np.clip(end, 0, shape[1 - axis] - 1)
+              for axis, span in enumerate(spans) for end in (span[0] - 1, span[1] + 1)]
+    closer = np.stack(closer, axis=1)
+    return (np.where([lens.radial, False, False, False], 0.0, closer) if lens.radial else closer), rays
+
+
+def _span(square):
+    """Where the least squares along an axis (pair, place) are below 1, as fractions of a step: first and last.
+
+    If none is, the place of the least one, around which rays between two places may pass.
+    """
+    passes = square < np.where(square.min(axis=1) < 1, 1, np.minimum(square.min(axis=1), LEAST_SQUARE) * (1 + 1e-9))[:, None]
+    count, pair = square.shape[1], np.arange(len(square))
+    ends = []
+    for passing, sign in ((passes, -1), (passes[:, ::-1], 1)):
+        end = np.argmax(passing, axis=1)
+        end = end if sign < 0 else count - 1 - end
+        beyond = np.clip(end + sign, 0, count - 1)
+        inner, outer = square[pair, end], square[pair, beyond]
+        with np.errstate(invalid="ignore"):
+            part = np.where(np.isfinite(outer) & (outer > 1) & (inner < 1), (1 - inner) / (outer - inner), 1.0)
+        ends.append(end + sign * part)
+    lost = ~passes.any(axis=1)
+    return np.where(lost, 0, ends[0]), np.where(lost, 0, ends[1])
+
+
+def _widened(lens, limits_mm, share):
+    """Limits with more on each side, as a share of their distance."""
+    left, right, lower, upper = limits_mm.T
+    across, up = share * (right - left), share * (upper - lower)
+    return np.stack([left if lens.radial else left - across, right + across, lower - up, upper + up], axis=1)
+
+
+def _light_mm2(lens, grid, rays, limits_mm, azimuth_rad):
+    """Light on the frame over irradiance: array (pair,)."""
+    boxes, shape = boxes_of(lens, limits_mm, NEXT)
+    light = np.nan_to_num(rays[:, 2]) * lit_share(open_square(lens, rays)) * cells_mm2(lens, boxes, shape)
+    cosine, sine = np.cos(azimuth_rad), np.sin(azimuth_rad)
+    left, lower, right, upper = grid.edges_mm
+    halves = [(rays[:, 0], 0.5), (-rays[:, 0], 0.5)] if lens.radial else [(rays[:, 0], 1.0)]
+    on_frame = 0.0
+    for x, part in halves:
+        across, up = x * cosine - rays[:, 1] * sine, x * sine + rays[:, 1] * cosine
+        on_frame = on_frame + part * ((across > left) & (across < right) & (up > lower) & (up < upper))
+    return np.sum(light * on_frame, axis=(1, 2))
+
+
+def _speed_mm(lens, coated, source, limits_mm, rays):
+    """`Survey.speed_mm`: the root mean square over rays and directions."""
+    direction, distance_mm = source
+    boxes, shape = boxes_of(lens, limits_mm, NEXT)
+    lit = open_square(lens, rays) < 1
+    beam, _ = beam_of(lens, direction, distance_mm)
+    squares = []
+    for axis in beam.axes[:2]:
+        tilted = beam.axes + TILT_RAD * np.outer([0, 0, 1], axis) - TILT_RAD * np.outer(axis @ beam.axes.T, beam.axes[2])
+        source_mm = beam.source_mm - np.linalg.norm(beam.source_mm) * TILT_RAD * axis
+        moved = ghost_rays(lens.surfaces, coated, lens.per_semi_aperture, Beam(tilted, source_mm, distance_mm), lens.pairs,
+                           boxes, shape)
+        square = np.sum((moved[:, :2] - rays[:, :2])**2, axis=1) / TILT_RAD**2
+        squares.append(np.where(lit, np.nan_to_num(square), 0).sum(axis=(1, 2)) / np.maximum(lit.sum(axis=(1, 2)), 1))
+    return np.sqrt(np.mean(squares, axis=0))
