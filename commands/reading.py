@@ -14,6 +14,7 @@ from ..engine.pictures.file_depth import FileDepth, deep_in_mm, file_depth, laye
 from ..engine.simulation.report_parts import Upsampling
 from ..engine.spectral.spectra import parse_wavelengths
 from ..engine.spectral.wavelength_choice import RGB_WAVELENGTHS
+from ..engine.stray.sources import Sources
 from .arguments import MM, number_pair
 
 RGB_ONLY = ("wavelengths", "layer", "fov", "focal_mm", "sensor_width_mm", "shift")
@@ -36,6 +37,8 @@ class PictureAsRead:
         Splits it into layers by its depth.
     guessed : str
         The guessed part of the layers; "" if all of them were captured.
+    outside : Sources, optional
+        The sources of stray light beyond the picture's edges; None if the file does not state them.
     """
 
     radiance: SpectralImage
@@ -44,6 +47,7 @@ class PictureAsRead:
     depth: FileDepth | None = None
     layers: Callable[[SlabPlan], LayeredRadiance] | None = None
     guessed: str = ""
+    outside: Sources | None = None
 
 
 def read_picture(path, options, lens):
@@ -69,16 +73,17 @@ def read_picture(path, options, lens):
 
 
 def _spectral(path, options, lens):
-    from ..engine.pictures.spectral_exr import read_with_layers, read_with_planes
+    from ..engine.pictures.spectral_exr import read_sources, read_with_layers, read_with_planes
 
     for name in RGB_ONLY:
         if (value := getattr(options, name)) is not None:
             raise ImageError(path, f"--{name.replace('_', '-')}", value,
                              "leave it out: it applies to RGB files, and this file is spectral")
+    outside = read_sources(path)
     if options.depth == OFF:
-        return PictureAsRead(read_with_planes(path, options.pitch_um, options.output.parent)[0])
+        return PictureAsRead(read_with_planes(path, options.pitch_um, options.output.parent)[0], outside=outside)
     radiance, planes, layered = read_with_layers(path, options.pitch_um, options.output.parent)
-    source = _with_depth(PictureAsRead(radiance), [({}, planes)], options, lens)
+    source = _with_depth(PictureAsRead(radiance, outside=outside), [({}, planes)], options, lens)
     return replace(source, layers=lambda plan: layered, guessed="") if layered and source.depth else source
 
 

@@ -20,10 +20,10 @@ ALPHA_WAVELENGTHS = 3  # out of the job's: blur differs between wavelengths, but
 
 
 def write_radiance(captured, path):
-    """Write the radiance, with the capture's depth, alpha, region and layers: the input for another lens."""
+    """Write the radiance, with the capture's depth, alpha, region, layers and outside sources: the input for another lens."""
     planes = {"Z": captured.depth_m, "A": captured.alpha, REGION: captured.region}
     write_exr(captured.radiance, path, {name: plane for name, plane in planes.items() if plane is not None},
-              captured.layers)
+              captured.layers, outside=captured.outside)
 
 
 def write_irradiance(irradiance, stray, result):

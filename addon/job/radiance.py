@@ -16,6 +16,7 @@ from ...engine.runtime.memory import check_room, taken_bytes
 from ...engine.runtime.scratch import SAMPLE_BYTES, check_disk, folder_if_large, zeros_stored_like
 from ...engine.simulation.report_parts import SceneFacts
 from ...engine.spectral.wavelength_choice import FOREIGN_SURPRISE
+from ...engine.stray.sources import Sources
 from ..scene.camera import capture_grid, captured_region, frame_grid, render_region
 from ..scene.render_state import (
     clamps_of,
@@ -34,6 +35,7 @@ from .empty_frame import empty_reasons
 from .finished_passes import FinishedPasses, alone_with_passes
 from .layering import layered_radiance
 from .light import GatheredLight
+from .outside_sources import outside_sources
 from .remarks import colour_remarks, scale_remarks, scene_remarks, unlayered_remarks
 from .sampled_passes import CONTROL_CUBES, SampledPasses, WholePasses, detail_times, shares_noise
 from .scene_plan import plan_scene
@@ -68,6 +70,10 @@ class Captured:
         The radiance in layers of depth; None if the lens data hold at all depths, or if layers were not requested.
     remarks : tuple of str
         Remarks on the scene's contents, shared by all frames of this capture.
+    outside : Sources or None
+        Sources of stray light that the radiance does not contain; None if they are not known.
+    uncounted : tuple of str
+        Remarks on the scene's emitters that are missing in `outside`.
     """
 
     radiance: SpectralImage
@@ -76,6 +82,8 @@ class Captured:
     region: np.ndarray | None
     layers: LayeredRadiance | None = None
     remarks: tuple[str, ...] = ()
+    outside: Sources | None = None
+    uncounted: tuple[str, ...] = ()
 
     def depth_check(self, lens):
         """How much of the frame is outside the depths at which a lens's data hold: DepthCheck."""
@@ -179,11 +187,21 @@ def capture(scene, job, result, share):
     """
     with temporary_folder() as folder, Journal() as journal, ExitStack() as alone:
         ready = yield from ready_steps(scene, job, result.files, share, folder, journal, alone)
+        outside, uncounted = (None, ()) if job.traced else outside_sources(scene, job, ready.substitution, _seen(ready))
         sampled = _passes(ready, journal)
         lights = yield from light_steps(ready, sampled, ready.capture_px, ready.slabs, share, journal)
-    captured = captured_from(ready, lights, ready.grid, ready.capture_px)
+    captured = replace(captured_from(ready, lights, ready.grid, ready.capture_px), outside=outside,
+                       uncounted=uncounted)
     result.report.add(_facts(ready, lights, captured, sampled.text))
     return captured
+
+
+def _seen(ready):
+    """The pixels that the radiance contains: a PixelGrid, with the focal length of the capture."""
+    grid, (rows, columns) = ready.grid, ready.rendered
+    return replace(grid, shape_px=(rows.stop - rows.start, columns.stop - columns.start), overscan_px=(0, 0),
+                   centre_px=(grid.centre_px[0] - rows.start, grid.centre_px[1] - columns.start),
+                   focal_mm=ready.job.lens.capture_focal_length_mm)
 
 
 @dataclass(frozen=True, eq=False)

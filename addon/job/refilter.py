@@ -18,7 +18,7 @@ from ...engine.image.layers import covered
 from ...engine.lens.formats import format_mm
 from ...engine.lens.pinhole import fitting_pitch_um
 from ...engine.library import clamped_rings, has_rings, iris_is_visible, prescription_of
-from ...engine.pictures.spectral_exr import read_header, read_parts, read_with_layers, read_with_planes
+from ...engine.pictures.spectral_exr import read_header, read_parts, read_sources, read_with_layers, read_with_planes
 from ...engine.plan.plan_cache import cached_plan
 from ...engine.prescription.coatings import coating_of
 from ...engine.prescription.tolerances import copy_of
@@ -184,7 +184,8 @@ def _read(path, depth, folder):
         radiance, planes, layers = read_with_layers(path, scratch=folder)
     else:
         radiance, planes = read_with_planes(path, scratch=folder)
-    return Captured(radiance, planes["Z"], planes.get("A"), planes.get(REGION), layers)
+    return Captured(radiance, planes["Z"], planes.get("A"), planes.get(REGION), layers,
+                    outside=read_sources(path))
 
 
 def fitted(lens, captured, request, path):

@@ -172,7 +172,7 @@ class _Look:
         return any(lobe.way == REFRACTED and lobe.share >= SHOWN for lobe in self._lobes_of(hit) or ())
 
     def _lobes_of(self, hit):
-        return self._lobes_of_material(self._layer.material_override or _material(hit))
+        return self._lobes_of_material(self._layer.material_override or material_of(hit))
 
     def _lobes_of_material(self, material):
         """The Lobes of a material's surface; None without a surface."""
@@ -181,7 +181,8 @@ class _Look:
         return self._lobes[material]
 
 
-def _material(hit):
+def material_of(hit):
+    """The material of a Hit, or None."""
     slots, index = hit.obj.material_slots, 0
     if hit.obj.type == "MESH" and 0 <= hit.face < len(hit.obj.data.polygons):
         index = hit.obj.data.polygons[hit.face].material_index

@@ -84,19 +84,26 @@ def _emits(node, groups, spectrum):
 
 def _surface(socket, groups, share):
     """The Lobes of the shader linked to an input that receives this share of the light."""
+    for node, inside, part in shared_closures(socket, groups, share):
+        if node.bl_idname in _LOBES:
+            yield from _LOBES[node.bl_idname](node, inside, part)
+
+
+def shared_closures(socket, groups=(), share=1.0):
+    """(node, its groups, its share) of the closures linked to a shader input, mixed as for a camera ray."""
     source, groups, _ = source_of(socket, groups)
     if source is None or share <= 0:
         return
     node = source.node
     if node.bl_idname == "ShaderNodeMixShader":
         factor = _mix(node.inputs[0], groups)
-        yield from _surface(node.inputs[1], groups, share * (1 - factor))
-        yield from _surface(node.inputs[2], groups, share * factor)
+        yield from shared_closures(node.inputs[1], groups, share * (1 - factor))
+        yield from shared_closures(node.inputs[2], groups, share * factor)
     elif node.bl_idname == "ShaderNodeAddShader":
         for each in node.inputs:
-            yield from _surface(each, groups, share)
-    elif node.bl_idname in _LOBES:
-        yield from _LOBES[node.bl_idname](node, groups, share)
+            yield from shared_closures(each, groups, share)
+    else:
+        yield node, groups, share
 
 
 def _mix(socket, groups):

@@ -20,13 +20,14 @@ import numpy as np
 from ...engine.spectral.refraction import D_LINE_NM, Refraction
 from ...engine.spectral.spectra import BAND_NM, Spectrum, channel_basis
 from ..scene.errors import SceneError
-from ..scene.instances import uses_nodes
+from ..scene.instances import cycles_output, uses_nodes
 from ..scene.render_state import read_again
 from ..scene.working_space import colour_basis
 from .closure_rules import is_idle
 from .lamps import Lamp, blackbody_temperature
+from .lobes import EMISSIONS, shared_closures
 from .lumens import give_lumens, luminous_efficacy
-from .node_paths import constant_of, feeding, glowing_colour
+from .node_paths import constant_of, feeding, glowing_colour, source_of
 from .spectral_sockets import CHANNELS, EMISSION, INDEX, REFLECTANCE, is_shader, kind, takes_reflectance
 from .wiring import attribute_node, emission_between, multiplied, single_shader, upsampler
 
@@ -92,6 +93,7 @@ class Substitution:
         self._scene, self._journal = scene, journal
         self._spectra, self._lamps, self._groups = spectra, lamps, groups
         self._values, self._indices, self._copies, self._sharing = {}, set(), {}, set()
+        self._group_of = {}  # the lamp of the light group, by the names of properties for emission
         self._shown = ()  # the arguments of the last `set_wavelengths`
         self.factors, self.mixed_colours, self.refusals = [], False, []
         self._upsamplers = {basis: self._make_upsampler(basis) for basis in set(BASIS.values())}
@@ -129,6 +131,37 @@ class Substitution:
         flat = self._lamps.flat.density_at(wavelengths_nm)
         levels = (self._lamps.shared_density_at(lamp, wavelengths_nm) / flat for lamp in self._sharing)
         return max([1.0, *(float(level.mean()) for level in levels)])
+
+    def emission_at(self, block, wavelengths_nm):
+        """Spectral emission of a substituted material, lamp or world, towards the camera: array (wavelength,). For a
+        material and a world it is radiance; for a lamp, it is relative to its power. None if nodes compute it.
+
+        Parameters
+        ----------
+        block : bpy.types.Material, Light or World
+        wavelengths_nm : float64 array (wavelength,)
+            Of the picture.
+        """
+        output, total = cycles_output(block), np.zeros(len(wavelengths_nm))
+        for node, groups, share in shared_closures(output.inputs["Surface"]) if output else ():
+            for names in EMISSIONS:
+                colour, strength = (node.inputs.get(name) for name in names)
+                if colour is None or strength is None:
+                    continue
+                watts, values = constant_of(strength, groups), self._emission_values(colour, groups, wavelengths_nm)
+                if watts is None or (values is None and watts):
+                    return None
+                if watts:
+                    total += share * watts * values
+        return total
+
+    def _emission_values(self, socket, groups, wavelengths_nm):
+        """The values of a substituted emission colour at the picture's wavelengths; None if nodes compute them."""
+        source = source_of(socket, groups)[0]
+        name = source.node.attribute_name if source and source.node.bl_idname == "ShaderNodeAttribute" else ""
+        if name not in self._group_of:
+            return None
+        return self._values[name](wavelengths_nm) * self._group_of[name].output_at(wavelengths_nm)
 
     def _substitute_material(self, material):
         assigned = self._assigned(material, reflectance=self._spectra.of(material, "reflectance"),
@@ -241,18 +274,18 @@ class Substitution:
             return relative * np.maximum(colour_basis(nm) @ tint, 0)
 
         if assigned.emission:
-            return self._glow(tree, light_at)
+            return self._glow(tree, light_at, group)
         if temperature_k:  # Blender gives it the luminance of white
             gain = luminous_efficacy(self._lamps.daylight) / luminous_efficacy(lamp)
-            return self._glow(tree, lambda nm: gain * light_at(nm))
+            return self._glow(tree, lambda nm: gain * light_at(nm), group)
         constant = constant_of(socket)
         if constant is None:
             self.mixed_colours = True
             colour = self._upsampled(tree, colour_basis, feeding(socket))
             unchanged = group is lamp and np.all(tint == 1)
-            return colour if unchanged else multiplied(tree, colour, self._glow(tree, light_at))
+            return colour if unchanged else multiplied(tree, colour, self._glow(tree, light_at, group))
         colour = np.array(constant[:3])
-        return self._glow(tree, lambda nm: light_at(nm) * np.maximum(colour_basis(nm) @ colour, 0))
+        return self._glow(tree, lambda nm: light_at(nm) * np.maximum(colour_basis(nm) @ colour, 0), group)
 
     def _index(self, tree, refraction):
         node = attribute_node(tree, self._property(refraction.n_at))
@@ -264,13 +297,15 @@ class Substitution:
         self.factors.append(values_at)
         return self._attribute(tree, values_at)
 
-    def _glow(self, tree, values_at):
-        """An attribute for emission, added to the factors with a peak of 1: only its shape decides how many
-        wavelengths are needed."""
+    def _glow(self, tree, values_at, group):
+        """An attribute for emission in the light group of a lamp, added to the factors with a peak of 1: only its shape
+        decides how many wavelengths are needed."""
         peak = values_at(np.arange(BAND_NM[0], BAND_NM[1] + 1)).max()
         if peak > 0:
             self.factors.append(lambda nm: values_at(nm) / peak)
-        return self._attribute(tree, values_at)
+        node = attribute_node(tree, self._property(values_at))
+        self._group_of[node.attribute_name] = group
+        return node.outputs["Color"]
 
     def _attribute(self, tree, values_at):
         """Output of a new node with the values of `values_at` at the wavelengths of the pass."""

@@ -11,10 +11,10 @@ from dataclasses import replace
 import numpy as np
 
 from ..image.directions import directions, places_of, solid_angles_sr
-from ..image.layers import Radiance
+from ..image.layers import LayeredRadiance
 from ..image.nonfinite import clamp_fireflies
 from ..image.spectral_image import SpectralImage
-from .sources import Sources
+from .sources import Sources, widths_nm
 
 MOST_SOURCES = 64
 SPREAD_RAD = 0.01
@@ -23,16 +23,19 @@ STRIP_ROWS = 64
 DARK = 1e-12  # of the light: rounding in sums over empty parts
 
 
-def picture_sources(radiance: Radiance, focal_mm: float, most: int = MOST_SOURCES,
-                    spread_rad: float = SPREAD_RAD) -> tuple[Sources, float]:
+def picture_sources(radiance: SpectralImage, focal_mm: float, layers: LayeredRadiance | None = None,
+                    most: int = MOST_SOURCES, spread_rad: float = SPREAD_RAD) -> tuple[Sources, float]:
     """The sources in a picture, brightest first; together they give all of its irradiance at the entrance pupil.
 
     Parameters
     ----------
-    radiance : SpectralImage or LayeredRadiance
+    radiance : SpectralImage
         With overscan.
     focal_mm : float
         Of the capturing pinhole, if the radiance does not state it.
+    layers : LayeredRadiance, optional
+        The same light in layers, which have its distances. Their grid may extend beyond the radiance's, whose edges
+        limit the sources.
     most : int
         Largest number of sources.
     spread_rad : float
@@ -47,9 +50,9 @@ def picture_sources(radiance: Radiance, focal_mm: float, most: int = MOST_SOURCE
         The average angle between the light and the direction of its source, in rad.
     """
     grid = replace(radiance.grid, focal_mm=radiance.focal_mm or radiance.grid.focal_mm or focal_mm)
-    widths = _widths_nm(radiance.wavelengths_nm)
-    light = _composed(radiance, lambda cube, _: np.tensordot(widths, cube, axes=1))
-    nearness = _composed(radiance, lambda cube, depth_mm: np.tensordot(widths, cube, axes=1) / depth_mm)
+    widths, seen = widths_nm(radiance.wavelengths_nm), _within(layers, radiance) if layers else radiance
+    light = _composed(seen, lambda cube, _: np.tensordot(widths, cube, axes=1))
+    nearness = _composed(seen, lambda cube, depth_mm: np.tensordot(widths, cube, axes=1) / depth_mm)
     cells = _Cells(grid)
     moments = cells.moments(light, nearness)
     parts, spread = _parts(moments[:4], most, spread_rad)
@@ -60,7 +63,7 @@ def picture_sources(radiance: Radiance, focal_mm: float, most: int = MOST_SOURCE
     def summed(plane):
         return np.bincount(labels[labels >= 0], plane[labels >= 0], minlength=len(parts))
 
-    irradiance = np.array([np.maximum(summed(cells.irradiance(_composed(radiance, lambda cube, _, k=k: cube[k]))), 0)
+    irradiance = np.array([np.maximum(summed(cells.irradiance(_composed(seen, lambda cube, _, k=k: cube[k]))), 0)
                            for k in range(widths.size)]).reshape(widths.size, len(parts)).T
     return _sources(grid, radiance.wavelengths_nm, irradiance, np.array([summed(moment) for moment in moments])), spread
 
@@ -124,9 +127,9 @@ class _Cells:
         return planes
 
 
-def _widths_nm(wavelengths_nm):
-    """The interval that each wavelength represents; 1 for a single one."""
-    return np.gradient(wavelengths_nm) if len(wavelengths_nm) > 1 else np.ones(1)
+def _within(layers, radiance):
+    """The layers on a radiance's grid."""
+    return layers.cropped([more - n for more, n in zip(layers.grid.overscan_px, radiance.overscan_px, strict=True)])
 
 
 def _composed(radiance, light_of):

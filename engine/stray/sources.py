@@ -1,7 +1,7 @@
 """Sources of stray light: what is bright in front of a lens, in the picture or beyond its edges."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -57,6 +57,12 @@ class Sources:
     def __len__(self) -> int:
         return len(self.names)
 
+    def chosen(self, indices: np.ndarray) -> Self:
+        """Some of the sources."""
+        return replace(self, directions=self.directions[indices], distance_mm=self.distance_mm[indices],
+                       irradiance=self.irradiance[indices], radius_rad=self.radius_rad[indices],
+                       names=tuple(self.names[index] for index in indices))
+
     @classmethod
     def together(cls, parts: Sequence[Self]) -> Self:
         """The sources of one or more parts, of the same wavelengths."""
@@ -65,3 +71,8 @@ class Sources:
 
         return cls(joined("directions"), joined("distance_mm"), joined("irradiance"), parts[0].wavelengths_nm,
                    joined("radius_rad"), tuple(name for part in parts for name in part.names))
+
+
+def widths_nm(wavelengths_nm: np.ndarray) -> np.ndarray:
+    """The interval that each wavelength represents; 1 for a single one."""
+    return np.gradient(wavelengths_nm) if len(wavelengths_nm) > 1 else np.ones(1)

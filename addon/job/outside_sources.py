@@ -1,0 +1,232 @@
+"""Sources of stray light that a capture does not contain: lamps, glowing meshes and the world.
+
+An object that the camera shows is a source beyond the capture's edges only, because the picture contains the rest of
+it. An object that the camera does not show, as Blender's lamps by default, is a source wherever it is in front of the
+lens. Lamps that light only linked objects are none.
+
+Rays from several places in the entrance pupil find what is in the way. Glass and transparent surfaces let their share
+of the light pass, straight ahead.
+"""
+
+from dataclasses import dataclass, replace
+
+import bpy
+import numpy as np
+from mathutils import Vector
+
+from ...engine.image.directions import holds
+from ...engine.lens.entrance_pupil import entrance_pupil_size_mm
+from ...engine.stray.merging import grouped, merged_sources
+from ...engine.stray.sources import Sources
+from ..scene.depth import View
+from ..scene.instances import rendered_instances
+from ..scene.patches import LAMP_PATCHES, in_disc, lamp_patches, mesh_patches, world_patches
+from ..scene.render_state import rendered_layer, rendered_world
+from ..scene.units import mm_per_unit
+from ..shading.lobes import MIRRORED, has_surface, lobes_of
+from .unlayered import material_of
+
+MOST_OUTSIDE = 256
+MOST_PARTS, PART_RAD = 64, 0.03  # of one emitter
+MOST_RAYS = 8192
+MOST_SURFACES = 8  # that one ray may pass
+NEARLY = 1 - 1e-4  # of the distance to a patch: its own surface is not in the way
+MOST_NAMED = 3
+
+
+def outside_sources(scene, job, substitution, seen):
+    """The sources of stray light in a scene that a capture does not contain.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+        Evaluated at the frame, with the stand-ins of `substitution`.
+    job : Job
+    substitution : Substitution
+    seen : PixelGrid
+        The capture, with its focal length.
+
+    Returns
+    -------
+    Sources
+        At most `MOST_OUTSIDE`; more are merged with their neighbours.
+    tuple of str
+        A line for emitters that are not counted.
+    """
+    sight = _Sight(scene, job.lens, seen)
+    emitters, uncounted = _emitters(scene, substitution, job.wavelengths_nm, sight)
+    parts = [part for emitter in emitters for part in sight.parts(emitter)]
+    rays = int(np.clip(MOST_RAYS // max(len(parts), 1), 1, LAMP_PATCHES))
+    sources = [sight.source(part, rays, job.wavelengths_nm) for part in parts]
+    return merged_sources(Sources.together([_none(job.wavelengths_nm), *filter(None, sources)]), MOST_OUTSIDE)[0], tuple(
+        _line(why, names) for why, names in uncounted.items() if names)
+
+
+@dataclass(frozen=True, eq=False)
+class _Emitter:
+    """Patches of one emitter: its name, its spectrum at an irradiance of 1, and whether the camera shows it."""
+
+    name: str
+    patches: object
+    spectrum: np.ndarray
+    shown: bool
+
+
+def _emitters(scene, substitution, wavelengths_nm, sight):
+    """The emitters of a scene: list; and the names of those that are not counted, by reason."""
+    computed, not_mesh, linked = uncounted = {}, {}, {}
+    emissions, emitters = {}, []
+
+    def emission_of(block):
+        if block not in emissions:
+            emissions[block] = substitution.emission_at(block, np.asarray(wavelengths_nm, float))
+        return emissions[block]
+
+    for instance in rendered_instances(scene):
+        if instance.obj.type == "LIGHT":
+            emitters += _lamp(instance, emission_of, sight, computed, linked)
+        elif any(emission_of(material) is None or emission_of(material).any() for material in instance.materials):
+            emitters += _mesh(instance, emission_of, sight, computed, not_mesh)
+    world = rendered_world(scene)
+    if world and world.cycles_visibility.camera and not scene.render.film_transparent:
+        emission = emission_of(world)
+        if emission is None:
+            computed[f"world {world.name!r}"] = None
+        elif emission.any():
+            emitters.append(_Emitter("world", world_patches(sight.axis), emission, True))
+    reasons = ("nodes compute their light", "they are not meshes", "they light only linked objects")
+    return emitters, dict(zip(reasons, uncounted, strict=True))
+
+
+def _lamp(instance, emission_of, sight, computed, linked):
+    lamp, name = instance.obj.data, instance.obj.name
+    emission = emission_of(lamp)
+    if emission is None:
+        computed[f"light {name!r}"] = None
+    elif instance.obj.light_linking.receiver_collection:
+        linked[f"light {name!r}"] = None
+    elif emission.any() and lamp.energy and not (lamp.type == "AREA" and lamp.cycles.is_portal):
+        patches = lamp_patches(lamp, instance.matrix_world, sight.origin)
+        if patches:
+            yield _Emitter(name, patches, emission, instance.obj.visible_camera and _has_size(lamp))
+
+
+def _has_size(lamp):
+    return {"AREA": True, "SUN": lamp.type == "SUN" and lamp.angle > 0}.get(
+        lamp.type, lamp.type != "AREA" and getattr(lamp, "shadow_soft_size", 0) > 0)
+
+
+def _mesh(instance, emission_of, sight, computed, not_mesh):
+    mesh, name = instance.data, f"object {instance.obj.name!r}"
+    if not isinstance(mesh, bpy.types.Mesh):
+        not_mesh[name] = None
+        return
+    override = sight.layer.material_override
+    slots = [override] if override else [slot.material for slot in instance.obj.material_slots] or list(mesh.materials)
+    used = np.zeros(len(mesh.polygons), np.int32)
+    if not override and "material_index" in mesh.attributes:
+        mesh.polygons.foreach_get("material_index", used)
+    used = np.clip(used, 0, max(len(slots) - 1, 0))
+    for index, material in enumerate(slots):
+        emission = emission_of(material) if material else np.zeros(1)
+        if not (used == index).any():
+            continue
+        if emission is None:
+            computed[name] = None
+        elif emission.any():
+            yield _Emitter(instance.obj.name, mesh_patches(mesh, used == index, instance.matrix_world, sight.origin,
+                                                            sight.is_cut), emission, instance.obj.visible_camera)
+
+
+class _Sight(View):
+    """What light in front of a lens reaches its entrance pupil.
+
+    Parameters
+    ----------
+    scene, lens
+    seen : PixelGrid
+        The capture, with its focal length.
+    """
+
+    def __init__(self, scene, lens, seen):
+        super().__init__(scene, lens, seen)
+        self.layer, self._seen, self._unit_mm = rendered_layer(scene), seen, mm_per_unit(scene)
+        right, up, back = np.array(scene.camera.matrix_world.normalized().to_3x3()).T
+        self.axis, self._axes = -back, np.stack([right, up, -back])
+        x, y = (np.array(entrance_pupil_size_mm(lens)) / 2 / self._unit_mm)[:, None] * in_disc().T
+        self._pupil = np.outer(x, right) + np.outer(y, up)
+        self._passed = {}
+
+    def parts(self, emitter):
+        """The parts of an emitter in front of the lens that the capture does not contain: Emitters, each small."""
+        patches = emitter.patches
+        towards = self._towards(patches.vectors)
+        counted = (patches.irradiance > 0) & (towards[:, 2] > 0)
+        if emitter.shown:
+            counted &= ~holds(self._seen, towards)
+        patches, towards = patches.chosen(counted), towards[counted]
+        for group in grouped(towards, patches.irradiance, MOST_PARTS, PART_RAD)[0]:
+            yield replace(emitter, patches=patches.chosen(group))
+
+    def source(self, part, rays, wavelengths_nm):
+        """The source that a part of an emitter is, by this number of rays; None if all are blocked."""
+        patches = part.patches
+        chosen = np.linspace(0, len(patches.sr) - 1, rays).round().astype(int)
+        passed = np.array([self._reaches(patches.vectors[index], patches.far, self._pupil[ray % LAMP_PATCHES])
+                           for ray, index in enumerate(chosen)])
+        if not passed.any():
+            return None
+        weights = passed * patches.irradiance[chosen]
+        towards = np.average(self._towards(patches.vectors[chosen]), axis=0, weights=weights)
+        share = weights.sum() / patches.irradiance[chosen].sum()
+        distance = np.inf if patches.far else np.average(np.linalg.norm(patches.vectors[chosen], axis=1),
+                                                         weights=weights)
+        return Sources((towards / np.linalg.norm(towards))[None], np.array([distance * self._unit_mm]),
+                       np.outer(share * patches.irradiance.sum(), part.spectrum), np.asarray(wavelengths_nm, float),
+                       np.array([np.sqrt(patches.sr.sum() / np.pi)]), (part.name,))
+
+    def is_cut(self, triangles):
+        """Whether the capture contains some of the corners of triangles, given as vectors from the camera."""
+        inside = holds(self._seen, self._towards(triangles))
+        return inside.any(axis=-1) & ~inside.all(axis=-1)
+
+    def _towards(self, vectors):
+        """Directions of vectors (..., 3) from the camera, in its axes."""
+        towards = vectors @ self._axes.T
+        return towards / np.maximum(np.linalg.norm(towards, axis=-1, keepdims=True), np.finfo(float).tiny)
+
+    def _reaches(self, vector, far, start):
+        """The share of a patch's light that reaches a place in the pupil."""
+        direction = Vector(vector if far else vector - start)
+        left, share = np.inf if far else direction.length * NEARLY, 1.0
+        direction.normalize()
+        place = self.origin + Vector(start)
+        for _ in range(MOST_SURFACES):
+            hit = self.first(place, direction)
+            if hit is None or (hit.place - place).length >= left:
+                return share
+            share *= self._share_through(hit)
+            if not share:
+                return 0.0
+            left -= (hit.place - place).length + self.beyond_units
+            place = hit.place + direction * self.beyond_units
+        return 0.0
+
+    def _share_through(self, hit):
+        """The share of light that passes a surface, as through clear glass."""
+        material = self.layer.material_override or material_of(hit)
+        if material not in self._passed:
+            lobes = [] if material is None else lobes_of(material)
+            share = sum(lobe.share for lobe in lobes if lobe.way != MIRRORED)
+            self._passed[material] = share if material is None or has_surface(material) else 1.0
+        return self._passed[material]
+
+
+def _none(wavelengths_nm):
+    nm = np.asarray(wavelengths_nm, float)
+    return Sources(np.zeros((0, 3)), np.zeros(0), np.zeros((0, nm.size)), nm, np.zeros(0), ())
+
+
+def _line(why, names):
+    shown = ", ".join(list(names)[:MOST_NAMED]) + f" and {len(names) - MOST_NAMED} more" * (len(names) > MOST_NAMED)
+    return f"no stray light from {shown}: {why}"

@@ -1,0 +1,90 @@
+"""Merging sources: neighbours become one source in the mean direction of their light."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from .sources import Sources, widths_nm
+
+MOST_NAMED = 3
+
+
+def merged_sources(sources: Sources, most: int, spread_rad: float = 0.0) -> tuple[Sources, float]:
+    """Merge neighbouring sources, without loss of light.
+
+    Parameters
+    ----------
+    sources : Sources
+    most : int
+        Largest number of remaining sources.
+    spread_rad : float
+        Sources are merged if their light is on average this close to the direction of the merged one.
+
+    Returns
+    -------
+    Sources
+        Brightest first, those without light left out.
+    float
+        The average angle between the light and the direction of its merged source, in rad.
+    """
+    light = sources.irradiance @ widths_nm(sources.wavelengths_nm)
+    groups, spread = grouped(sources.directions, light, most, spread_rad)
+    parts = [_merged(sources, group, light[group]) for group in groups]
+    return Sources.together([sources.chosen(np.zeros(0, int)), *parts]), spread
+
+
+def grouped(directions: np.ndarray, light: np.ndarray, most: int, spread_rad: float = 0.0
+            ) -> tuple[list[np.ndarray], float]:
+    """Divide directions (source, 3) with this light (source,) into groups of neighbours: arrays of their indices,
+    brightest first, and the average angle between the light and its group's direction.
+
+    The group whose light is farthest from its mean direction is halved, until the number or the spread is reached.
+    """
+    total = light.sum()
+    groups = [np.flatnonzero(light > 0)] * bool(total > 0)
+    spreads = [_spread(directions, light, group) for group in groups]
+    while groups and len(groups) < most and sum(spreads) > spread_rad * total:
+        widest = int(np.argmax(spreads))
+        group = groups.pop(widest)
+        if not spreads.pop(widest):
+            return _sorted([*groups, group], light), 0.0
+        for half in _halves(directions[group], group):
+            groups.append(half)
+            spreads.append(_spread(directions, light, half))
+    return _sorted(groups, light), float(sum(spreads) / total) if groups else 0.0
+
+
+def _sorted(groups, light):
+    return sorted(groups, key=lambda group: (-light[group].sum(), group[0]))
+
+
+def _halves(places, group):
+    """A group's halves, to both sides of the middle of its longest extent."""
+    axis = int(np.argmax(np.ptp(places, axis=0)))
+    near = places[:, axis] <= (places[:, axis].min() + places[:, axis].max()) / 2
+    return group[near], group[~near]
+
+
+def _spread(directions, light, group):
+    """The light of a group times its root-mean-square angle from the mean direction."""
+    if group.size < 2 or not np.ptp(directions[group], axis=0).any():
+        return 0.0
+    middle = np.average(directions[group], axis=0, weights=light[group])
+    return float(light[group].sum() * np.sqrt(
+        np.average(np.square(directions[group] - middle).sum(axis=1), weights=light[group])))
+
+
+def _merged(sources, group, light):
+    """One source for a group of them, with this light."""
+    if group.size == 1:
+        return sources.chosen(group)
+    vector = np.average(sources.directions[group], axis=0, weights=light)
+    length = np.linalg.norm(vector)
+    nearness = np.average(1 / sources.distance_mm[group], weights=light)
+    variance = 2 * max(1 - length**2, 0) + np.average(np.square(sources.radius_rad[group]), weights=light)
+    names = list(dict.fromkeys(sources.names[index] for index in group))
+    name = ", ".join(names[:MOST_NAMED]) + f" and {len(names) - MOST_NAMED} more" * (len(names) > MOST_NAMED)
+    return replace(sources, directions=(vector / max(length, np.finfo(float).tiny))[None],
+                   distance_mm=np.array([1 / nearness if nearness else np.inf]),
+                   irradiance=sources.irradiance[group].sum(axis=0)[None],
+                   radius_rad=np.array([np.sqrt(variance)]), names=(name,))
