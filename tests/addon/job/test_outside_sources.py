@@ -1,10 +1,13 @@
 """Sources of stray light beyond the picture: their light against rendered white cards, and what hides them."""
 
+from dataclasses import replace
+
 import bpy
 import numpy as np
 import pytest
 
 from lensfield.addon.job import outside_sources
+from lensfield.engine.image.directions import directions
 from lensfield.engine.pictures.spectral_exr import read_exr, read_sources
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 from lensfield.engine.stray.picture_sources import picture_sources
@@ -127,7 +130,9 @@ def test_a_lamp_that_leaves_the_picture_passes_to_the_sources_outside(scene, tmp
 def border_right(folder):
     """x in metres of the capture's right edge, at 1 m."""
     image = picture_in(folder)
-    return image.grid.edges_mm[2] / image.focal_mm
+    right, _, ahead = directions(replace(image.grid, focal_mm=image.focal_mm), image.centre_px[0],
+                                 image.cube.shape[2] - 0.5)
+    return right / ahead
 
 
 def picture_in(folder):
