@@ -14,16 +14,17 @@ import bpy
 import numpy as np
 from mathutils import Vector
 
-from ...engine.image.directions import holds
+from ...engine.image.directions import directions, holds, solid_angles_sr
 from ...engine.lens.entrance_pupil import entrance_pupil_size_mm
 from ...engine.stray.merging import grouped, merged_sources
-from ...engine.stray.sources import Sources
+from ...engine.stray.sources import Sources, widths_nm
 from ..scene.depth import View
 from ..scene.instances import rendered_instances
-from ..scene.patches import LAMP_PATCHES, in_disc, lamp_patches, mesh_patches, world_patches
+from ..scene.patches import LAMP_PATCHES, Patches, in_disc, lamp_patches, mesh_patches, world_patches
 from ..scene.render_state import rendered_layer, rendered_world
 from ..scene.units import mm_per_unit
 from ..shading.lobes import MIRRORED, has_surface, lobes_of
+from .sky import sky_steps
 from .unlayered import material_of
 
 MOST_OUTSIDE = 256
@@ -34,7 +35,21 @@ NEARLY = 1 - 1e-4  # of the distance to a patch: its own surface is not in the w
 MOST_NAMED = 3
 
 
-def outside_sources(scene, job, substitution, seen):
+def outside_steps(ready, seen):
+    """Steps that find the sources of a scene that is ready for its passes; returns what `outside_sources` returns.
+
+    Parameters
+    ----------
+    ready : Ready
+    seen : PixelGrid
+    """
+    scene, sky = ready.scene, None
+    if shows_world(scene) and ready.substitution.emission_at(rendered_world(scene), ready.job.wavelengths_nm) is None:
+        sky = yield from sky_steps(ready)
+    return outside_sources(scene, ready.job, ready.substitution, seen, sky)
+
+
+def outside_sources(scene, job, substitution, seen, sky=None):
     """The sources of stray light in a scene that a capture does not contain.
 
     Parameters
@@ -45,6 +60,8 @@ def outside_sources(scene, job, substitution, seen):
     substitution : Substitution
     seen : PixelGrid
         The capture, with its focal length.
+    sky : SpectralImage, optional
+        From `sky_steps`.
 
     Returns
     -------
@@ -54,7 +71,7 @@ def outside_sources(scene, job, substitution, seen):
         A line for emitters that are not counted.
     """
     sight = _Sight(scene, job.lens, seen)
-    emitters, uncounted = _emitters(scene, substitution, job.wavelengths_nm, sight)
+    emitters, uncounted = _emitters(scene, substitution, job.wavelengths_nm, sight, sky)
     parts = [part for emitter in emitters for part in sight.parts(emitter)]
     rays = int(np.clip(MOST_RAYS // max(len(parts), 1), 1, LAMP_PATCHES))
     sources = [sight.source(part, rays, job.wavelengths_nm) for part in parts]
@@ -64,15 +81,30 @@ def outside_sources(scene, job, substitution, seen):
 
 @dataclass(frozen=True, eq=False)
 class _Emitter:
-    """Patches of one emitter: its name, its spectrum at an irradiance of 1, and whether the camera shows it."""
+    """Patches of one emitter.
+
+    Attributes
+    ----------
+    name : str
+    patches : Patches
+    spectrum : array (wavelength,) or (patch, wavelength)
+        For an irradiance of 1.
+    shown : bool
+        Whether the camera shows it.
+    """
 
     name: str
-    patches: object
+    patches: Patches
     spectrum: np.ndarray
     shown: bool
 
+    def chosen(self, indices):
+        """Some of its patches."""
+        spectrum = self.spectrum if self.spectrum.ndim == 1 else self.spectrum[indices]
+        return replace(self, patches=self.patches.chosen(indices), spectrum=spectrum)
 
-def _emitters(scene, substitution, wavelengths_nm, sight):
+
+def _emitters(scene, substitution, wavelengths_nm, sight, sky):
     """The emitters of a scene: list; and the names of those that are not counted, by reason."""
     computed, not_mesh, linked = uncounted = {}, {}, {}
     emissions, emitters = {}, []
@@ -87,15 +119,31 @@ def _emitters(scene, substitution, wavelengths_nm, sight):
             emitters += _lamp(instance, emission_of, sight, computed, linked)
         elif any(emission_of(material) is None or emission_of(material).any() for material in instance.materials):
             emitters += _mesh(instance, emission_of, sight, computed, not_mesh)
-    world = rendered_world(scene)
-    if world and world.cycles_visibility.camera and not scene.render.film_transparent:
-        emission = emission_of(world)
-        if emission is None:
-            computed[f"world {world.name!r}"] = None
-        elif emission.any():
+    if sky is not None:
+        emitters.append(_of_sky(sky, sight))
+    elif shows_world(scene):
+        emission = emission_of(rendered_world(scene))
+        if emission.any():
             emitters.append(_Emitter("world", world_patches(sight.axis), emission, True))
     reasons = ("nodes compute their light", "they are not meshes", "they light only linked objects")
     return emitters, dict(zip(reasons, uncounted, strict=True))
+
+
+def shows_world(scene):
+    """Whether the camera sees a world."""
+    world = rendered_world(scene)
+    return world is not None and world.cycles_visibility.camera and not scene.render.film_transparent
+
+
+def _of_sky(sky, sight):
+    """The Emitter of a sky that was rendered: its pixels."""
+    indices = np.indices(sky.cube.shape[1:]).reshape(2, -1)
+    grid = replace(sky.grid, focal_mm=sky.focal_mm)
+    widths, sr = widths_nm(sky.wavelengths_nm), solid_angles_sr(grid, *indices)
+    radiance = np.maximum(sky.cube.reshape(len(sky.cube), -1).T, 0)
+    mean = radiance @ widths / widths.sum()
+    spectrum = np.divide(radiance, mean[:, None], out=np.zeros_like(radiance), where=mean[:, None] > 0)
+    return _Emitter("world", Patches(directions(grid, *indices) @ sight.axes, mean * sr, sr, far=True), spectrum, True)
 
 
 def _lamp(instance, emission_of, sight, computed, linked):
@@ -152,7 +200,7 @@ class _Sight(View):
         super().__init__(scene, lens, seen)
         self.layer, self._seen, self._unit_mm = rendered_layer(scene), seen, mm_per_unit(scene)
         right, up, back = np.array(scene.camera.matrix_world.normalized().to_3x3()).T
-        self.axis, self._axes = -back, np.stack([right, up, -back])
+        self.axis, self.axes = -back, np.stack([right, up, -back])
         x, y = (np.array(entrance_pupil_size_mm(lens)) / 2 / self._unit_mm)[:, None] * in_disc().T
         self._pupil = np.outer(x, right) + np.outer(y, up)
         self._passed = {}
@@ -164,25 +212,27 @@ class _Sight(View):
         counted = (patches.irradiance > 0) & (towards[:, 2] > 0)
         if emitter.shown:
             counted &= ~holds(self._seen, towards)
-        patches, towards = patches.chosen(counted), towards[counted]
-        for group in grouped(towards, patches.irradiance, MOST_PARTS, PART_RAD)[0]:
-            yield replace(emitter, patches=patches.chosen(group))
+        emitter, towards = emitter.chosen(counted), towards[counted]
+        for group in grouped(towards, patches.irradiance[counted], MOST_PARTS, PART_RAD)[0]:
+            yield emitter.chosen(group)
 
     def source(self, part, rays, wavelengths_nm):
-        """The source that a part of an emitter is, by this number of rays; None if all are blocked."""
-        patches = part.patches
-        chosen = np.linspace(0, len(patches.sr) - 1, rays).round().astype(int)
+        """The source that a part of an emitter is, by this number of rays; None if all are blocked. The rays share its
+        light equally."""
+        patches, towards = part.patches, self._towards(part.patches.vectors)
+        light = np.cumsum(patches.irradiance)
+        aimed = np.searchsorted(light, light[-1] * (np.arange(rays) + 0.5) / rays)
         passed = np.array([self._reaches(patches.vectors[index], patches.far, self._pupil[ray % LAMP_PATCHES])
-                           for ray, index in enumerate(chosen)])
+                           for ray, index in enumerate(aimed)])
         if not passed.any():
             return None
-        weights = passed * patches.irradiance[chosen]
-        towards = np.average(self._towards(patches.vectors[chosen]), axis=0, weights=weights)
-        share = weights.sum() / patches.irradiance[chosen].sum()
-        distance = np.inf if patches.far else np.average(np.linalg.norm(patches.vectors[chosen], axis=1),
-                                                         weights=weights)
-        return Sources((towards / np.linalg.norm(towards))[None], np.array([distance * self._unit_mm]),
-                       np.outer(share * patches.irradiance.sum(), part.spectrum), np.asarray(wavelengths_nm, float),
+        middle = np.average(towards, axis=0, weights=patches.irradiance)
+        middle += np.average(towards[aimed], axis=0, weights=passed) - towards[aimed].mean(axis=0)  # of what passes
+        distance = np.inf if patches.far else np.average(np.linalg.norm(patches.vectors, axis=1)[aimed], weights=passed)
+        irradiance = patches.irradiance @ (part.spectrum if part.spectrum.ndim > 1 else
+                                           np.broadcast_to(part.spectrum, (len(light), part.spectrum.size)))
+        return Sources((middle / np.linalg.norm(middle))[None], np.array([distance * self._unit_mm]),
+                       passed.mean() * irradiance[None], np.asarray(wavelengths_nm, float),
                        np.array([np.sqrt(patches.sr.sum() / np.pi)]), (part.name,))
 
     def is_cut(self, triangles):
@@ -192,7 +242,7 @@ class _Sight(View):
 
     def _towards(self, vectors):
         """Directions of vectors (..., 3) from the camera, in its axes."""
-        towards = vectors @ self._axes.T
+        towards = vectors @ self.axes.T
         return towards / np.maximum(np.linalg.norm(towards, axis=-1, keepdims=True), np.finfo(float).tiny)
 
     def _reaches(self, vector, far, start):

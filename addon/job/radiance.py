@@ -35,7 +35,7 @@ from .empty_frame import empty_reasons
 from .finished_passes import FinishedPasses, alone_with_passes
 from .layering import layered_radiance
 from .light import GatheredLight
-from .outside_sources import outside_sources
+from .outside_sources import outside_steps
 from .remarks import colour_remarks, scale_remarks, scene_remarks, unlayered_remarks
 from .sampled_passes import CONTROL_CUBES, SampledPasses, WholePasses, detail_times, shares_noise
 from .scene_plan import plan_scene
@@ -187,7 +187,7 @@ def capture(scene, job, result, share):
     """
     with temporary_folder() as folder, Journal() as journal, ExitStack() as alone:
         ready = yield from ready_steps(scene, job, result.files, share, folder, journal, alone)
-        outside, uncounted = (None, ()) if job.traced else outside_sources(scene, job, ready.substitution, _seen(ready))
+        outside, uncounted = (None, ()) if job.traced else (yield from outside_steps(ready, _seen(ready)))
         sampled = _passes(ready, journal)
         lights = yield from light_steps(ready, sampled, ready.capture_px, ready.slabs, share, journal)
     captured = replace(captured_from(ready, lights, ready.grid, ready.capture_px), outside=outside,

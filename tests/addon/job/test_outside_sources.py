@@ -227,7 +227,33 @@ def test_lamps_that_are_not_counted_are_reported(scene, tmp_path):
         return answer
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("lensfield.addon.job.radiance.outside_sources", noted)
+        patch.setattr(outside_sources, "outside_sources", noted)
         assert len(sources(scene, tmp_path)) == 0
     assert lines == ["no stray light from light 'Light': nodes compute their light",
                      "no stray light from light 'Light.001': they light only linked objects"]
+
+
+def test_a_world_of_nodes_is_rendered_in_parts(scene, tmp_path):
+    """A sun of 3 degrees in a gradient of blue, at 45 degrees to the right and up from the axis, behind a wall."""
+    tree, sun = scene.world.node_tree, np.array([0.6, 0.3, -0.7])
+    sun /= np.linalg.norm(sun)
+    geometry, dot, greater, mix = (tree.nodes.new(name) for name in (
+        "ShaderNodeNewGeometry", "ShaderNodeVectorMath", "ShaderNodeMath", "ShaderNodeMixRGB"))
+    dot.operation, greater.operation = "DOT_PRODUCT", "GREATER_THAN"
+    dot.inputs[1].default_value = -sun
+    greater.inputs[1].default_value = np.cos(np.radians(1.5))
+    mix.inputs[1].default_value, mix.inputs[2].default_value = (0.1, 0.2, 0.4, 1), (30000, 20000, 10000, 1)
+    background = next(node for node in tree.nodes if node.bl_idname == "ShaderNodeBackground")
+    for source, socket in ((geometry.outputs["Incoming"], dot.inputs[0]), (dot.outputs["Value"], greater.inputs[0]),
+                           (greater.outputs[0], mix.inputs[0]), (mix.outputs[0], background.inputs["Color"])):
+        tree.links.new(source, socket)
+    found = sources(scene, tmp_path)
+    brightest = found.chosen(np.flatnonzero(found.directions @ (sun * (1, 1, -1)) > np.cos(np.radians(3))))
+    assert total(brightest) > 0.5 * total(found)
+    middle = brightest.irradiance[:, 0] @ brightest.directions
+    np.testing.assert_allclose(middle / np.linalg.norm(middle), sun * (1, 1, -1), atol=2e-3)
+    set_world(scene)
+    tree.links.remove(background.inputs["Color"].links[0])
+    background.inputs["Color"].default_value = (30000, 20000, 10000, 1)
+    even, outside = irradiance_inside(tmp_path, scene)
+    np.testing.assert_allclose(total(brightest), (even + outside) * (1 - np.cos(np.radians(1.5))), rtol=0.06)
