@@ -1,0 +1,86 @@
+"""The lens image with its stray light, on a frame that is neither square nor centred."""
+
+import numpy as np
+import pytest
+
+from lenses import make_lens
+from lensfield.engine import InputError, Options, Report, SpectralImage, simulate
+from lensfield.engine.pictures.spectral_exr import read_exr, read_parts, read_stray, read_with_layers, write_exr
+from lensfield.engine.runtime import scratch
+from lensfield.engine.simulation.lens_image import StrayFacts, lens_image
+from lensfield.engine.stray.options import StrayOptions
+
+NM = [450.0, 550.0, 650.0]
+OPTIONS = Options(accuracy=0.02)
+VEIL = StrayOptions("veil", glare_index=5.0)
+
+
+def radiance(cube=None):
+    if cube is None:
+        cube = np.random.default_rng(7).random((3, 40, 60))
+    return SpectralImage(cube, NM, pitch_um=60.0, overscan_px=(2, 3), centre_px=(15.0, 37.0), focal_mm=11.0)
+
+
+def test_the_lens_image_is_the_sum_of_light_and_stray_light():
+    light, lens, report = radiance(), make_lens(), Report()
+    image, stray = lens_image(light, lens, OPTIONS, VEIL, report=report)
+    without = simulate(light, lens, OPTIONS)
+    np.testing.assert_allclose(image.cube, without.cube + stray.cube, rtol=1e-6)
+    assert stray.grid == image.grid == without.grid and image.frame_px == (36, 54)
+    facts = report.parts.of(StrayFacts)
+    assert facts.shares["veil"] == pytest.approx(stray.cube.sum() / without.cube.sum(), rel=1e-5)
+    assert 0.01 < facts.shares["veil"] < 0.06
+    assert report.as_dict()["stray_light"]["shares"] == facts.shares
+
+
+def test_black_pictures_have_no_stray_light():
+    image, stray = lens_image(radiance(np.zeros((3, 40, 60))), make_lens(), OPTIONS, VEIL)
+    assert not stray.cube.any() and not image.cube.any()
+
+
+@pytest.mark.parametrize("accuracy, glare_index, computed", [(0.1, 20.0, False), (0.05, 20.0, True), (0.05, 1.0, False)])
+def test_auto_computes_what_exceeds_the_accuracy_and_states_the_rest(accuracy, glare_index, computed):
+    """Nothing is considered at the accuracy of previews."""
+    report, options = Report(), StrayOptions(glare_index=glare_index)
+    image, stray = lens_image(radiance(), make_lens(), Options(accuracy=accuracy), options, report=report)
+    facts = report.parts.of(StrayFacts)
+    assert (stray is not None) == computed and (facts is None) == (accuracy == 0.1)
+    if not computed:
+        np.testing.assert_array_equal(image.cube, simulate(radiance(), make_lens(), Options(accuracy=accuracy)).cube)
+    if facts and not computed:
+        assert facts.predicted["veil"] < 0.05 and any("below the accuracy" in line for line in report.remarks())
+
+
+def test_the_stray_light_is_a_layer_of_the_file(tmp_path):
+    """Readers of the first part see the sum; the layer has the same channels."""
+    image, stray = lens_image(radiance(), make_lens(), OPTIONS, VEIL)
+    write_exr(image, tmp_path / "with.exr", stray=stray)
+    write_exr(image, tmp_path / "without.exr")
+    for path in (tmp_path / "with.exr", tmp_path / "without.exr"):
+        read, planes, layers = read_with_layers(path)
+        assert np.array_equal(read.cube, image.cube) and read.grid == image.grid and layers is None
+        assert np.array_equal(read_exr(path).cube, image.cube)
+    layer = read_stray(tmp_path / "with.exr")
+    assert np.array_equal(layer.cube, stray.cube) and layer.grid == stray.grid
+    assert layer.quantity == "irradiance" and layer.lens_name == image.lens_name
+    assert read_stray(tmp_path / "without.exr") is None
+    (first, channels), (second, others) = read_parts(tmp_path / "with.exr")
+    assert (first["name"], second["name"]) == ("irradiance", "stray") and channels.keys() == others.keys()
+
+
+def test_stray_light_of_large_pictures_is_in_a_file_like_the_irradiance(tmp_path):
+    light = radiance()
+    stored = scratch.new_array(light.cube.shape, tmp_path)
+    stored[:] = light.cube
+    image, stray = lens_image(radiance(stored), make_lens(), OPTIONS, VEIL)
+    assert scratch.in_file(stray.cube) and scratch.in_file(image.cube)
+    np.testing.assert_array_equal(stray.cube, lens_image(light, make_lens(), OPTIONS, VEIL)[1].cube)
+
+
+@pytest.mark.parametrize("given, message", [
+    ({"stray_light": "ghosts,bloom"}, "bloom: expected auto, off, or some of ghosts, veil, star"),
+    ({"stray_light": ""}, "expected auto, off"), ({"cleanliness": "filthy"}, "new or dusty or hazy"),
+    ({"glare_index": 60.0}, "glare_index"), ({"neglected": float("nan")}, "neglected")])
+def test_invalid_options_are_one_line(given, message):
+    with pytest.raises(InputError, match=message):
+        StrayOptions(**given)
