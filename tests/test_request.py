@@ -6,11 +6,12 @@ from pathlib import Path
 import pytest
 
 from lensfield.cli import _parser
-from lensfield.commands.arguments import given_fields, given_settings, iris_option
+from lensfield.commands.arguments import given_fields, given_settings, iris_option, stray_option
 from lensfield.engine import InputError, Options
 from lensfield.engine.depth.iris import Iris
 from lensfield.engine.runtime.setting import option_of, settings_of
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
+from lensfield.engine.stray.options import StrayOptions
 from lensfield.request import RenderRequest, to_arguments
 
 VALUES = {"lens": "tessar-50mm", "focus": 812.5, "f_number": 2.8, "wavelengths_nm": (450.0, 550.25, 650.0),
@@ -19,7 +20,7 @@ VALUES = {"lens": "tessar-50mm", "focus": 812.5, "f_number": 2.8, "wavelengths_n
           "tilt_deg": (4.0, -0.25), "copy": 12,
           "camera": "sony-a7-iv", "iso": 812.5, "shutter_s": 1 / 60, "noise": False, "develop": False, "dng": True}
 ENGINE_VALUES = {"accuracy": 0.05, "section_size": 8, "azimuths": 6, "psf_energy": 0.99, "flat_tolerance": 0.001,
-                 "supersampling": 2, "colour_error": 0.5, "sensor_error": 0.01}
+                 "supersampling": 2, "colour_error": 0.5, "sensor_error": 0.01, "glare_index": 2.5, "neglected": 0.1}
 
 
 def parsed(*arguments):
@@ -40,7 +41,7 @@ def test_each_field_passes_through_the_command_line(name):
         assert (tuple(given[name]) if name == "wavelengths_nm" else given[name]) == value
 
 
-@pytest.mark.parametrize("owner, name", [(owner, name) for owner in (Options, SpectralOptions)
+@pytest.mark.parametrize("owner, name", [(owner, name) for owner in (Options, SpectralOptions, StrayOptions)
                                          for name in settings_of(owner)])
 def test_each_engine_option_passes_through_the_command_line(owner, name):
     for value in values_of(owner, name):
@@ -50,10 +51,11 @@ def test_each_engine_option_passes_through_the_command_line(owner, name):
 
 def test_options_and_iris_pass_through_the_command_line():
     options, spectral = Options(accuracy=0.05, out_of_field="vignette"), SpectralOptions(colour_error=0.5)
-    words = parsed(*to_arguments(options=options, spectral=spectral, iris=Iris(5, -12.5, 0.25)))
+    stray = StrayOptions("ghosts,star", cleanliness="dusty")
+    words = parsed(*to_arguments(options=options, spectral=spectral, iris=Iris(5, -12.5, 0.25), stray=stray))
     assert Options(**given_settings(words, Options)) == options
     assert SpectralOptions(**given_settings(words, SpectralOptions)) == spectral
-    assert iris_option(words) == Iris(5, -12.5, 0.25)
+    assert iris_option(words) == Iris(5, -12.5, 0.25) and stray_option(words) == stray
 
 
 def test_a_request_compares_by_its_fields_and_refuses_unknown_choices():

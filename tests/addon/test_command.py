@@ -249,10 +249,11 @@ def test_another_lens_can_be_applied_to_a_saved_picture(blend, tmp_path):
     completed = lensfield("render", blend, "--lens", "tessar-50mm", "--wavelengths", 550, "--output", tmp_path / "out")
     assert completed.returncode == 0, completed.stderr
     radiance = tmp_path / "out" / "Scene_0001_radiance.exr"
-    completed = lensfield("apply", radiance, "--lens", "nikkor-28mm", "--lens-quality", "preview",
-                          "--report", tmp_path / "report.json")
+    completed = lensfield("apply", radiance, "--lens", "nikkor-28mm", "--lens-quality", "preview", "--stray", "veil",
+                          "--glare-index", 4, "--report", tmp_path / "report.json")
     assert completed.returncode == 0 and "takes a sensor of 18.3 x 13.7 mm" in completed.stdout, completed.stderr
-    assert json.loads((tmp_path / "report.json").read_text())["radiance"] == str(radiance)
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert report["radiance"] == str(radiance) and 0.01 < report["stray_light"]["shares"]["veil"] < 0.06
     listed = {line for line in completed.stdout.splitlines() if line.startswith(str(tmp_path))}
     assert listed == {str(path) for path in (tmp_path / "out").iterdir()}, "no raw file without a camera"
     assert read_exr(tmp_path / "out" / "Scene_0001_irradiance.exr").lens_name == "nikkor-28mm"

@@ -124,7 +124,7 @@ def test_the_plan_is_printed_before_the_work(radiance, tmp_path, capsys, monkeyp
     def refuse(*_, **__):
         raise MemoryError("no room for it")
 
-    monkeypatch.setattr(filter, "simulate", refuse)
+    monkeypatch.setattr(filter, "lens_image", refuse)
     assert run("filter", radiance, "--lens", "edmund-54852", "--section-size", 8,
                "--output", tmp_path / "out.exr") == 1
     assert capsys.readouterr().out.startswith("plan: 8 px sections between 32 azimuths, ")

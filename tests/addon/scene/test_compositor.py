@@ -169,13 +169,13 @@ def test_node_has_outputs_for_data_passes(scene, tmp_path):
     node, tree = lensfield_nodes(scene)[0], compositing_tree(scene)
     output = next(n for n in tree.nodes if n.bl_idname in ("NodeGroupOutput", "CompositorNodeComposite")).inputs[0]
     means = {}
-    for name in ("Alpha", "Depth", "Relative Illumination", "STMap Distort"):
+    for name in ("Alpha", "Depth", "Stray Light", "Relative Illumination", "STMap Distort"):
         tree.links.new(node.outputs[name], output)
         means[name] = [float(render_composite(scene, tmp_path / "composite.exr")[0].mean())
                        for frame in (1, 2) if not scene.frame_set(frame)]
     fallback = {"Alpha": 1.0, "Depth": pytest.approx(1e10)}  # for the black, opaque world
     assert means == {"Alpha": [0.5, fallback["Alpha"]], "Depth": [7.0, fallback["Depth"]],
-                     "Relative Illumination": [0.25, 0.25], "STMap Distort": [0.25, 0.25]}
+                     "Stray Light": [0.5, 0.0], "Relative Illumination": [0.25, 0.25], "STMap Distort": [0.25, 0.25]}
 
 
 @pytest.mark.parametrize("scale, system, units", [(0.1, "METRIC", 70.0), (0.1, "NONE", 7.0), (2.0, "IMPERIAL", 3.5)])

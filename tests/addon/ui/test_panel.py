@@ -14,7 +14,7 @@ from lensfield.addon.job.remarks import ENOUGH_SAMPLES
 from lensfield.addon.scene.camera import capture_grid
 from lensfield.addon.scene.errors import SceneError
 from lensfield.addon.scene.requirements import check_scene
-from lensfield.addon.ui import lens_worker, lint_panel, plan_line
+from lensfield.addon.ui import lens_worker, lint_panel, panels, plan_line
 from lensfield.addon.ui.panels import draw_settings
 from lensfield.addon.ui.properties import DEFAULT_LENS, forget_items, offered_lenses, searched_lens_items
 from lensfield.addon.ui.session import LastRender, session
@@ -22,6 +22,7 @@ from lensfield.engine import Options, load_lens
 from lensfield.engine.image.sampling import Sampling
 from lensfield.engine.library import bundled_names
 from lensfield.engine.plan.choose import make_plan
+from lensfield.engine.stray.options import StrayOptions
 from places import SAMPLE_SCENE
 from small_scenes import light, material, wall
 from waiting import LAST_RESORT_S
@@ -346,3 +347,19 @@ def test_every_tooltip_is_one_line_without_a_full_stop():
                  if not each.is_hidden and each.identifier not in ("rna_type", "name")]
     assert len(tooltips) > 30
     assert [text for text in tooltips if not text or "\n" in text or "  " in text or text.endswith(".")] == []
+
+
+def test_parts_of_the_stray_light_are_shown_if_chosen(lit_scene):
+    """In the subpanel after the view and before the camera."""
+    names = [name for name, _, _ in panels._PARTS]
+    assert names[names.index("stray") - 1:][:3] == ["view", "stray", "body"]
+    settings = lit_scene.lensfield
+    assert settings.to_request().stray == StrayOptions()
+    assert "stray_parts" not in drawn(lit_scene).shown
+    settings.stray_light, settings.stray_parts, settings.glare_index = "PARTS", {"VEIL", "GHOSTS"}, 2.5
+    assert "stray_parts" in drawn(lit_scene).shown
+    assert settings.to_request().stray == StrayOptions("ghosts,veil", glare_index=2.5)
+    settings.stray_parts = set()
+    assert settings.to_request().stray.parts(accuracy=0.001) == ()
+    settings.stray_light = "OFF"
+    assert {"cleanliness", "glare_index"} <= set(drawn(lit_scene).greyed)

@@ -38,7 +38,8 @@ def test_black_pictures_have_no_stray_light():
     assert not stray.cube.any() and not image.cube.any()
 
 
-@pytest.mark.parametrize("accuracy, glare_index, computed", [(0.1, 20.0, False), (0.05, 20.0, True), (0.05, 1.0, False)])
+@pytest.mark.parametrize("accuracy, glare_index, computed", [
+    (0.1, 20.0, False), (0.05, 20.0, True), (0.05, 1.0, False)])
 def test_auto_computes_what_exceeds_the_accuracy_and_states_the_rest(accuracy, glare_index, computed):
     """Nothing is considered at the accuracy of previews."""
     report, options = Report(), StrayOptions(glare_index=glare_index)
