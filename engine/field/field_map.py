@@ -268,6 +268,9 @@ class MonochromaticField(Protocol):
     def relative_illumination(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
         """Irradiance of a uniform scene's picture, relative to the axis; constant beyond the lens data."""
 
+    def relative_flux(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
+        """Irradiance of a uniform scene's picture before PSFs spread it, as relative_illumination."""
+
     def within(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
         """Whether the lens data cover these positions."""
 

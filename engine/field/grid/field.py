@@ -80,6 +80,9 @@ class GridField:
 
         return at(x_mm, y_mm) / at(np.zeros(1), np.zeros(1))
 
+    def relative_flux(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
+        return self._geometry.relative_flux(x_mm, y_mm)
+
     def within(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
         return self._end.within(x_mm, y_mm)
 

@@ -75,6 +75,9 @@ class RadialField:
         curve = picture_illumination(self._optics, self._geometry, heights_mm)
         return np.interp(np.hypot(x_mm, y_mm), heights_mm, curve)
 
+    def relative_flux(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
+        return self._geometry.relative_flux(self._geometry.paraxial_height_mm(np.hypot(x_mm, y_mm)))
+
     def within(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
         return np.hypot(x_mm, y_mm) <= self._geometry.last_real_mm
 

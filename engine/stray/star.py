@@ -1,0 +1,327 @@
+"""Stars: light that the edges of the stop diffract beyond the windows of the PSFs.
+
+Far from its middle, the diffraction pattern of an opening is the light of its edges (Born and Wolf, Principles of
+Optics, 8.5). With lengths in semi-apertures, at k = pi r / (wavelength N) and azimuth f around the middle, a straight
+edge of length L, whose normal has the azimuth g, contributes the amplitude L cot(f - g) sinc(k L sin(f - g) / 2) / k.
+Its light, without the fringes that are finer than a pixel, is 2 pi L W(f - g) / k^3: W is a Lorentzian with the area
+and the tails of sinc^2, half as wide as 1 / (k L), wrapped to the period pi, as both directions of the normal are alike.
+The sum of wrapped tails over a regular polygon's edges also contains the interference of edges that share a corner,
+which is not a fringe. The edge of a rounded blade has normals of many azimuths, and W is their mean. For a circle, the
+sum is the Airy pattern's 4 pi / k^3. Divided by 4 pi^2 times the area, pi, this is the share of all light (Parseval).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from ..depth.iris import Opening
+from ..image.pixel_grid import PixelGrid
+from ..lens import Lens
+from .arrivals import CELL_PX, Arrivals, spread_in_cells
+
+MOST_SPOTS = 64  # with spikes as fine as the pixels
+HIGHLIGHT = 16  # times the light of a typical spot: others have coarse spikes
+NEAR_PX = 64  # around a spot, stars are computed for each pixel
+STEP_PX = 0.05  # of tables across spikes
+LEAST_PX = 0.05  # width of a box
+SHORTEST = 1e-6  # edge, in semi-apertures
+LEAST_K = 20.0  # closer to the middle, edges interfere
+SQUARE = 2 * np.sqrt(2) / np.pi  # diffracted light outside a square relative to light outside a circle of its width
+
+
+@dataclass(frozen=True)
+class Edge:
+    """Edges of an opening, in semi-apertures, with the same normals except for their sign.
+
+    Attributes
+    ----------
+    azimuth_rad : float
+        Of the normal in the middle, anticlockwise from the right.
+    half_angle_rad : float
+        Between the normals in the middle and at an end: 0 for a straight edge.
+    length : float
+        Of one edge.
+    count : int
+    """
+
+    azimuth_rad: float
+    half_angle_rad: float
+    length: float
+    count: int
+
+
+def edges_of(opening: Opening) -> list[Edge]:
+    """The edges of an opening: its blades, and the parts of the lens's rim between them."""
+    iris, blades = opening.iris, opening.iris.blades
+    if not blades:
+        return [Edge(0.0, np.pi / 2, np.pi, 2)]
+    half, (along, across) = np.pi / blades, _blade_end(opening)
+    radius = opening.corner / iris.roundness if iris.roundness else np.inf
+    bent = np.arcsin(min(across / radius, 1.0))
+    of_rim = half - np.arctan2(across, along)
+    parts = [(0.0, bent, 2 * radius * bent if iris.roundness else 2 * across),
+             (half, of_rim, 2 * opening.reach * of_rim)]
+    count = 1 if blades % 2 else 2
+    return [Edge(np.radians(iris.rotation_deg) + 2 * half * blade + turn, angle, length, count)
+            for turn, angle, length in parts if length > SHORTEST for blade in range(blades // count)]
+
+
+def _blade_end(opening):
+    """The end of a blade's edge, from the axis: along the normal of its middle, and across."""
+    half, roundness, rim = np.pi / opening.iris.blades, opening.iris.roundness, opening.reach
+    along, across = opening.corner * np.cos(half), opening.corner * np.sin(half)
+    if opening.corner <= rim:
+        return along, across
+    if roundness:
+        radius = opening.corner / roundness
+        middle = along - np.sqrt(radius**2 - across**2)  # of the edge's arc
+        along = (rim**2 + middle**2 - radius**2) / (2 * middle) if middle else rim
+    along = min(along, rim)
+    return along, np.sqrt(rim**2 - along**2)
+
+
+def star_share(lens: Lens, opening: Opening, wavelengths_nm: np.ndarray) -> np.ndarray:
+    """The share of a point's light that a star has, and that its image therefore loses: array (wavelength,).
+
+    It is the light outside a disc that diffraction at a round stop leaves as much as outside the PSFs' window.
+    """
+    perimeter = sum(edge.count * edge.length for edge in edges_of(opening))
+    return perimeter / (np.pi**2 * _wave_numbers(lens, wavelengths_nm) * _window_mm(lens, wavelengths_nm))
+
+
+def _wave_numbers(lens, wavelengths_nm):
+    """k over r, in 1/mm: array (wavelength,)."""
+    return np.pi / (np.asarray(wavelengths_nm) * 1e-6 * lens.f_number_effective)
+
+
+def _window_mm(lens, wavelengths_nm):
+    """Radius of the disc in place of the window: array (wavelength,)."""
+    half_mm = lens.psf.shape[-1] * lens.psf_pitch_um * 1e-3 / 2
+    return np.maximum(half_mm / SQUARE, LEAST_K / _wave_numbers(lens, wavelengths_nm))
+
+
+def add_stars(cube: np.ndarray, lens: Lens, opening: Opening, frame: PixelGrid, light: Arrivals) -> np.ndarray:
+    """Add the stars of all light to the irradiance of a sensor's frame.
+
+    The brightest spots have spikes as fine as the pixels. The others are spread in cells; so that stars neither appear
+    nor vanish as lamps move, only a spot's light above that of the next one is spread finely.
+
+    Parameters
+    ----------
+    cube : float32 array (wavelength, row, column)
+    lens : Lens
+    opening : Opening
+    frame : PixelGrid
+    light : Arrivals
+
+    Returns
+    -------
+    array (wavelength,)
+        `star_share`, by which the lens image must be dimmed.
+    """
+    edges, share = edges_of(opening), _fine_share(light)
+    cells = _Cells(len(cube), frame.shape_px)
+    cells.corners += _coarse_stars(lens, edges, frame, light, 1 - share)
+    for spots in _lamps(share, light.cells):
+        _add_star(cells, lens, edges, frame, _together(light, share, spots, frame.pitch_um * 1e-3))
+    cells.add_to(cube)
+    return star_share(lens, opening, light.wavelengths_nm)
+
+
+def _fine_share(light):
+    """The share of each spot's light that is spread finely."""
+    total = light.light.sum(axis=0)
+    level = HIGHLIGHT * np.median(total)
+    if total.size > MOST_SPOTS:
+        level = max(level, np.partition(total, -MOST_SPOTS - 1)[-MOST_SPOTS - 1])
+    return np.divide(np.maximum(total - level, 0), total, out=np.zeros_like(total), where=total > 0)
+
+
+def _lamps(share, cells):
+    """Spots that are spread finely, those of a lamp across the borders of cells together: arrays of indices."""
+    labels, _ = scipy.ndimage.label((share[:np.prod(cells)] > 0).reshape(cells), np.ones((3, 3)))
+    for number, box in enumerate(scipy.ndimage.find_objects(labels), 1):
+        spots = np.ravel_multi_index(np.nonzero(labels == number), cells)
+        yield from [spots] if max(part.stop - part.start for part in box) <= 2 else spots[:, None]
+    yield from np.prod(cells) + np.flatnonzero(share[np.prod(cells):])[:, None]
+
+
+def _together(light, share, spots, pitch_mm):
+    """Some spots as one."""
+    parts = share[spots] * light.light[:, spots]
+    total = parts.sum(axis=1, keepdims=True)
+    weights = np.divide(parts, total, out=np.full_like(parts, 1 / spots.size), where=total > 0)
+    x_mm, y_mm = ((weights * each[:, spots]).sum(axis=1, keepdims=True) for each in (light.x_mm, light.y_mm))
+    square_mm = (light.x_mm[:, spots] - x_mm) ** 2 + (light.y_mm[:, spots] - y_mm) ** 2
+    square = (weights * (light.radius_px[spots] ** 2 + 2 * square_mm / pitch_mm**2)).sum(axis=1).mean()
+    return Arrivals(light.wavelengths_nm, x_mm, y_mm, total, np.sqrt([square]), (1, 1))
+
+
+class _Cells:
+    """A picture as the sum of values at the corners of its cells, between which they are interpolated, and of values
+    for the pixels of some cells."""
+
+    def __init__(self, waves, shape_px):
+        self.shape = rows, columns = [-(-n // CELL_PX) for n in shape_px]
+        self.corners = np.zeros((waves, rows + 1, columns + 1), np.float32)
+        self.fine = np.zeros((rows * columns, waves, CELL_PX**2), np.float32)
+        inner = (np.arange(CELL_PX) + 0.5) / CELL_PX
+        weights = np.stack([1 - inner, inner])
+        self.weights = np.einsum("ar,bc->abrc", weights, weights).reshape(4, -1).astype(np.float32)
+        self.corner_rows, self.corner_columns = (np.arange(n + 1) * CELL_PX - 0.5 for n in (rows, columns))
+
+    def of_corners(self, corners, cells=slice(None)):
+        """Values of pixels, array (..., pixel), interpolated between corners (row, column)."""
+        around = np.stack([corners[:-1, :-1], corners[:-1, 1:], corners[1:, :-1], corners[1:, 1:]], axis=-1)
+        return around[cells] @ self.weights
+
+    def pixels(self, cells, place):
+        """Pixels of cells from a row and column, to the right and up: arrays (cell, pixel)."""
+        rows, columns = (CELL_PX * at[:, None] - start for at, start in zip(np.nonzero(cells), place, strict=True))
+        return (columns + np.tile(np.arange(CELL_PX), CELL_PX)), -(rows + np.repeat(np.arange(CELL_PX), CELL_PX))
+
+    def add(self, factors, cells, pixels):
+        """Add values of the pixels of some cells, array (cell, pixel), times a factor for each wavelength."""
+        self.fine[np.flatnonzero(cells)] += (factors[:, None] * pixels[:, None]).astype(np.float32)
+
+    def add_to(self, cube):
+        """Add the sum to a cube (wavelength, row, column)."""
+        rows, columns = self.shape
+        for index, plane in enumerate(cube):
+            pixels = self.of_corners(self.corners[index]) + self.fine[:, index].reshape(rows, columns, -1)
+            pixels = pixels.reshape(rows, columns, CELL_PX, CELL_PX).swapaxes(1, 2).reshape(rows * CELL_PX, -1)
+            plane += pixels[:plane.shape[0], :plane.shape[1]]
+
+
+def _coarse_stars(lens, edges, frame, light, share):
+    """The stars of shares of all spots at the corners of cells: array (wavelength, row, column)."""
+    numbers = _wave_numbers(lens, light.wavelengths_nm) * frame.pitch_um * 1e-3
+    middle = numbers.size // 2
+    window_px = _window_mm(lens, light.wavelengths_nm)[middle] / (frame.pitch_um * 1e-3)
+    spikes = [_Spikes(edge, numbers[middle], window_px, CELL_PX) for edge in edges]
+
+    def spread(right, up):
+        return sum(edge.exact(right, up) for edge in spikes)
+
+    return spread_in_cells(frame, light, share / numbers[:, None], spread)
+
+
+def _add_star(cells, lens, edges, frame, light):
+    """Add the star of one spot, computed at two wavelengths and interpolated: over k, it is nearly linear in wavelength."""
+    nm = light.wavelengths_nm
+    numbers = _wave_numbers(lens, nm) * frame.pitch_um * 1e-3
+    window_px = _window_mm(lens, nm) / (frame.pitch_um * 1e-3)
+    ends = sorted({0, nm.size - 1})
+    for end, weight in zip(ends, np.eye(len(ends)), strict=True):
+        factors = np.interp(nm, nm[ends], weight) * light.light[:, 0] / numbers
+        place = frame.index_of(light.x_mm[end, 0], light.y_mm[end, 0])
+        _add_edges(cells, factors, [_Spikes(edge, numbers[end], window_px[end], light.radius_px[0])
+                                    for edge in edges], place)
+
+
+def _add_edges(cells, factors, edges, place):
+    """Add the light of edges around a place: near it, that of all together for each pixel."""
+    row, column = place
+    up, right = row - cells.corner_rows[:, None], cells.corner_columns - column
+    middle_up, middle_right = up[:-1] - CELL_PX / 2, right[:-1] + CELL_PX / 2
+    near = np.hypot(middle_right, middle_up) < NEAR_PX + edges[0].window_px
+    together, corners = 0.0, 0.0
+    for edge in edges:
+        at_corners = edge.smooth(right, up)
+        together, corners = together + edge.exact(*cells.pixels(near, place)), corners + at_corners
+        sharp = edge.sharp(middle_right, middle_up) & ~near
+        cells.add(factors, sharp, edge.exact(*cells.pixels(sharp, place)) - cells.of_corners(at_corners, sharp))
+    cells.add(factors, near, together - cells.of_corners(corners, near))
+    cells.corners += factors[:, None, None] * corners
+
+
+class _Spikes:
+    """The light of an edge around a spot of unit light, times k over r in 1/px, per pixel; positions are in pixels.
+
+    Parameters
+    ----------
+    edge : Edge
+    number : float
+        k over r.
+    window_px : float
+    radius_px : float
+        Of the spot.
+    """
+
+    def __init__(self, edge, number, window_px, radius_px):
+        self.edge, self.window_px = edge, window_px
+        self.normal = np.cos(edge.azimuth_rad), np.sin(edge.azimuth_rad)
+        self.weight = edge.count * edge.length / (2 * np.pi**2)
+        self.width_px = 1 / (number * edge.length)  # half width of a spike without the pixels
+        self.angle = edge.half_angle_rad
+        widths = [max(np.hypot(side, np.sqrt(1.5) * radius_px), LEAST_PX) for side in np.abs(self.normal)]
+        self.reach_px = 1.5 * CELL_PX + sum(widths)
+        self.places = np.arange(-self.reach_px, self.reach_px + STEP_PX, STEP_PX)
+        self.table = _box_means(self.places, self.width_px, widths, bool(self.angle))
+
+    def smooth(self, right, up):
+        """The light at points, without its mean over pixels."""
+        ahead, offset, radius = self._turned(right, up)
+        return self._outside(radius) * self._density(ahead, offset, radius)
+
+    def exact(self, right, up):
+        """The light of pixels."""
+        ahead, offset, radius = self._turned(right, up)
+        density, distance = self._density(ahead, offset, radius), self._distance(ahead, offset, radius)
+        sharp = self._sharp(distance, radius)
+        density[sharp] = self._mean_density(distance[sharp], radius[sharp])
+        return self._outside(radius) * density
+
+    def sharp(self, right, up):
+        """Whether the light of cells around points must be computed for each pixel."""
+        ahead, offset, radius = self._turned(right, up)
+        return self._sharp(self._distance(ahead, offset, radius), radius)
+
+    def _sharp(self, distance, radius):
+        return np.abs(np.abs(distance) - radius * self.angle) < (0 if self.angle == np.pi / 2 else self.reach_px)
+
+    def _turned(self, right, up):
+        """Places along the normal and across it, and their distances, at least half a pixel."""
+        across, along = self.normal
+        radius = np.sqrt(np.maximum(right * right + up * up, 0.25))
+        return right * across + up * along, up * across - right * along, radius
+
+    def _distance(self, ahead, offset, radius):
+        """Distance from the spike's middle along the circle through the point."""
+        return radius * np.arctan(offset / np.where(ahead == 0, LEAST_PX, ahead))
+
+    def _density(self, ahead, offset, radius):
+        """W. For a bent edge, by the difference of the integrals at its ends, which are angles of complex numbers."""
+        width = self.width_px / radius
+        if not self.angle:
+            return width / np.pi / ((offset / radius) ** 2 + width**2)
+        twice, ends = (ahead**2 - offset**2) / radius**2, np.cos(2 * self.angle)
+        return np.arctan2(2 * width * np.sin(2 * self.angle), width**2 * (ends + twice) + ends - twice) / (
+            2 * np.pi * self.angle)
+
+    def _mean_density(self, distance, radius):
+        """W near the ends of a bent edge, or the middle of a straight one, averaged over pixels."""
+        if not self.angle:
+            return radius * np.interp(distance, self.places, self.table)
+        ahead, behind = (self._integral(distance + side * radius * self.angle) for side in (1, -1))
+        return (ahead - behind) / (2 * self.angle)
+
+    def _integral(self, place):
+        far = np.sign(place) / 2 - self.width_px / np.pi / np.where(place == 0, LEAST_PX, place)
+        return np.where(np.abs(place) < self.reach_px, np.interp(place, self.places, self.table), far)
+
+    def _outside(self, radius):
+        return self.weight / (radius * radius * radius) * np.clip(radius - self.window_px + 0.5, 0, 1)
+
+
+def _box_means(x, width, boxes, integral):
+    """Means over two boxes of a Lorentzian of this half width, or of its integral, around x."""
+    def twice(x):
+        return (x * np.arctan(x / width) - width / 2 * np.log(x**2 + width**2)) / np.pi
+
+    def thrice(x):
+        return ((x**2 - width**2) / 2 * np.arctan(x / width) - width * x / 2 * (np.log(x**2 + width**2) - 1)) / np.pi
+
+    of, outer, inner = thrice if integral else twice, sum(boxes) / 2, (boxes[0] - boxes[1]) / 2
+    return (of(x + outer) - of(x + inner) - of(x - inner) + of(x - outer)) / np.prod(boxes)
