@@ -4,7 +4,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 
 from ..field.field_map import MonochromaticField, field_map
 from ..field.in_capture import from_capture
@@ -15,7 +14,6 @@ from ..lens import Lens
 from .sources import Sources
 
 CELL_PX = 8
-MEAN_CELLS = 8  # from a point: closer cells receive the mean of their pixels
 LEAST_COSINE = 0.05  # of the angle between a source and the axis: others land as far away as this
 STEP = 1e-4  # of the focal length: for the derivatives of the distortion
 
@@ -141,61 +139,3 @@ def _landed(lens, field: MonochromaticField, ideal_mm, light):
     light = light * irradiance_per_radiance(field.transmittance, lens.f_number_effective) * field.relative_flux(
         x_mm, y_mm)
     return np.stack([each.ravel() for each in (x_mm, y_mm, np.where(known, light, 0))])
-
-
-def spread_in_cells(frame: PixelGrid, light: Arrivals, share: np.ndarray, spread: Callable) -> np.ndarray:
-    """The irradiance that light spreads over a frame, at the corners of its cells of CELL_PX pixels.
-
-    Parameters
-    ----------
-    frame : PixelGrid
-    light : Arrivals
-    share : array (wavelength, spot), or one that broadcasts to it
-        Of each spot's light.
-    spread : callable (right_px, up_px) -> array
-        The share of a point's light that falls on pixels at these distances; smooth over a cell except near 0.
-
-    Returns
-    -------
-    array (wavelength, row, column)
-    """
-    shape = [-(-n // CELL_PX) + 1 for n in frame.shape_px]
-    margins = [-(-n // 2) for n in shape]  # around the frame: light farther away is too far to matter
-    wide = [n + 2 * margin for n, margin in zip(shape, margins, strict=True)]
-    reach = [n + margin - 1 for n, margin in zip(shape, margins, strict=True)]
-    size = [scipy.fft.next_fast_len(2 * n + 1, real=True) for n in reach]
-    kernel = np.zeros(size)
-    kernel[:2 * reach[0] + 1, :2 * reach[1] + 1] = _kernel(reach, spread)
-    transformed = scipy.fft.rfft2(np.roll(kernel, [-n for n in reach], axis=(0, 1)))
-    inside = tuple(slice(margin, margin + n) for n, margin in zip(shape, margins, strict=True))
-    result = np.empty((len(light.light), *shape))
-    for index, each in enumerate(light.light * share):
-        places = frame.index_of(light.x_mm[index], light.y_mm[index])
-        plane = _shared_out(each, *((at + 0.5) / CELL_PX + margin
-                                    for at, margin in zip(places, margins, strict=True)), wide)
-        result[index] = scipy.fft.irfft2(scipy.fft.rfft2(plane, size) * transformed, size)[inside]
-    return np.maximum(result, 0)
-
-
-def _kernel(reach, spread):
-    """Values of `spread` at distances of up to `reach` cells (rows, columns); close to 0, means over cells."""
-    rows, columns = (np.arange(-n, n + 1) for n in reach)
-    kernel = spread(columns * CELL_PX, -rows[:, None] * CELL_PX)
-    near = [min(n, MEAN_CELLS) for n in reach]
-    inner_rows, inner_columns = (np.arange(-n * CELL_PX, (n + 1) * CELL_PX) - (CELL_PX - 1) / 2 for n in near)
-    means = spread(inner_columns, -inner_rows[:, None]).reshape(2 * near[0] + 1, CELL_PX, -1, CELL_PX).mean(axis=(1, 3))
-    kernel[tuple(slice(n - m, n + m + 1) for n, m in zip(reach, near, strict=True))] = means
-    return kernel
-
-
-def _shared_out(light, rows, columns, shape):
-    """Light at places shared out among the four points around each: array of this shape."""
-    first = np.floor([rows, columns]).astype(int)
-    (down, right), plane = np.array([rows, columns]) - first, np.zeros(np.prod(shape))
-    for row, row_share in ((0, 1 - down), (1, down)):
-        for column, column_share in ((0, 1 - right), (1, right)):
-            at = first[0] + row, first[1] + column
-            inside = (at[0] >= 0) & (at[0] < shape[0]) & (at[1] >= 0) & (at[1] < shape[1])
-            plane += np.bincount(np.ravel_multi_index((at[0][inside], at[1][inside]), shape),
-                                 (light * row_share * column_share)[inside], plane.size)
-    return plane.reshape(shape)

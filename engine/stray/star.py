@@ -18,7 +18,8 @@ import scipy
 from ..depth.iris import Opening
 from ..image.pixel_grid import PixelGrid
 from ..lens import Lens
-from .arrivals import CELL_PX, Arrivals, spread_in_cells
+from .arrivals import CELL_PX, Arrivals
+from .cells import FineCells, spread_in_cells
 
 MOST_SPOTS = 64  # with spikes as fine as the pixels
 HIGHLIGHT = 16  # times the light of a typical spot: others have coarse spikes
@@ -121,11 +122,11 @@ def add_stars(cube: np.ndarray, lens: Lens, opening: Opening, frame: PixelGrid, 
         `star_share`, by which the lens image must be dimmed.
     """
     edges, share = edges_of(opening), _fine_share(light)
-    cells = _Cells(len(cube), frame.shape_px)
+    cells = FineCells(len(cube), frame.shape_px)
     cells.corners += _coarse_stars(lens, edges, frame, light, 1 - share)
     for spots in _lamps(share, light.cells):
         _add_star(cells, lens, edges, frame, _together(light, share, spots, frame.pitch_um * 1e-3))
-    cells.add_to(cube)
+    cells.add_all(cube)
     return star_share(lens, opening, light.wavelengths_nm)
 
 
@@ -156,42 +157,6 @@ def _together(light, share, spots, pitch_mm):
     square_mm = (light.x_mm[:, spots] - x_mm) ** 2 + (light.y_mm[:, spots] - y_mm) ** 2
     square = (weights * (light.radius_px[spots] ** 2 + 2 * square_mm / pitch_mm**2)).sum(axis=1).mean()
     return Arrivals(light.wavelengths_nm, x_mm, y_mm, total, np.sqrt([square]), (1, 1))
-
-
-class _Cells:
-    """A picture as the sum of values at the corners of its cells, between which they are interpolated, and of values
-    for the pixels of some cells."""
-
-    def __init__(self, waves, shape_px):
-        self.shape = rows, columns = [-(-n // CELL_PX) for n in shape_px]
-        self.corners = np.zeros((waves, rows + 1, columns + 1), np.float32)
-        self.fine = np.zeros((rows * columns, waves, CELL_PX**2), np.float32)
-        inner = (np.arange(CELL_PX) + 0.5) / CELL_PX
-        weights = np.stack([1 - inner, inner])
-        self.weights = np.einsum("ar,bc->abrc", weights, weights).reshape(4, -1).astype(np.float32)
-        self.corner_rows, self.corner_columns = (np.arange(n + 1) * CELL_PX - 0.5 for n in (rows, columns))
-
-    def of_corners(self, corners, cells=slice(None)):
-        """Values of pixels, array (..., pixel), interpolated between corners (row, column)."""
-        around = np.stack([corners[:-1, :-1], corners[:-1, 1:], corners[1:, :-1], corners[1:, 1:]], axis=-1)
-        return around[cells] @ self.weights
-
-    def pixels(self, cells, place):
-        """Pixels of cells from a row and column, to the right and up: arrays (cell, pixel)."""
-        rows, columns = (CELL_PX * at[:, None] - start for at, start in zip(np.nonzero(cells), place, strict=True))
-        return (columns + np.tile(np.arange(CELL_PX), CELL_PX)), -(rows + np.repeat(np.arange(CELL_PX), CELL_PX))
-
-    def add(self, factors, cells, pixels):
-        """Add values of the pixels of some cells, array (cell, pixel), times a factor for each wavelength."""
-        self.fine[np.flatnonzero(cells)] += (factors[:, None] * pixels[:, None]).astype(np.float32)
-
-    def add_to(self, cube):
-        """Add the sum to a cube (wavelength, row, column)."""
-        rows, columns = self.shape
-        for index, plane in enumerate(cube):
-            pixels = self.of_corners(self.corners[index]) + self.fine[:, index].reshape(rows, columns, -1)
-            pixels = pixels.reshape(rows, columns, CELL_PX, CELL_PX).swapaxes(1, 2).reshape(rows * CELL_PX, -1)
-            plane += pixels[:plane.shape[0], :plane.shape[1]]
 
 
 def _coarse_stars(lens, edges, frame, light, share):
@@ -231,8 +196,8 @@ def _add_edges(cells, factors, edges, place):
         at_corners = edge.smooth(right, up)
         together, corners = together + edge.exact(*cells.pixels(near, place)), corners + at_corners
         sharp = edge.sharp(middle_right, middle_up) & ~near
-        cells.add(factors, sharp, edge.exact(*cells.pixels(sharp, place)) - cells.of_corners(at_corners, sharp))
-    cells.add(factors, near, together - cells.of_corners(corners, near))
+        cells.add(factors, sharp, edge.exact(*cells.pixels(sharp, place)) - cells.interpolated(at_corners, sharp))
+    cells.add(factors, near, together - cells.interpolated(corners, near))
     cells.corners += factors[:, None, None] * corners
 
 

@@ -1,0 +1,144 @@
+"""Pictures that are smooth except in a few places, in cells of several pixels."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import scipy
+
+from ..image.pixel_grid import PixelGrid
+from .arrivals import CELL_PX, Arrivals
+
+MEAN_CELLS = 8  # from a point: closer cells receive the mean of their pixels
+
+
+class Cells:
+    """The cells of a picture. Light is interpolated between their corners.
+
+    Parameters
+    ----------
+    shape_px : (int, int)
+
+    Attributes
+    ----------
+    shape : (int, int)
+        Rows and columns of cells; the last ones may extend beyond the picture.
+    corner_rows, corner_columns : arrays
+        Places of the corners, as indices of pixels.
+    """
+
+    def __init__(self, shape_px: Sequence[int]) -> None:
+        self.shape = rows, columns = [-(-n // CELL_PX) for n in shape_px]
+        self.corner_rows, self.corner_columns = (np.arange(n + 1) * CELL_PX - 0.5 for n in (rows, columns))
+        inner = (np.arange(CELL_PX) + 0.5) / CELL_PX
+        weights = np.stack([1 - inner, inner])
+        self._weights = np.einsum("ar,bc->abrc", weights, weights).reshape(4, -1).astype(np.float32)
+
+    def pixels(self, cells: np.ndarray, place: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
+        """Places of the pixels of cells, a mask, from a row and column, to the right and up: arrays (cell, pixel)."""
+        rows, columns = (CELL_PX * at[:, None] - start for at, start in zip(np.nonzero(cells), place, strict=True))
+        return columns + np.tile(np.arange(CELL_PX), CELL_PX), -(rows + np.repeat(np.arange(CELL_PX), CELL_PX))
+
+    def interpolated(self, corners: np.ndarray, cells: np.ndarray | slice = slice(None)) -> np.ndarray:
+        """Values of pixels between corners, array (row, column), of all cells or of a mask: array (..., pixel)."""
+        around = np.stack([corners[:-1, :-1], corners[:-1, 1:], corners[1:, :-1], corners[1:, 1:]], axis=-1)
+        return around[cells] @ self._weights
+
+    def add_to(self, plane: np.ndarray, pixels: np.ndarray) -> None:
+        """Add values, array (row, column, pixel) of all cells, to a picture."""
+        rows, columns = self.shape
+        values = pixels.reshape(rows, columns, CELL_PX, CELL_PX).swapaxes(1, 2).reshape(rows * CELL_PX, -1)
+        plane += values[:plane.shape[0], :plane.shape[1]]
+
+    def add_corners(self, cube: np.ndarray, corners: np.ndarray) -> None:
+        """Add corners, array (wavelength, row, column), to a cube."""
+        for plane, values in zip(cube, corners.astype(np.float32), strict=True):
+            self.add_to(plane, self.interpolated(values))
+
+
+class FineCells(Cells):
+    """A spectral picture as the sum of light at the corners of cells and of values for the pixels of some cells.
+
+    Parameters
+    ----------
+    waves : int
+        Number of wavelengths.
+    shape_px : (int, int)
+
+    Attributes
+    ----------
+    corners : float32 array (wavelength, row, column)
+    """
+
+    def __init__(self, waves: int, shape_px: Sequence[int]) -> None:
+        super().__init__(shape_px)
+        rows, columns = self.shape
+        self.corners = np.zeros((waves, rows + 1, columns + 1), np.float32)
+        self._fine = np.zeros((rows * columns, waves, CELL_PX**2), np.float32)
+
+    def add(self, factors: np.ndarray, cells: np.ndarray, pixels: np.ndarray) -> None:
+        """Add values of the pixels of a mask's cells, array (cell, pixel), times a factor for each wavelength."""
+        self._fine[np.flatnonzero(cells)] += (factors[:, None] * pixels[:, None]).astype(np.float32)
+
+    def add_all(self, cube: np.ndarray) -> None:
+        """Add the sum to a cube."""
+        for index, plane in enumerate(cube):
+            fine = self._fine[:, index].reshape(*self.shape, -1)
+            self.add_to(plane, self.interpolated(self.corners[index]) + fine)
+
+
+def spread_in_cells(frame: PixelGrid, light: Arrivals, share: np.ndarray, spread: Callable) -> np.ndarray:
+    """The irradiance that light spreads over a frame, at the corners of its cells of CELL_PX pixels.
+
+    Parameters
+    ----------
+    frame : PixelGrid
+    light : Arrivals
+    share : array (wavelength, spot), or one that broadcasts to it
+        Of each spot's light.
+    spread : callable (right_px, up_px) -> array
+        The share of a point's light that falls on pixels at these distances; smooth over a cell except near 0.
+
+    Returns
+    -------
+    array (wavelength, row, column)
+    """
+    shape = [-(-n // CELL_PX) + 1 for n in frame.shape_px]
+    margins = [-(-n // 2) for n in shape]  # around the frame: light farther away is too far to matter
+    wide = [n + 2 * margin for n, margin in zip(shape, margins, strict=True)]
+    reach = [n + margin - 1 for n, margin in zip(shape, margins, strict=True)]
+    size = [scipy.fft.next_fast_len(2 * n + 1, real=True) for n in reach]
+    kernel = np.zeros(size)
+    kernel[:2 * reach[0] + 1, :2 * reach[1] + 1] = _kernel(reach, spread)
+    transformed = scipy.fft.rfft2(np.roll(kernel, [-n for n in reach], axis=(0, 1)))
+    inside = tuple(slice(margin, margin + n) for n, margin in zip(shape, margins, strict=True))
+    result = np.empty((len(light.light), *shape))
+    for index, each in enumerate(light.light * share):
+        places = frame.index_of(light.x_mm[index], light.y_mm[index])
+        plane = _shared_out(each, *((at + 0.5) / CELL_PX + margin
+                                    for at, margin in zip(places, margins, strict=True)), wide)
+        result[index] = scipy.fft.irfft2(scipy.fft.rfft2(plane, size) * transformed, size)[inside]
+    return np.maximum(result, 0)
+
+
+def _kernel(reach, spread):
+    """Values of `spread` at distances of up to `reach` cells (rows, columns); close to 0, means over cells."""
+    rows, columns = (np.arange(-n, n + 1) for n in reach)
+    kernel = spread(columns * CELL_PX, -rows[:, None] * CELL_PX)
+    near = [min(n, MEAN_CELLS) for n in reach]
+    inner_rows, inner_columns = (np.arange(-n * CELL_PX, (n + 1) * CELL_PX) - (CELL_PX - 1) / 2 for n in near)
+    means = spread(inner_columns, -inner_rows[:, None]).reshape(2 * near[0] + 1, CELL_PX, -1, CELL_PX).mean(axis=(1, 3))
+    kernel[tuple(slice(n - m, n + m + 1) for n, m in zip(reach, near, strict=True))] = means
+    return kernel
+
+
+def _shared_out(light, rows, columns, shape):
+    """Light at places shared out among the four points around each: array of this shape."""
+    first = np.floor([rows, columns]).astype(int)
+    (down, right), plane = np.array([rows, columns]) - first, np.zeros(np.prod(shape))
+    for row, row_share in ((0, 1 - down), (1, down)):
+        for column, column_share in ((0, 1 - right), (1, right)):
+            at = first[0] + row, first[1] + column
+            inside = (at[0] >= 0) & (at[0] < shape[0]) & (at[1] >= 0) & (at[1] < shape[1])
+            plane += np.bincount(np.ravel_multi_index((at[0][inside], at[1][inside]), shape),
+                                 (light * row_share * column_share)[inside], plane.size)
+    return plane.reshape(shape)
