@@ -1,13 +1,13 @@
 """Stars: light that the edges of the stop diffract beyond the windows of the PSFs.
 
 Far from its middle, the diffraction pattern of an opening is the light of its edges (Born and Wolf, Principles of
-Optics, 8.5). With lengths in semi-apertures, at k = pi r / (wavelength N) and azimuth f around the middle, a straight
-edge of length L, whose normal has the azimuth g, contributes the amplitude L cot(f - g) sinc(k L sin(f - g) / 2) / k.
-Its light, without the fringes that are finer than a pixel, is 2 pi L W(f - g) / k^3: W is a Lorentzian with the area
-and the tails of sinc^2, half as wide as 1 / (k L), wrapped to the period pi, as both directions of the normal are alike.
-The sum of wrapped tails over a regular polygon's edges also contains the interference of edges that share a corner,
-which is not a fringe. The edge of a rounded blade has normals of many azimuths, and W is their mean. For a circle, the
-sum is the Airy pattern's 4 pi / k^3. Divided by 4 pi^2 times the area, pi, this is the share of all light (Parseval).
+Optics, 8.5). With lengths in semi-apertures, at k = pi r / (wavelength N) and the azimuth f, a straight edge of the
+length L with a normal at the azimuth g contributes the amplitude L cos(f - g) sinc(k L sin(f - g) / 2) / k. Its light,
+without the fringes that are finer than a pixel, is 2 pi L W(f - g) / k^3: W is a Lorentzian with the area and the tails
+of sinc^2, of the half width 1 / (k L), wrapped to the period pi, as both directions of the normal are alike. The sum of
+the wrapped tails of a regular polygon's edges also contains the interference of edges that share a corner, which is not
+a fringe. The edge of a rounded blade has normals of many azimuths, and W is their mean. For a circle, the sum is the
+Airy pattern's 4 pi / k^3. Divided by 4 pi^2 times the area, pi, this is the share of all light (Parseval).
 """
 
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from ..lens import Lens
 from .arrivals import CELL_PX, Arrivals
 from .cells import FineCells, spread_in_cells
 
-MOST_SPOTS = 64  # with spikes as fine as the pixels
+MOST_SPOTS = 40  # with spikes as fine as the pixels
 HIGHLIGHT = 16  # times the light of a typical spot: others have coarse spikes
 NEAR_PX = 64  # around a spot, stars are computed for each pixel
 STEP_PX = 0.05  # of tables across spikes
@@ -133,10 +133,10 @@ def add_stars(cube: np.ndarray, lens: Lens, opening: Opening, frame: PixelGrid, 
 def _fine_share(light):
     """The share of each spot's light that is spread finely."""
     total = light.light.sum(axis=0)
-    level = HIGHLIGHT * np.median(total)
-    if total.size > MOST_SPOTS:
-        level = max(level, np.partition(total, -MOST_SPOTS - 1)[-MOST_SPOTS - 1])
-    return np.divide(np.maximum(total - level, 0), total, out=np.zeros_like(total), where=total > 0)
+    bright = HIGHLIGHT * np.median(total)
+    level = np.partition(total, -MOST_SPOTS - 1)[-MOST_SPOTS - 1] if total.size > MOST_SPOTS else 0.0
+    more = total - max(level, bright)
+    return np.divide(more, total, out=np.zeros_like(total), where=more > bright)
 
 
 def _lamps(share, cells):
@@ -221,7 +221,7 @@ class _Spikes:
         self.width_px = 1 / (number * edge.length)  # half width of a spike without the pixels
         self.angle = edge.half_angle_rad
         widths = [max(np.hypot(side, np.sqrt(1.5) * radius_px), LEAST_PX) for side in np.abs(self.normal)]
-        self.reach_px = 1.5 * CELL_PX + sum(widths)
+        self.reach_px = CELL_PX + sum(widths)
         self.places = np.arange(-self.reach_px, self.reach_px + STEP_PX, STEP_PX)
         self.table = _box_means(self.places, self.width_px, widths, bool(self.angle))
 
@@ -233,9 +233,11 @@ class _Spikes:
     def exact(self, right, up):
         """The light of pixels."""
         ahead, offset, radius = self._turned(right, up)
-        density, distance = self._density(ahead, offset, radius), self._distance(ahead, offset, radius)
+        distance = self._distance(ahead, offset, radius)
         sharp = self._sharp(distance, radius)
+        density = np.empty_like(radius)
         density[sharp] = self._mean_density(distance[sharp], radius[sharp])
+        density[~sharp] = self._density(ahead[~sharp], offset[~sharp], radius[~sharp])
         return self._outside(radius) * density
 
     def sharp(self, right, up):

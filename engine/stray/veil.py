@@ -2,11 +2,11 @@
 
 A surface scatters around the direction of a ray by the Harvey-Shack model (J. E. Harvey, Light-scattering
 characteristics of optical surfaces, University of Arizona, 1976): (1 + (b / knee)^2)^(slope / 2) at the difference b of
-direction cosines. By the invariant of Lagrange, b at a surface is y b / u' on the sensor, with the height y of the
-marginal ray there and its slope u' behind the lens. Polished surfaces scatter the share (2 pi dn roughness / wavelength)^2,
-with the step dn of the refractive index; particles larger than a wavelength scatter twice the light that falls on them
-(H. C. van de Hulst, Light scattering by small particles, 1957). The barrel reflects diffusely, and its light falls off
-as cos^4.
+direction cosines. By Lagrange's invariant, this is the distance y b / u' on the sensor, with the height y of the
+marginal ray at the surface and its slope u' behind the lens. Polished surfaces scatter the share
+(2 pi dn roughness / wavelength)^2, with the step dn of the refractive index. Particles larger than a wavelength scatter
+twice the light that falls on them (H. C. van de Hulst, Light scattering by small particles, 1957). The barrel reflects
+diffusely, and its light falls off as cos^4.
 """
 
 from dataclasses import dataclass, replace
@@ -57,7 +57,7 @@ class Cleanliness:
 
 CLEANLINESS = {"new": Cleanliness(1.0, 2e-4, 0.0, 0.008), "dusty": Cleanliness(1.0, 8e-3, 0.0, 0.008),
                "hazy": Cleanliness(2.0, 2e-3, 2e-3, 0.008)}
-"""Estimates, chosen for glare indices of about 1, 2 and 4 %."""
+"""Estimates. They give full-frame lenses glare indices of about 0.3 %, 1.5 %, and 2 to 4 %."""
 
 
 @dataclass(frozen=True)
