@@ -5,13 +5,14 @@ import numpy as np
 import pytest
 
 from layouts import Layout
+from lenses import fine_grid_lens
 from lensfield.addon.scene.focus import focus_now
 from lensfield.addon.ui import live
 from lensfield.addon.ui.lens_at_rest import facts_at_rest
 from lensfield.addon.ui.lens_view import SAMPLERS, SOURCES, VALUES, View
 from lensfield.addon.ui.session import session
-from lensfield.engine import LensError
 from lensfield.engine.depth.iris import Iris
+from lensfield.engine.depth.lens_tables import NODES
 from lensfield.engine.rays.rings import Rings
 from waiting import LAST_RESORT_S
 
@@ -110,12 +111,16 @@ def test_the_blur_is_that_of_the_lens_at_its_focus(live_scene):
     assert 0.85 * first.blur_px_m < focus.blur_px_m < 0.97 * first.blur_px_m
 
 
-@pytest.mark.parametrize("setting, value", [("copy", 7), ("tilt_deg", (0.07, 0.0))])
-def test_a_lens_without_rotational_symmetry_is_refused_before_its_bake(live_scene, monkeypatch, setting, value):
-    monkeypatch.setattr(live, "load_lens", lambda *_, **__: pytest.fail("baked"))
-    setattr(live_scene.lensfield, setting, value)
-    with pytest.raises(LensError, match="tessar-50mm: lens is not rotationally symmetric: .*: use Preview"):
-        frame_of(live_scene)
+def test_a_squeezed_frame_is_as_wide_as_its_pixels_show_it_and_its_focus_leans(live_scene, monkeypatch):
+    lens = fine_grid_lens(squeeze=2.0, focus_slope=(1e-3, -2e-3), wavelengths_nm=(400.0, 550.0, 700.0))
+    monkeypatch.setattr(live, "load_lens", lambda *_, **__: lens)
+    live_scene.lensfield.view = "LENS"
+    frame, half_px = frame_of(live_scene), np.array([400, 250])
+    focal_mm, pitch_mm = lens.capture_focal_length_mm, 4.8 / 800
+    assert frame.tangents[2:] == pytest.approx(half_px * pitch_mm / focal_mm)
+    assert frame.lean_per_m == pytest.approx((0.5 * focal_mm, -2 * focal_mm))
+    edge = frame.tables.angle_rad[NODES // 2, -1, 1]
+    assert np.tan(edge) == pytest.approx((2 * 2.4 / focal_mm, 0), abs=1e-6), "its light comes from twice as far"
 
 
 def test_the_view_maps_camera_space_to_pixels():

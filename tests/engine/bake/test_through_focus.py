@@ -8,19 +8,25 @@ import numpy as np
 import pytest
 from scipy.special import j1
 
-from lenses import make_lens
+from afocal import AFOCAL
+from lenses import fine_grid_lens, make_lens
 from lensfield.engine import InputError, LensError
+from lensfield.engine.bake import through_focus
 from lensfield.engine.bake.diffraction import point_spread
 from lensfield.engine.bake.quality import QUALITIES
-from lensfield.engine.bake.through_focus import landings_mm, lens_at_depth, psf_at_depth
-from lensfield.engine.bake.wavefront import trace_wavefronts
+from lensfield.engine.bake.through_focus import landings_mm, lens_at_depth, psf_at_depth, psf_at_place
+from lensfield.engine.bake.wavefront import trace_wavefronts, wavefronts_of
+from lensfield.engine.field.grid.first_order import first_order_rays as first_order_grid_rays
 from lensfield.engine.field.radial.first_order import first_order_rays
 from lensfield.engine.library import BUNDLED
 from lensfield.engine.prescription.readers import read_prescription
 from lensfield.engine.prescription.system import system_of
+from lensfield.engine.rays.fields import find_fields, trace_fields, view_of
 from lensfield.engine.rays.focus import build_system
+from lensfield.engine.rays.grid_rays import grid_ray_table
 from lensfield.engine.rays.ray_table import ray_table
 from lensfield.engine.rays.rays import HalfPupil, trace_pupil
+from lensfield.engine.rays.view import tilted
 
 NM, F_NUMBER = 550.0, 2.0
 
@@ -147,6 +153,37 @@ def test_a_lens_at_a_depth_has_the_psfs_of_that_depth():
     few = lens_at_depth(many, first_order_rays(many), np.inf)
     assert few.heights_mm.size == 17 and few.heights_mm[-1] == 2
     assert few.wavelengths_nm.tolist() == [400, 440, 500, 560, 600, 640, 700]
+
+
+AFOCAL_TRIPLET = replace(focused("cooke-triplet-50mm").prescription,
+                         surfaces=AFOCAL + focused("cooke-triplet-50mm").prescription.surfaces)
+
+
+@pytest.mark.parametrize("prescription, y_mm, mirrored", [
+    (AFOCAL_TRIPLET, (0.0, 7.0), (True, True)), (tilted(focused("cooke-triplet-50mm"), (5.0, 0.0)), (-7.0, 8.0), (False, True))])
+def test_psfs_at_places_match_rays_from_points_at_that_depth(prescription, y_mm, mirrored):
+    """Through an anamorphic lens and onto a tilted sensor, traced from a point on the chief ray."""
+    system, taken, place_mm, depth_mm = build_system(prescription), QUALITIES["standard"], (-6.0, -5.0), 3e3
+    table = grid_ray_table(system.prescription, y_mm, (0.0, 9.0), mirrored)
+    psf = psf_at_place(table, NM, place_mm, depth_mm, 10.0, 101)
+    view = replace(view_of(system), nearness=1 / depth_mm, lean=np.zeros(2))
+    points = find_fields(system, view, -np.reshape(place_mm, (2, 1)), [NM])
+    wavefront = wavefronts_of(system, trace_fields(system, view, points, taken.full_pupil)).one(0, 0)
+    truth = point_spread(wavefront, 10.0, 101, replace(taken.sums, repeat=2.0))[::-1, ::-1]
+    assert np.abs(psf - truth / truth.sum()).sum() < 0.03
+    assert all(np.abs(turned - psf).sum() > 0.1 for turned in (psf[::-1], psf[:, ::-1], psf.T))
+
+
+def test_a_lens_on_a_grid_has_the_psfs_of_a_depth(monkeypatch):
+    monkeypatch.setattr(through_focus, "MOST_LINES", 3)
+    lens = fine_grid_lens(mirrored=(False, True), squeeze=2.0, wavelengths_nm=(600.0,), focus_slope=(0.0, 1e-3))
+    table = first_order_grid_rays(lens)
+    nearer = lens_at_depth(lens, table, 500.0)
+    assert nearer.name == "hand-made grid, points at 0.5 m" and nearer.enclosed_energy.min() > 0.95
+    assert nearer.psf.shape[:3] == (1, 3, 3) and nearer.y_mm.tolist() == [-2, 0, 2]
+    expected = psf_at_place(table, 600.0, (nearer.x_mm[1], nearer.y_mm[0]), 500.0, nearer.psf_pitch_um,
+                            nearer.psf.shape[-1])
+    np.testing.assert_allclose(nearer.psf[0, 0, 1], expected, atol=1e-6)
 
 
 @pytest.mark.parametrize("depth_mm", [0.0, -5.0, np.nan])

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lenses import tinted
+from lenses import fine_grid_lens, tinted
 from lensfield.engine import load_lens
 from lensfield.engine.depth.iris import Iris, opening
 from lensfield.engine.depth.lens_tables import BOKEH_NODES, COLOURS_NM, NODES, lens_tables
@@ -127,3 +127,14 @@ def test_a_lens_without_prescription_has_round_discs():
     tables = lens_tables(lens, lens_rays(lens), frame)
     size = np.sqrt((tables.light[..., None] * tables.shifts**2).sum(axis=2))
     assert size == pytest.approx(np.full_like(size, 0.5), rel=0.05)
+
+
+def test_the_discs_of_a_squeezed_lens_are_half_as_wide_as_high_around_its_light():
+    """Through a lens with barrel distortion across, a prism up and a plane of focus that leans; without aberrations."""
+    lens = fine_grid_lens(source_mm=lambda nm, x, y: (x * (1 + 0.02 * x**2), y + 0.05 * y**2), squeeze=2.0,
+                          focus_slope=(1e-3, 0.0), wavelengths_nm=(400.0, 550.0, 700.0))
+    tables = lens_tables(lens, lens_rays(lens), PixelGrid((360, 480), 10.0))
+    for row, column in ((MIDDLE, MIDDLE), (3, 14)):
+        shift, light = tables.shifts[row, column], tables.light[row, column]
+        assert np.sqrt((light[:, None] * shift**2).sum(axis=0)) == pytest.approx([0.25, 0.5], rel=0.03)
+        assert np.abs(tables.aberrations[row, column]).max() < 1e-4

@@ -71,6 +71,9 @@ def test_it_contains_the_rays_that_are_traced_from_the_stop(name):
         assert system.efl_mm * (direction[:2] / direction[2] - tangent) == pytest.approx(0, abs=3e-4)
         assert rays.entrance_mm[:, 0, 0, 0, 0] == pytest.approx(expected_mm, abs=2e-3)
         assert rays.surface_margin[0, 0, 0, 0] == pytest.approx(margin[ray], abs=0.01)
+        single = table.rays(0, place_mm[:, ray], stop[:, ray])
+        for name in ("entrance_mm", "direction", "surface_margin", "path_mm", "weight"):
+            assert getattr(single, name) == pytest.approx(np.squeeze(getattr(rays, name))[..., 0], abs=1e-9)
 
 
 def test_a_rotationally_symmetric_lens_has_the_rays_of_its_heights():
