@@ -21,7 +21,8 @@ from .session import session
 F_STOPS = "1", "1.4", "2", "2.8", "4", "5.6", "8", "11", "16"
 F_STOPS_TEXT = "F-stops; without any, the camera's if its Depth of Field is on, otherwise each lens's widest"
 SIDE_PX, SAMPLES = 640, 64  # of each picture, the longer side
-DIALOG_WIDTH, COLUMNS, MOST_OFFERED = 900, 3, 90
+COLUMN_WIDTH, ROWS, COLUMNS, MOST_COLUMNS = 300, 30, 3, 4  # of the dialog, which must fit on a screen
+MOST_OFFERED = ROWS * MOST_COLUMNS
 LEAST_PX = 4
 CHOOSE = "Click a picture on the contact sheet to choose its lens"
 OUTLINE_PX, OUTLINE = 3.0, (1.0, 0.6, 0.1, 1.0)
@@ -60,11 +61,12 @@ class LENSFIELD_OT_compare(LensRender, bpy.types.Operator):
             if name != FROM_FILE or settings.lens == FROM_FILE:
                 lens = self.lenses.add()
                 lens.name, lens.ticked = name, name in before
-        return context.window_manager.invoke_props_dialog(self, width=DIALOG_WIDTH, confirm_text="Compare")
+        return context.window_manager.invoke_props_dialog(self, width=COLUMN_WIDTH * _columns(self.lenses),
+                                                          confirm_text="Compare")
 
     def draw(self, context):
         self.layout.prop(self, "search", text="", icon="VIEWZOOM")
-        flow = self.layout.column_flow(columns=COLUMNS, align=True)
+        flow = self.layout.column_flow(columns=_columns(self.lenses), align=True)
         offered, others = _offered(self.lenses, self.search)
         for lens in offered:
             flow.prop(lens, "ticked", text=_offered_title(context.scene, lens.name))
@@ -91,6 +93,11 @@ class LENSFIELD_OT_compare(LensRender, bpy.types.Operator):
         lenses = [scene.lensfield.lens_name_or_path() if name == FROM_FILE else name for name in names]
         stops = [float(stop) for stop in F_STOPS if stop in self.f_stops]
         return window_render.start_comparison(scene, lenses, stops, _size_px(scene, self.side_px), self.samples)
+
+
+def _columns(lenses):
+    """The number of columns of the dialog: more for a library with many lenses."""
+    return min(max(COLUMNS, -(-len(lenses) // ROWS)), MOST_COLUMNS)
 
 
 def _offered(lenses, search):

@@ -1,5 +1,4 @@
-"""A lens without rotational symmetry in a few maps, for a compositor; `lens_curves` has the rotationally symmetric ones.
-"""
+"""A lens without rotational symmetry in a few maps, for a compositor; `lens_curves` is for symmetric lenses."""
 
 from dataclasses import dataclass
 

@@ -9,7 +9,7 @@ from lenses import fine_grid_lens
 from lensfield import addon
 from lensfield.addon.scene.compositor import QUICK_LOOK, compositing_tree, scene_node
 from lensfield.addon.scene.quick_look import MAP_X, MAP_Y, new_quick_look, set_lens
-from lensfield.addon.ui.quick_look import compositor_lens, follow
+from lensfield.addon.ui.quick_look import compositor_lens
 from lensfield.engine import load_lens
 from lensfield.engine.depth.depth_range import blur_per_nearness_px
 from lensfield.engine.depth.iris import Iris, opening
@@ -285,7 +285,8 @@ def test_an_anamorphic_lens_on_a_leaning_sensor_blurs_as_its_rays_do(scene, tmp_
 def _sizes(x, y, light):
     """Centroid, and RMS width and height."""
     middle = [np.average(each, weights=light) for each in (x, y)]
-    return middle, [np.sqrt(np.average((each - mean)**2, weights=light)) for each, mean in zip((x, y), middle)]
+    return middle, [np.sqrt(np.average((each - mean)**2, weights=light)) for each, mean in
+                    zip((x, y), middle, strict=True)]
 
 
 def test_a_lens_without_rotational_symmetry_takes_the_place_of_another_and_back(lit_scene, tmp_path):
@@ -295,4 +296,5 @@ def test_a_lens_without_rotational_symmetry_takes_the_place_of_another_and_back(
     assert corner(lit_scene, tmp_path) != pytest.approx(symmetric, rel=1e-3)
     assert {MAP_X, MAP_Y} <= set(node.node_tree.nodes.keys())
     lit_scene.lensfield.tilt_deg = 0.0, 0.0
-    assert corner(lit_scene, tmp_path) == symmetric and len([image for image in bpy.data.images if image.packed_file]) == 2
+    assert corner(lit_scene, tmp_path) == symmetric
+    assert len([image for image in bpy.data.images if image.packed_file]) == 2, "the maps are removed"

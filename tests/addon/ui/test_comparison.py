@@ -110,6 +110,15 @@ def test_a_picture_has_the_sides_of_the_scene(sheet):
 
 
 @pytest.mark.one_blender
+@pytest.mark.parametrize("number, columns, more", [(3, 3, 0), (90, 3, 0), (91, 4, 0), (120, 4, 0), (130, 4, 10)])
+def test_the_dialog_grows_with_the_library_and_states_how_many_lenses_it_lacks(monkeypatch, number, columns, more):
+    lenses = [SimpleNamespace(name=str(n), ticked=n == 2) for n in range(number)]
+    monkeypatch.setattr(comparison, "matching_lenses", lambda search: {lens.name for lens in lenses})
+    shown, lacking = comparison._offered(lenses, "")
+    assert comparison._columns(lenses) == columns and (len(shown) + lacking, lacking) == (number, more)
+
+
+@pytest.mark.one_blender
 def test_a_search_limits_the_offered_lenses_but_never_hides_ticked_ones(monkeypatch):
     monkeypatch.setattr(comparison, "MOST_OFFERED", 4)
     lenses = [SimpleNamespace(name=name, ticked=name == SHARP) for name in bundled_names()]

@@ -160,7 +160,8 @@ AFOCAL_TRIPLET = replace(focused("cooke-triplet-50mm").prescription,
 
 
 @pytest.mark.parametrize("prescription, y_mm, mirrored", [
-    (AFOCAL_TRIPLET, (0.0, 7.0), (True, True)), (tilted(focused("cooke-triplet-50mm"), (5.0, 0.0)), (-7.0, 8.0), (False, True))])
+    (AFOCAL_TRIPLET, (0.0, 7.0), (True, True)),
+    (tilted(focused("cooke-triplet-50mm"), (5.0, 0.0)), (-7.0, 8.0), (False, True))])
 def test_psfs_at_places_match_rays_from_points_at_that_depth(prescription, y_mm, mirrored):
     """Through an anamorphic lens and onto a tilted sensor, traced from a point on the chief ray."""
     system, taken, place_mm, depth_mm = build_system(prescription), QUALITIES["standard"], (-6.0, -5.0), 3e3
