@@ -60,7 +60,7 @@ def uniform_light(lens, rows=576, columns=768, overscan_px=60):
     shape = (1, rows + 2 * overscan_px, columns + 2 * overscan_px)
     image = SpectralImage(np.ones(shape), [NM], pitch_um=SENSOR_UM / columns, overscan_px=(overscan_px,) * 2)
     middle = simulate(image, lens).cube[0, rows // 2 - 1:rows // 2 + 1, columns // 2 - 1:columns // 2 + 1]
-    per_radiance = irradiance_per_radiance(1.0, lens.f_number_effective)
+    per_radiance = irradiance_per_radiance(lens.at_wavelength(NM).transmittance, lens.f_number_effective)
     print(f"uniform light on the axis, relative to Eq. 2: {middle.mean() / per_radiance:.4f}")
 
 

@@ -13,6 +13,7 @@ IDEAL, NONE, SINGLE, MULTI = "ideal", "none", "single", "multi"
 AS_LENS = "lens"  # choice of a setting
 MOST_LAYERS, THICKEST_NM = 100, 1e5
 EVERYWHERE_NM = (0.0, np.inf)
+INNER = 1.65  # index of the inner layer of "multi"
 EYE_NM, BAND_NM = 550.0, 510.0  # centres, in wavenumber, of the eye's sensitivity and of the visible range
 
 
@@ -107,13 +108,20 @@ BUILT_IN = {coating.name: coating for coating in (
     Coating(IDEAL, measured=MeasuredReflectance(EVERYWHERE_NM, (0.0,), ((0.0,), (0.0,)))),
     Coating(NONE),
     Coating(SINGLE, quarter_waves(EYE_NM, (1.38, 1))),
-    Coating(MULTI, quarter_waves(BAND_NM, (1.38, 1), (2.1, 2), (1.7, 1))))}
+    Coating(MULTI, quarter_waves(BAND_NM, (1.38, 1), (2.1, 2), (INNER, 1))))}
 """Coatings that every prescription can name.
 
 "ideal" reflects nothing, except in total reflection. "none" is bare glass. "single" is MgF2. "multi" is the
 quarter-half-quarter of J. T. Cox, G. Hass and A. Thelen, J. Opt. Soc. Am. 52, 965 (1962): MgF2, ZrO2, and a layer of
-medium index on the glass.
+medium index on the glass; see `on_glass`.
 """
+MULTI_ON_DENSE_GLASS = Coating(MULTI, quarter_waves(BAND_NM, (1.38, 1), (2.1, 2), (INNER, 2)))
+
+
+def on_glass(coating: Coating, index: float) -> Coating:
+    """A coating as it is designed for a glass of this index: the inner layer of "multi" is a half wave on glass of a
+    higher index than its own."""
+    return MULTI_ON_DENSE_GLASS if coating is BUILT_IN[MULTI] and index > INNER else coating
 
 
 def of_layers(number: int) -> str:
@@ -152,7 +160,7 @@ def reflectance(coating: Coating, indices: tuple[np.ndarray, np.ndarray], wavele
     total = squares >= low**2
     squares = np.where(total, 0.0, squares)
     if coating.measured:
-        values = coating.measured.at(nm, np.degrees(np.arcsin(np.sqrt(np.minimum(squares, 1)))))
+        values = coating.measured.at(nm, np.degrees(np.arcsin(np.sqrt(np.clip(squares, 0, 1)))))
     else:
         values = (_of_layers(coating.layers, low, high, nm, squares, 0)
                   + _of_layers(coating.layers, low, high, nm, squares, 2)) / 2

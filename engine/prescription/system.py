@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from ..runtime.errors import LensError
-from .coatings import BUILT_IN, Coating, reflectance
+from .coatings import BUILT_IN, Coating, on_glass, reflectance
 from .glasses import Glass, find_glass
 from .paraxial import FirstOrder, first_order
 from .prescription import Prescription
@@ -90,9 +90,11 @@ class System(FirstOrder):
 
     @property
     def coatings(self) -> tuple[Coating, ...]:
-        """Coating of each surface."""
+        """Coating of each surface, as it is designed for its glass."""
         known = BUILT_IN | {coating.name: coating for coating in self.prescription.coatings}
-        return tuple(known[name] for name in self.prescription.surface_coatings)
+        indices = self.indices_at([self.prescription.reference_wavelength_nm])[:, 0]
+        return tuple(on_glass(known[name], index) for name, index in
+                     zip(self.prescription.surface_coatings, np.maximum(indices[:-1], indices[1:]), strict=True))
 
     def reflectances(self, wavelengths_nm: Sequence[float] | np.ndarray,
                      invariants: Sequence[float] | np.ndarray) -> np.ndarray:

@@ -19,7 +19,7 @@ KNOWN_NAMES = ("name", "aperture", "type", "value", "fields", "field_definition"
                "is_stop", "is_reflective", "interaction_model", "r_min", "r_max", "wavelengths", "is_primary",
                "radius_x", "radius_y", "conic_x", "conic_y", "conic_yz", "coeffs_poly_y")
 HARMLESS_NAMES = ("version", "material_pre", "robust_search", "min_wavelength", "max_wavelength", "unit", "weight",
-                  "polarization", "pickups", "solves", "tol", "max_iter", "thickness", "comment", "coating", "model",
+                  "polarization", "pickups", "solves", "tol", "max_iter", "thickness", "comment", "model",
                   "object_space_telecentric", "ray_tracer", "ray_aiming_config",
                   "match_policy", "bounds", "propagation_model", "geometry_type")
 DISPLACEMENTS = ("x", "y", "rx", "ry", "rz")

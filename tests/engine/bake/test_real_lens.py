@@ -145,7 +145,7 @@ def test_lost_rays_do_not_disturb_illumination(quality):
 
 
 def test_the_bulk_glass_absorbs_some_blue(edmund):
-    blue, green = edmund.transmittance([400.0, 550.0])
+    blue, green = edmund.glass_transmittance([400.0, 550.0])
     assert 0.9 < blue < green < 1
 
 
