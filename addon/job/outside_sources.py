@@ -75,8 +75,8 @@ def outside_sources(scene, job, substitution, seen, sky=None):
     parts = [part for emitter in emitters for part in sight.parts(emitter)]
     rays = int(np.clip(MOST_RAYS // max(len(parts), 1), 1, LAMP_PATCHES))
     sources = [sight.source(part, rays, job.wavelengths_nm) for part in parts]
-    return merged_sources(Sources.together([_none(job.wavelengths_nm), *filter(None, sources)]), MOST_OUTSIDE)[0], tuple(
-        _line(why, names) for why, names in uncounted.items() if names)
+    merged, _ = merged_sources(Sources.together([_none(job.wavelengths_nm), *filter(None, sources)]), MOST_OUTSIDE)
+    return merged, tuple(_line(why, names) for why, names in uncounted.items() if names)
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,8 +160,8 @@ def _lamp(instance, emission_of, sight, computed, linked):
 
 
 def _has_size(lamp):
-    return {"AREA": True, "SUN": lamp.type == "SUN" and lamp.angle > 0}.get(
-        lamp.type, lamp.type != "AREA" and getattr(lamp, "shadow_soft_size", 0) > 0)
+    """Whether a lamp that the camera shows makes an image: points do not."""
+    return lamp.type == "AREA" or (lamp.angle if lamp.type == "SUN" else lamp.shadow_soft_size) > 0
 
 
 def _mesh(instance, emission_of, sight, computed, not_mesh):

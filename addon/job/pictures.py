@@ -20,7 +20,8 @@ ALPHA_WAVELENGTHS = 3  # out of the job's: blur differs between wavelengths, but
 
 
 def write_radiance(captured, path):
-    """Write the radiance, with the capture's depth, alpha, region, layers and outside sources: the input for another lens."""
+    """Write the radiance, with the capture's depth, alpha, region, layers and sources outside it: the input for another
+    lens."""
     planes = {"Z": captured.depth_m, "A": captured.alpha, REGION: captured.region}
     write_exr(captured.radiance, path, {name: plane for name, plane in planes.items() if plane is not None},
               captured.layers, outside=captured.outside)

@@ -6,6 +6,7 @@ scene. The grid states the pinhole's focal length: `focal_mm`.
 
 import numpy as np
 
+from ..runtime.errors import ImageError
 from .pixel_grid import PixelGrid
 
 
@@ -20,7 +21,7 @@ def directions(grid: PixelGrid, rows: np.ndarray, columns: np.ndarray) -> np.nda
 
 def solid_angles_sr(grid: PixelGrid, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """Solid angles of the pixels with their centres at these indices."""
-    area = grid.squeeze * (grid.pitch_um * 1e-3 / grid.focal_mm)**2
+    area = grid.squeeze * (grid.pitch_um * 1e-3 / _focal_mm(grid))**2
     return area * grid.projection.solid_angle(np.hypot(*_tangent_plane(grid, rows, columns)))
 
 
@@ -29,7 +30,7 @@ def places_of(grid: PixelGrid, towards: np.ndarray) -> tuple[np.ndarray, np.ndar
     x, y, along = np.moveaxis(np.asarray(towards, float), -1, 0)
     ahead = along > 0
     tangent = np.divide(np.hypot(x, y), along, out=np.full(along.shape, np.nan), where=ahead)
-    scale = grid.focal_mm * grid.projection.shrinkage(tangent) / np.where(ahead, along, np.nan)
+    scale = _focal_mm(grid) * grid.projection.shrinkage(tangent) / np.where(ahead, along, np.nan)
     return grid.index_of(scale * x / grid.squeeze, scale * y)
 
 
@@ -42,4 +43,10 @@ def holds(grid: PixelGrid, towards: np.ndarray) -> np.ndarray:
 def _tangent_plane(grid, rows, columns):
     """x and y of positions in the capture, in focal lengths."""
     x_mm, y_mm = grid.position_mm(np.asarray(rows, float), np.asarray(columns, float))
-    return grid.squeeze * x_mm / grid.focal_mm, y_mm / grid.focal_mm
+    return grid.squeeze * x_mm / _focal_mm(grid), y_mm / _focal_mm(grid)
+
+
+def _focal_mm(grid):
+    if grid.focal_mm is None:
+        raise ImageError("image", "focal_mm", "missing", "give the focal length of the capture's pinhole")
+    return grid.focal_mm

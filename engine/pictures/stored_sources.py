@@ -5,6 +5,7 @@ It is JSON text: an object with `wavelengths_nm`, and `sources`, a list of objec
 """
 
 import json
+import math
 
 import numpy as np
 
@@ -18,11 +19,11 @@ def sources_attribute(sources: Sources | None) -> dict[str, str]:
     """The header's attribute for some sources; none without them."""
     if sources is None:
         return {}
-    listed = [{"name": name, "direction": direction.tolist(), "distance_mm": distance if np.isfinite(distance) else None,
-               "radius_rad": radius, "irradiance": irradiance.tolist()}
-              for name, direction, distance, radius, irradiance in zip(
-                  sources.names, sources.directions, sources.distance_mm.tolist(), sources.radius_rad.tolist(),
-                  sources.irradiance, strict=True)]
+    fields = (sources.directions.tolist(), sources.distance_mm.tolist(), sources.radius_rad.tolist(),
+              sources.irradiance.tolist())
+    listed = [{"name": name, "direction": direction, "distance_mm": None if math.isinf(distance_mm) else distance_mm,
+               "radius_rad": radius_rad, "irradiance": irradiance}
+              for name, direction, distance_mm, radius_rad, irradiance in zip(sources.names, *fields, strict=True)]
     return {ATTRIBUTE: json.dumps({"wavelengths_nm": sources.wavelengths_nm.tolist(), "sources": listed})}
 
 
@@ -45,4 +46,4 @@ def sources_of(header: dict, path: object) -> Sources | None:
     except ImageError as error:
         raise error.at(path) from None
     except (AttributeError, KeyError, RecursionError, TypeError, ValueError) as error:
-        raise ImageError(path, ATTRIBUTE, "damaged", f"expected the JSON text that Lensfield writes ({error})") from None
+        raise ImageError(path, ATTRIBUTE, "damaged", f"expected Lensfield's JSON text ({error})") from None

@@ -65,11 +65,16 @@ class Sources:
 
     @classmethod
     def together(cls, parts: Sequence[Self]) -> Self:
-        """The sources of one or more parts, of the same wavelengths."""
+        """The sources of one or more parts; an ImageError if their wavelengths differ."""
+        nm = parts[0].wavelengths_nm
+        for part in parts:
+            if not np.array_equal(part.wavelengths_nm, nm):
+                raise ImageError("sources", "wavelengths_nm", part.wavelengths_nm.tolist(), f"expected {nm.tolist()}")
+
         def joined(name):
             return np.concatenate([getattr(part, name) for part in parts])
 
-        return cls(joined("directions"), joined("distance_mm"), joined("irradiance"), parts[0].wavelengths_nm,
+        return cls(joined("directions"), joined("distance_mm"), joined("irradiance"), nm,
                    joined("radius_rad"), tuple(name for part in parts for name in part.names))
 
 

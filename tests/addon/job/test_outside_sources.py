@@ -11,7 +11,7 @@ from lensfield.engine.image.directions import directions
 from lensfield.engine.pictures.spectral_exr import read_exr, read_sources
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 from lensfield.engine.stray.picture_sources import picture_sources
-from small_scenes import WAVELENGTHS_NM, light, material, render, set_world, wall
+from small_scenes import light, material, render, set_world, wall
 
 pytestmark = pytest.mark.one_blender
 
