@@ -209,7 +209,7 @@ class _Sight(View):
         """The parts of an emitter in front of the lens that the capture does not contain: Emitters, each small."""
         patches = emitter.patches
         towards = self._towards(patches.vectors)
-        counted = (patches.irradiance > 0) & (towards[:, 2] > 0)
+        counted = (patches.irradiance > 0) & (patches.irradiance < np.inf) & (towards[:, 2] > 0)
         if emitter.shown:
             counted &= ~holds(self._seen, towards)
         emitter, towards = emitter.chosen(counted), towards[counted]

@@ -11,6 +11,7 @@ from ...engine.depth.depth_range import AUTO, check_depth, planar_depth_mm
 from ...engine.image.layers import Layer, LayeredRadiance
 from ...engine.image.pixel_grid import PixelGrid
 from ...engine.pictures.preview import auto_exposure, to_rec709, write_png
+from ...engine.plan.options import DEFAULT_ACCURACY
 from ...engine.runtime.files import temporary_folder
 from ...engine.runtime.memory import check_room, taken_bytes
 from ...engine.runtime.scratch import SAMPLE_BYTES, check_disk, folder_if_large, zeros_stored_like
@@ -72,8 +73,6 @@ class Captured:
         Remarks on the scene's contents, shared by all frames of this capture.
     outside : Sources or None
         Sources of stray light that the radiance does not contain; None if they are not known.
-    uncounted : tuple of str
-        Remarks on the scene's emitters that are missing in `outside`.
     """
 
     radiance: SpectralImage
@@ -83,7 +82,6 @@ class Captured:
     layers: LayeredRadiance | None = None
     remarks: tuple[str, ...] = ()
     outside: Sources | None = None
-    uncounted: tuple[str, ...] = ()
 
     def depth_check(self, lens):
         """How much of the frame is outside the depths at which a lens's data hold: DepthCheck."""
@@ -190,8 +188,9 @@ def capture(scene, job, result, share):
         outside, uncounted = (None, ()) if job.traced else (yield from outside_steps(ready, _seen(ready)))
         sampled = _passes(ready, journal)
         lights = yield from light_steps(ready, sampled, ready.capture_px, ready.slabs, share, journal)
-    captured = replace(captured_from(ready, lights, ready.grid, ready.capture_px), outside=outside,
-                       uncounted=uncounted)
+    captured = captured_from(ready, lights, ready.grid, ready.capture_px)
+    of_stray = uncounted if job.stray.parts(job.options.accuracy or DEFAULT_ACCURACY) else ()
+    captured = replace(captured, outside=outside, remarks=(*captured.remarks, *of_stray))
     result.report.add(_facts(ready, lights, captured, sampled.text))
     return captured
 

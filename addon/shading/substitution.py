@@ -133,8 +133,9 @@ class Substitution:
         return max([1.0, *(float(level.mean()) for level in levels)])
 
     def emission_at(self, block, wavelengths_nm):
-        """Spectral emission of a substituted material, lamp or world, towards the camera: array (wavelength,). For a
-        material and a world it is radiance; for a lamp, it is relative to its power. None if nodes compute it.
+        """Spectral emission of a substituted material, lamp or world, towards the camera: array (wavelength,), without
+        negative light. For a material and a world it is radiance; for a lamp, it is relative to its power. None if nodes
+        compute it.
 
         Parameters
         ----------
@@ -153,7 +154,7 @@ class Substitution:
                     return None
                 if watts:
                     total += share * watts * values
-        return total
+        return np.maximum(total, 0)
 
     def _emission_values(self, socket, groups, wavelengths_nm):
         """The values of a substituted emission colour at the picture's wavelengths; None if nodes compute them."""

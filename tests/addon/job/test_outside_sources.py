@@ -6,10 +6,10 @@ import bpy
 import numpy as np
 import pytest
 
-from lensfield.addon.job import outside_sources
 from lensfield.engine.image.directions import directions
 from lensfield.engine.pictures.spectral_exr import read_exr, read_sources
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
+from lensfield.engine.stray.options import StrayOptions
 from lensfield.engine.stray.picture_sources import picture_sources
 from small_scenes import light, material, render, set_world, wall
 
@@ -215,20 +215,14 @@ def test_lamps_that_are_not_counted_are_reported(scene, tmp_path):
     computed.use_nodes = True
     tree = computed.node_tree
     emission = next(node for node in tree.nodes if node.bl_idname == "ShaderNodeEmission")
-    falloff = tree.nodes.new("ShaderNodeLightFalloff")
-    tree.links.new(falloff.outputs[0], emission.inputs["Strength"])
+    tree.links.new(tree.nodes.new("ShaderNodeLightFalloff").outputs[0], emission.inputs["Strength"])
     linked = lamp(scene, "POINT", (-1, 0, -1.0))
     linked.light_linking.receiver_collection = bpy.data.collections.new("Receivers")
-    lines, function = [], outside_sources.outside_sources
-
-    def noted(*arguments):
-        answer = function(*arguments)
-        lines.extend(answer[1])
-        return answer
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(outside_sources, "outside_sources", noted)
-        assert len(sources(scene, tmp_path)) == 0
+    negative = lamp(scene, "POINT", (-1, 1, -1.0), watts=-10.0)
+    result = render(scene, tmp_path, spectral=SpectralOptions("preview"), depth="off", lens_quality="preview",
+                    stray=StrayOptions("veil"))
+    assert negative.data.energy == -10 and len(read_sources(result.radiance)) == 0
+    lines = [line for line in result.report.scene.scene_remarks if "stray" in line]
     assert lines == ["no stray light from light 'Light': nodes compute their light",
                      "no stray light from light 'Light.001': they light only linked objects"]
 
