@@ -169,7 +169,7 @@ class _Run:
             if slabs and slabs.needed:
                 with report.stage("layers of depth"):
                     layers = source.layers(slabs)
-            irradiance, stray = self._through_lens(shot, radiance, layers, report)
+            irradiance, stray = self._through_lens(shot, radiance, layers, source.outside, report)
         except ImageError as error:
             raise error.at(shot.radiance) from None
         with report.stage("write irradiance"):
@@ -219,12 +219,12 @@ class _Run:
                 print(line, flush=True)
             self._reported.add(kind)
 
-    def _through_lens(self, shot, radiance, layers, report):
+    def _through_lens(self, shot, radiance, layers, outside, report):
         label = f"Through {self._lens.name}" if shot.frame is None else f"Frame {shot.frame} through {self._lens.name}"
         with progress_bar() as on_progress:
             on_progress(self._finished / self._number, label)
-            return lens_image(radiance, self._lens, self._chosen, self._stray, layers=layers, iris=self._iris,
-                              report=report, cache=self._cache, progress=lambda fraction: on_progress(
+            return lens_image(radiance, self._lens, self._chosen, self._stray, layers=layers, outside=outside,
+                              iris=self._iris, report=report, cache=self._cache, progress=lambda fraction: on_progress(
                                   (self._finished + fraction) / self._number, label))
 
     def _write_preview(self, irradiance, shot):

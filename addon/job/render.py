@@ -147,8 +147,8 @@ def lens_steps(captured, lens, request, iris, result, fraction):
     report = result.report
     discard(result.record)  # the files that it describes are about to change
     images = yield Work(lambda on_progress: lens_image(captured.radiance, lens, request.options, request.stray,
-                                                       layers=captured.layers, iris=iris, progress=on_progress,
-                                                       report=report, cache=shared_cache()),
+                                                       layers=captured.layers, outside=captured.outside, iris=iris,
+                                                       progress=on_progress, report=report, cache=shared_cache()),
                         f"Through {lens.name}", fraction, WRITING - fraction)
     irradiance, stray = (image and replace(image, cube=captured.cut(image.cube)) for image in images)
     yield from _file_steps(irradiance, stray, lens, request, result,

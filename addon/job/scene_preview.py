@@ -145,7 +145,7 @@ class ScenePreview:
         """The lens image: Rec. 709 and alpha; and the depth."""
         options = self._request.options
         irradiance, _ = lens_image(captured.radiance, lens, options, self._request.stray, layers=captured.layers,
-                                   iris=iris, progress=progress, cache=_channels(times),
+                                   outside=captured.outside, iris=iris, progress=progress, cache=_channels(times),
                                    rays=sketched_rays if times == 1 else lens_rays)
         irradiance = replace(irradiance, cube=captured.cut(irradiance.cube))
         picture = to_rec709(irradiance)

@@ -108,7 +108,8 @@ def lens_image(radiance: SpectralImage, lens: Lens, options: Options, stray: Str
     report.add(_facts(added, irradiance))
     if added.cube is None:
         return irradiance, None
-    for plane, of_stray in zip(irradiance.cube, added.cube, strict=True):
+    for plane, kept, of_stray in zip(irradiance.cube, added.kept, added.cube, strict=True):
+        plane *= np.float32(kept)
         plane += of_stray
     return irradiance, replace(irradiance, cube=added.cube)
 

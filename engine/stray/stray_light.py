@@ -1,19 +1,27 @@
 """Stray light on the sensor's frame: ghosts, veil and star together, and what is left out of them."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
-from ..depth.iris import Iris
+from ..depth.iris import Iris, Opening, opening
 from ..image.irradiance import irradiance_per_radiance
 from ..image.layers import LayeredRadiance
 from ..image.spectral_image import SpectralImage
 from ..lens import Lens
 from ..lens.entrance_pupil import entrance_pupil_size_mm
+from ..prescription.system import system_of
 from ..runtime.scratch import zeros_stored_like
-from .options import AUTO, GHOSTS, STAR, VEIL, StrayOptions
+from .ghosts import ghosts
+from .merging import merged_sources
+from .options import AUTO, GHOSTS, VEIL, StrayOptions
+from .picture_sources import picture_sources
 from .sources import Sources
+
+MOST_SOURCES, SPREAD_RAD = 64, 0.01  # of ghosts
+MOST_PAIRS = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,21 +32,24 @@ class StrayLight:
     ----------
     cube : float32 array (wavelength, row, column) or None
         Irradiance of the sensor's frame, W m^-2 nm^-1; None if no part was computed.
+    kept : array (wavelength,)
+        Share of the lens image's light that its own place keeps: the rest is in the cube.
     sums : dict of str: float
         Sum over the cube of each part that was computed.
     predicted : dict of str: float
         Predicted light of each part that was left out, as a share of the lens image's.
     sources : int
-        Number of sources of ghosts and stars.
+        Number of sources of ghosts.
     pairs : tuple of (int, int, float)
         The strongest ghosts: the surfaces that reflect, counted from 1, and their share of the ghosts' light.
     neglected : float
-        Upper limit of the light of neglected ghosts, as a sum over the cube.
+        Light of the ghosts that are left out, as a sum over the cube.
     words : tuple of str
         What cannot be computed for this lens, and the remedy.
     """
 
-    cube: np.ndarray | None = None
+    cube: np.ndarray | None
+    kept: np.ndarray
     sums: Mapping[str, float] = field(default_factory=dict)
     predicted: Mapping[str, float] = field(default_factory=dict)
     sources: int = 0
@@ -78,65 +89,129 @@ def stray_light(radiance: SpectralImage, lens: Lens, options: StrayOptions, accu
     LensError
         A wavelength is outside the data of a glass or coating.
     """
-    chosen = options.parts(accuracy)
-    if not chosen:
+    considered = options.parts(accuracy)
+    if not considered:
         return None
-    light = _light(radiance, lens, outside)
-    predicted = {part: _SHARE[part](lens, options, light) for part in chosen}
-    wanted = [part for part in chosen if options.stray_light != AUTO or predicted[part] > accuracy]
+    scene = _Scene(radiance, lens, options, opening(iris, lens), layers, outside)
+    word = _no_ghosts(lens, scene.wavelengths_nm) if GHOSTS in considered else ""
+    predicted = {part: float(_PARTS[part].share(scene)) for part in considered if part != GHOSTS or not word}
+    wanted = [part for part in predicted if options.stray_light != AUTO or predicted[part] > accuracy]
     left_out = {part: share for part, share in predicted.items() if part not in wanted}
-    if not wanted:
-        return StrayLight(predicted=left_out)
-    cube = zeros_stored_like(radiance.light, (len(radiance.wavelengths_nm), *radiance.frame_px))
-    sums = {}
+    result = StrayLight(None, np.ones(len(scene.wavelengths_nm)), predicted=left_out, words=(word,) if word else ())
+    if wanted:
+        shape = len(scene.wavelengths_nm), *radiance.frame_px
+        result = replace(result, cube=zeros_stored_like(radiance.light, shape))
     for part in wanted:
-        _ADD[part](cube, lens, options, light)
-        sums[part] = float(cube.sum(dtype=np.float64)) - sum(sums.values())
-    return StrayLight(cube, sums, left_out)
+        result = _with_part(result, part, scene)
+    return result
+
+
+def _with_part(result, part, scene):
+    before = sum(result.sums.values())
+    result = _PARTS[part].add(result, scene)
+    return replace(result, sums={**result.sums, part: float(result.cube.sum(dtype=np.float64)) - before})
 
 
 @dataclass(frozen=True, eq=False)
-class _Light:
-    """Irradiance that the lens would put on the frame, per wavelength, as sums over its pixels.
+class _Scene:
+    """What stray light depends on."""
 
-    Attributes
-    ----------
-    inside : array (wavelength,)
-        Of the frame's light.
-    outside : array (wavelength,)
-        Of sources outside the radiance, if their light through the entrance pupil fell on the frame.
-    """
+    radiance: SpectralImage
+    lens: Lens
+    options: StrayOptions
+    opening: Opening
+    layers: LayeredRadiance | None
+    outside: Sources | None
 
-    inside: np.ndarray
-    outside: np.ndarray
+    @property
+    def wavelengths_nm(self):
+        return self.radiance.wavelengths_nm
+
+    @cached_property
+    def inside_light(self):
+        """Irradiance of the frame's own light, summed over its pixels: array (wavelength,)."""
+        frame = self.radiance.frame().cube.sum(axis=(1, 2), dtype=np.float64)
+        transmittance = np.array([self.lens.at_wavelength(nm).transmittance for nm in self.wavelengths_nm])
+        return irradiance_per_radiance(transmittance, self.lens.f_number_effective) * np.maximum(frame, 0)
+
+    @cached_property
+    def all_light(self):
+        """As `inside_light`, with the light of sources outside the picture through the entrance pupil."""
+        if self.outside is None:
+            return self.inside_light
+        transmittance = np.array([self.lens.at_wavelength(nm).transmittance for nm in self.wavelengths_nm])
+        facing = self.outside.irradiance * np.maximum(self.outside.directions[:, 2:], 0)
+        pupil_px = np.pi / 4 * np.prod(entrance_pupil_size_mm(self.lens)) / self._pixel_mm2
+        return self.inside_light + facing.sum(axis=0) * transmittance * pupil_px
+
+    @property
+    def _pixel_mm2(self):
+        return (self.radiance.pitch_um * 1e-3) ** 2
 
     def share(self, of_each):
-        """The share of the frame's light that these shares of all light at each wavelength are."""
-        return float(np.dot(of_each, self.inside + self.outside) / max(self.inside.sum(), np.finfo(float).tiny))
+        """Shares (wavelength,) of all light, as a share of the frame's own."""
+        return np.dot(of_each, self.all_light) / max(self.inside_light.sum(), np.finfo(float).tiny)
+
+    def as_sum(self, watts):
+        """Light on the sensor in W/nm as a sum over pixels."""
+        return float(watts / (self._pixel_mm2 * 1e-6))
 
 
-def _light(radiance, lens, outside):
-    transmittance = np.array([lens.at_wavelength(nm).transmittance for nm in radiance.wavelengths_nm])
-    frame = radiance.frame().cube.sum(axis=(1, 2), dtype=np.float64)
-    inside = irradiance_per_radiance(transmittance, lens.f_number_effective) * np.maximum(frame, 0)
-    if outside is None:
-        return _Light(inside, np.zeros_like(inside))
-    facing = outside.irradiance * np.maximum(outside.directions[:, 2:], 0)
-    pupil_mm2 = np.pi / 4 * np.prod(entrance_pupil_size_mm(lens))
-    return _Light(inside, facing.sum(axis=0) * transmittance * pupil_mm2 / (radiance.pitch_um * 1e-3)**2)
+def _no_ghosts(lens, wavelengths_nm):
+    """Why a lens has no ghosts, and the remedy; "" if it has."""
+    if lens.prescription is None:
+        return f"{lens.name}: lens data without a prescription have no ghosts; use a prescription"
+    if not _pairs_share(lens, wavelengths_nm).any():
+        return f"{lens.name}: its coatings are unknown and count as ideal, without ghosts; choose them (--coating)"
+    return ""
 
 
-def _veil_share(lens, options, light):
-    return light.share(np.full(light.inside.size, _index(options)))
+def _pairs_share(lens, wavelengths_nm):
+    """Sum over all pairs of surfaces of the product of their reflectances for light along the axis: (wavelength,)."""
+    reflected = system_of(lens.prescription).reflectances(wavelengths_nm, [0.0])[..., 0]
+    return (reflected.sum(axis=0) ** 2 - (reflected**2).sum(axis=0)) / 2
 
 
-def _add_veil(cube, lens, options, light):
-    cube += (_index(options) * (light.inside + light.outside) / cube[0].size)[:, None, None].astype(np.float32)
+def _ghosts_share(scene):
+    return scene.share(_pairs_share(scene.lens, scene.wavelengths_nm))
+
+
+def _add_ghosts(result, scene):
+    sources, _ = picture_sources(scene.radiance, scene.lens.capture_focal_length_mm, scene.layers)
+    if scene.outside is not None:
+        sources = Sources.together([sources, scene.outside])
+    sources, _ = merged_sources(sources, MOST_SOURCES, SPREAD_RAD)
+    if not len(sources):
+        return result
+    found = ghosts(scene.lens.prescription, sources, scene.radiance.grid, scene.opening, scene.options.neglected)
+    for plane, more in zip(result.cube, found.irradiance, strict=True):
+        plane += more
+    light = np.nansum(found.light, axis=(0, 2))
+    total = max(light.sum(), np.finfo(float).tiny)
+    pairs = tuple((*found.pairs[index].tolist(), float(light[index] / total))
+                  for index in np.argsort(-light, kind="stable")[:MOST_PAIRS] if light[index])
+    return replace(result, sources=len(sources), pairs=pairs, neglected=scene.as_sum(found.neglected.sum()))
+
+
+def _veil_share(scene):
+    return scene.share(np.full(len(scene.wavelengths_nm), _index(scene.options)))
+
+
+def _add_veil(result, scene):
+    cube = result.cube
+    cube += (_index(scene.options) * scene.all_light / cube[0].size)[:, None, None].astype(np.float32)
+    return result
 
 
 def _index(options):
     return options.glare_index / 100 or {"new": 0.01, "dusty": 0.03, "hazy": 0.06}[options.cleanliness]
 
 
-_SHARE = {VEIL: _veil_share, GHOSTS: lambda *_: 0.0, STAR: lambda *_: 0.0}
-_ADD = {VEIL: _add_veil, GHOSTS: lambda *_: None, STAR: lambda *_: None}
+@dataclass(frozen=True)
+class _Part:
+    share: Callable
+    add: Callable
+
+
+_PARTS = {GHOSTS: _Part(_ghosts_share, _add_ghosts), VEIL: _Part(_veil_share, _add_veil),
+          "star": _Part(lambda scene: 0.0, lambda result, scene: result)}
