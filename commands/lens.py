@@ -29,9 +29,20 @@ from ..engine.runtime.files import atomic_path
 from ..engine.runtime.values import json_value
 from ..engine.spectral.spectra import parse_wavelengths
 from . import bake
-from .arguments import LENSES, add_lens_settings, check_outputs, chosen_lens, distance_mm, resolution
+from .arguments import (
+    LENSES,
+    add_iris,
+    add_lens_settings,
+    check_limits,
+    check_outputs,
+    chosen_lens,
+    distance_mm,
+    resolution,
+    shown_iris,
+)
 from .prescription_file import add_reading, lens_source, reading_options_for
 
+MOST_ANGLE_DEG = 89.0
 MACRO_SUFFIXES = {"zemax": ".zpl", "codev": ".seq", "zospy": ".py"}
 
 
@@ -135,7 +146,11 @@ def _add_plot(lens):
     plot.add_argument("--depth", metavar="DISTANCE",
                       help="PSFs and MTF of out-of-focus points at this distance from the camera, by diffraction: "
                            "2.5m, 80cm or inf")
+    plot.add_argument("--ghosts", type=float, metavar="DEGREES",
+                      help="instead, the ghosts of a point this far above the axis: their surfaces, light, places and "
+                           "sizes, also as a table (default file: NAME_ghosts.png)")
     add_lens_settings(plot)
+    add_iris(plot)
     plot.set_defaults(run=_plot)
 
 
@@ -144,15 +159,33 @@ def _plot(options):
     from ..engine.inspection.style import require_matplotlib
 
     require_matplotlib()
+    if options.ghosts is not None:
+        _plot_ghosts(options)
+        return
     frequencies = None if options.frequencies is None else _frequencies(options.frequencies)
     lens = chosen_lens(options)
     if options.depth is not None:
         lens = lens_at_depth(lens, lens_rays(lens), distance_mm(options.depth, "--depth"))
-    bundled = options.lens in bundled_names()
-    path = options.output or (Path(f"{options.lens}.png") if bundled else Path(options.lens).with_suffix(".png"))
-    check_outputs([(path, ".png")], [options.lens])
+    path = _sheet_path(options)
     write_lens_plot(lens, path, frequencies)
     print(path)
+
+
+def _sheet_path(options, ending=""):
+    """The file of a sheet, if it may be written."""
+    bundled = options.lens in bundled_names()
+    stem = Path(options.lens) if bundled else Path(options.lens).with_suffix("")
+    path = options.output or stem.with_name(f"{stem.name}{ending}.png")
+    check_outputs([(path, ".png")], [options.lens])
+    return path
+
+
+def _plot_ghosts(options):
+    from ..engine.inspection.ghost_sheet import write_ghost_sheet
+
+    check_limits("--ghosts", options.ghosts, (0, MOST_ANGLE_DEG))
+    path = _sheet_path(options, "_ghosts")
+    print(*write_ghost_sheet(chosen_lens(options), path, options.ghosts, shown_iris(options)), path, sep="\n")
 
 
 def _frequencies(text):

@@ -93,7 +93,7 @@ def stray_light(radiance: SpectralImage, lens: Lens, options: StrayOptions, accu
     if not considered:
         return None
     scene = _Scene(radiance, lens, options, opening(iris, lens), layers, outside)
-    word = _no_ghosts(lens, scene.wavelengths_nm) if GHOSTS in considered else ""
+    word = no_ghosts(lens, scene.wavelengths_nm) if GHOSTS in considered else ""
     predicted = {part: float(_PARTS[part].share(scene)) for part in considered if part != GHOSTS or not word}
     wanted = [part for part in predicted if options.stray_light != AUTO or predicted[part] > accuracy]
     left_out = {part: share for part, share in predicted.items() if part not in wanted}
@@ -157,7 +157,7 @@ class _Scene:
         return float(watts / (self._pixel_mm2 * 1e-6))
 
 
-def _no_ghosts(lens, wavelengths_nm):
+def no_ghosts(lens: Lens, wavelengths_nm: np.ndarray) -> str:
     """Why a lens has no ghosts, and the remedy; "" if it has."""
     if lens.prescription is None:
         return f"{lens.name}: lens data without a prescription have no ghosts; use a prescription"
