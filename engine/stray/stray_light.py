@@ -14,11 +14,13 @@ from ..lens import Lens
 from ..lens.entrance_pupil import entrance_pupil_size_mm
 from ..prescription.system import system_of
 from ..runtime.scratch import zeros_stored_like
+from .arrivals import Arrivals, arrivals
 from .ghosts import ghosts
 from .merging import merged_sources
-from .options import AUTO, GHOSTS, VEIL, StrayOptions
+from .options import AUTO, GHOSTS, STAR, VEIL, StrayOptions
 from .picture_sources import picture_sources
 from .sources import Sources
+from .star import add_stars, star_share
 
 MOST_SOURCES, SPREAD_RAD = 64, 0.01  # of ghosts
 MOST_PAIRS = 10
@@ -144,6 +146,11 @@ class _Scene:
         pupil_px = np.pi / 4 * np.prod(entrance_pupil_size_mm(self.lens)) / self._pixel_mm2
         return self.inside_light + facing.sum(axis=0) * transmittance * pupil_px
 
+    @cached_property
+    def arrivals(self) -> Arrivals:
+        """All light where it arrives on the sensor's plane."""
+        return arrivals(self.radiance, self.lens, self.outside)
+
     @property
     def _pixel_mm2(self):
         return (self.radiance.pitch_um * 1e-3) ** 2
@@ -203,6 +210,15 @@ def _add_veil(result, scene):
     return result
 
 
+def _star_share(scene):
+    return scene.share(star_share(scene.lens, scene.opening, scene.wavelengths_nm))
+
+
+def _add_star(result, scene):
+    lost = add_stars(result.cube, scene.lens, scene.opening, scene.radiance.grid.frame(), scene.arrivals)
+    return replace(result, kept=result.kept - lost)
+
+
 def _index(options):
     return options.glare_index / 100 or {"new": 0.01, "dusty": 0.03, "hazy": 0.06}[options.cleanliness]
 
@@ -214,4 +230,4 @@ class _Part:
 
 
 _PARTS = {GHOSTS: _Part(_ghosts_share, _add_ghosts), VEIL: _Part(_veil_share, _add_veil),
-          "star": _Part(lambda scene: 0.0, lambda result, scene: result)}
+          STAR: _Part(_star_share, _add_star)}
