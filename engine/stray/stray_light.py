@@ -9,6 +9,7 @@ import numpy as np
 from ..depth.iris import Iris, Opening, opening
 from ..image.irradiance import irradiance_per_radiance
 from ..image.layers import LayeredRadiance
+from ..image.nonfinite import clamp_fireflies, count_nonfinite
 from ..image.spectral_image import SpectralImage
 from ..lens import Lens
 from ..lens.entrance_pupil import entrance_pupil_size_mm
@@ -21,6 +22,7 @@ from .options import AUTO, GHOSTS, STAR, VEIL, StrayOptions
 from .picture_sources import picture_sources
 from .sources import Sources
 from .star import add_stars, star_share
+from .veil import Veil, add_veil, veil_of, veil_with_index
 
 MOST_SOURCES, SPREAD_RAD = 64, 0.01  # of ghosts
 MOST_PAIRS = 10
@@ -94,7 +96,7 @@ def stray_light(radiance: SpectralImage, lens: Lens, options: StrayOptions, accu
     considered = options.parts(accuracy)
     if not considered:
         return None
-    scene = _Scene(radiance, lens, options, opening(iris, lens), layers, outside)
+    scene = _Scene(_finite(radiance), lens, options, opening(iris, lens), layers, outside)
     word = no_ghosts(lens, scene.wavelengths_nm) if GHOSTS in considered else ""
     predicted = {part: float(_PARTS[part].share(scene)) for part in considered if part != GHOSTS or not word}
     wanted = [part for part in predicted if options.stray_light != AUTO or predicted[part] > accuracy]
@@ -106,6 +108,13 @@ def stray_light(radiance: SpectralImage, lens: Lens, options: StrayOptions, accu
     for part in wanted:
         result = _with_part(result, part, scene)
     return result
+
+
+def _finite(radiance):
+    """The radiance with NaN and infinite pixels replaced."""
+    if not any(map(count_nonfinite, radiance.cube)):
+        return radiance
+    return replace(radiance, cube=np.stack([clamp_fireflies(plane)[0] for plane in radiance.cube]))
 
 
 def _with_part(result, part, scene):
@@ -150,6 +159,13 @@ class _Scene:
     def arrivals(self) -> Arrivals:
         """All light where it arrives on the sensor's plane."""
         return arrivals(self.radiance, self.lens, self.outside)
+
+    @cached_property
+    def veil(self) -> Veil:
+        options, frame = self.options, self.radiance.grid.frame()
+        if options.glare_index:
+            return veil_with_index(self.lens, frame, options.cleanliness, options.glare_index / 100)
+        return veil_of(self.lens, options.cleanliness)
 
     @property
     def _pixel_mm2(self):
@@ -201,13 +217,12 @@ def _add_ghosts(result, scene):
 
 
 def _veil_share(scene):
-    return scene.share(np.full(len(scene.wavelengths_nm), _index(scene.options)))
+    return scene.share(scene.veil.share(scene.wavelengths_nm))
 
 
 def _add_veil(result, scene):
-    cube = result.cube
-    cube += (_index(scene.options) * scene.all_light / cube[0].size)[:, None, None].astype(np.float32)
-    return result
+    lost = add_veil(result.cube, scene.radiance.grid.frame(), scene.arrivals, scene.veil)
+    return replace(result, kept=result.kept - lost)
 
 
 def _star_share(scene):
@@ -217,10 +232,6 @@ def _star_share(scene):
 def _add_star(result, scene):
     lost = add_stars(result.cube, scene.lens, scene.opening, scene.radiance.grid.frame(), scene.arrivals)
     return replace(result, kept=result.kept - lost)
-
-
-def _index(options):
-    return options.glare_index / 100 or {"new": 0.01, "dusty": 0.03, "hazy": 0.06}[options.cleanliness]
 
 
 @dataclass(frozen=True)
