@@ -61,4 +61,5 @@ def focus_now(scene, at_rest):
     if scene.lensfield.view == "CAMERA":  # the view is the same at every focus, so the lens is scaled down
         focal_mm, image_mm = focal_mm * focal_mm / image_mm, focal_mm
     pitch_mm = fitting_pitch_um(replace(at_rest, sensor_mm=sensor_mm), frame_px(scene)) / M_TO_MM
-    return Focus(focus_mm / M_TO_MM, focal_mm / f_number * image_mm / pitch_mm / M_TO_MM)
+    wider = max(1.0, at_rest.squeeze**-2)  # as in `blur_per_nearness_px`
+    return Focus(focus_mm / M_TO_MM, wider * focal_mm / f_number * image_mm / pitch_mm / M_TO_MM)

@@ -6,6 +6,7 @@ thread, as in background mode, updates the node first.
 
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import bpy
 import numpy as np
@@ -16,7 +17,7 @@ from ...engine.depth.lens_maps import lens_maps
 from ...engine.field.overscan import CAMERA_VIEW
 from ...engine.lens import RadialLens
 from ...engine.lens.entrance_pupil import focus_nearness
-from ...engine.lens.pinhole import fitting_pitch_um
+from ...engine.lens.pinhole import fitting_pitch_um, turned_sensor_mm
 from ...engine.runtime.errors import InputError, one_line
 from ..job.named_files import check_named_files
 from ..scene.camera import TO_PERSPECTIVE, frame_px, pixel_aspect, size_for_view
@@ -54,6 +55,7 @@ def read_look(name, stamp, rings, focal_mm, sensor_mm, shape_px, right_up_px, ir
         The lens is not available.
     """
     lens = frame_lens(name, rings, focal_mm, sensor_mm)
+    lens = replace(lens, sensor_mm=turned_sensor_mm(lens, shape_px))
     pitch_mm = fitting_pitch_um(lens, shape_px) * 1e-3
     look = compositor_lens(lens, lens_facts(name, rings, focal_mm).f_number, iris, vignette,
                            tuple(part_px * pitch_mm for part_px in right_up_px), pixel_aspect=aspect)

@@ -12,10 +12,15 @@ def fitting_pitch_um(lens: Lens, frame_px: tuple[int, int]) -> float:
     The sensor is turned with the frame: for a portrait picture, its longer side is upright. The sensor of an anamorphic
     lens is not, because the lens squeezes the picture's width.
     """
-    sides_mm, sides_px = np.array(lens.sensor_mm)[::-1], np.array(frame_px)
-    if lens.squeeze == 1:
-        sides_mm, sides_px = np.sort(sides_mm), np.sort(sides_px)
-    return 1e3 * float((sides_mm / sides_px).min())
+    return 1e3 * float(np.divide(turned_sensor_mm(lens, frame_px)[::-1], frame_px).min())
+
+
+def turned_sensor_mm(lens: Lens, frame_px: tuple[int, int]) -> tuple[float, float]:
+    """Width and height of a lens's sensor, turned with the frame as `fitting_pitch_um` does."""
+    width_mm, height_mm = lens.sensor_mm
+    rows, columns = frame_px
+    turned = lens.squeeze == 1 and (rows > columns) != (height_mm > width_mm)
+    return (height_mm, width_mm) if turned else (width_mm, height_mm)
 
 
 def field_of_view_deg(focal_mm: float, side_mm: float) -> float:

@@ -9,7 +9,8 @@ from lenses import fine_grid_lens
 from lensfield import addon
 from lensfield.addon.scene.compositor import QUICK_LOOK, compositing_tree, scene_node
 from lensfield.addon.scene.quick_look import MAP_X, MAP_Y, new_quick_look, set_lens
-from lensfield.addon.ui.quick_look import compositor_lens
+from lensfield.addon.ui.lens_at_rest import facts_at_rest
+from lensfield.addon.ui.quick_look import compositor_lens, quick_look_question, read_look
 from lensfield.engine import load_lens
 from lensfield.engine.depth.depth_range import blur_per_nearness_px
 from lensfield.engine.depth.iris import Iris, opening
@@ -287,6 +288,13 @@ def _sizes(x, y, light):
     middle = [np.average(each, weights=light) for each in (x, y)]
     return middle, [np.sqrt(np.average((each - mean)**2, weights=light)) for each, mean in
                     zip((x, y), middle, strict=True)]
+
+
+def test_the_sensor_is_turned_with_a_portrait_picture(lit_scene):
+    lit_scene.lensfield.lens, lit_scene.lensfield.view = "tessar-50mm", "LENS"
+    lit_scene.render.resolution_x, lit_scene.render.resolution_y = 400, 600
+    look, *_ = read_look(*quick_look_question(lit_scene, facts_at_rest(lit_scene, None)))
+    assert look.sensor[0] / look.sensor[1] == pytest.approx(2 / 3)
 
 
 def test_a_lens_without_rotational_symmetry_takes_the_place_of_another_and_back(lit_scene, tmp_path):
