@@ -59,11 +59,12 @@ def test_arguments_override_the_cameras_rings(scene, dof):
     assert scene_rings(scene, focused_wide_open=False) == Rings(1200.0, 8.0)
 
 
-def test_tilt_and_copy_are_settings_of_the_scene(scene, dof):
+def test_tilt_copy_and_coating_are_settings_of_the_scene(scene, dof):
     settings = scene.lensfield
     settings.tilt_deg, settings.copy, settings.copy_grade = np.radians((4, -2.5)), 7, "DROPPED"
-    assert scene_rings(scene) == Rings(1200.0, 8.0, tilt_deg=(4.0, -2.5), copy=Copy(7, "dropped"))
-    assert scene_rings(scene, tilt_deg=(0.0, 0.0), copy=0) == Rings(1200.0, 8.0)
+    settings.coating = "SINGLE"
+    assert scene_rings(scene) == Rings(1200.0, 8.0, tilt_deg=(4.0, -2.5), copy=Copy(7, "dropped"), coating="single")
+    assert scene_rings(scene, tilt_deg=(0.0, 0.0), copy=0, coating="lens") == Rings(1200.0, 8.0)
 
 
 @pytest.mark.parametrize("place, distance_mm", [((0, 0, 3), 3000), ((1, 2, 3), 3000), ((0, 0, -2), 2000)])
@@ -124,7 +125,7 @@ def test_rings_follow_keyframes(scene, dof):
 
 
 @pytest.mark.parametrize("rings", [AT_REST, Rings(1234.5), Rings(inf, 2.8), Rings(80.0, 5.6, True),
-                                   Rings(tilt_deg=(-1.5, 0.0), copy=Copy(7, "dropped"))])
+                                   Rings(tilt_deg=(-1.5, 0.0), copy=Copy(7, "dropped"), coating="ideal")])
 def test_the_command_line_preserves_rings(rings):
     words = to_arguments(**ring_fields(rings))
     options = _parser().parse_args(["apply", "Scene_0001_radiance.exr", "--lens", LENS, *words])
@@ -135,7 +136,7 @@ def test_the_command_line_preserves_rings(rings):
     ([], {}),
     (["--focus", "CAMERA", "--f-number", "4"], {"focus": "camera", "f_number": 4.0}),
     (["--focus", "80cm", "--focused-wide-open"], {"focus": 800.0, "focused_wide_open": True}),
-    (["--tilt=-1,2.5", "--copy", "3"], {"tilt_deg": (-1.0, 2.5), "copy": 3})])
+    (["--tilt=-1,2.5", "--copy", "3", "--coating", "multi"], {"tilt_deg": (-1.0, 2.5), "copy": 3, "coating": "multi"})])
 def test_the_command_line_sets_rings(scene, tmp_path, words, expected):
     blend = tmp_path / "scene.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(blend))

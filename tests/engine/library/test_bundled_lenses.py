@@ -7,9 +7,15 @@ from lensfield.engine import Options, Rings, SpectralImage, library, load_lens, 
 from lensfield.engine.inspection.checks import check_lens
 from lensfield.engine.inspection.curves import relative_illumination
 from lensfield.engine.library import PRESCRIPTIONS, bundled_names, described_lenses, find_bundled, prescription_of
+from lensfield.engine.prescription.system import system_of
+from lensfield.engine.rays.axial_image import eye_response_at
 from lensfield.engine.rays.focus import build_system
 from lensfield.engine.rays.rays import HalfPupil, trace_pupil
+from lensfield.engine.rays.transmission import coating_transmittance
 from varied_lenses import VARIED, varied_lens
+
+NM = np.linspace(420, 680, 14)
+UNDATED = {"edmund-54852": "single", "helios-44-2-58mm": "single", "laikin-telecentric-102mm": "multi"}
 
 
 @pytest.fixture(scope="module", params=VARIED)
@@ -30,6 +36,19 @@ def test_each_is_documented(name):
     assert prescription.name == name and set(VARIED) <= set(bundled_names())
     assert prescription.maker and min(map(len, (prescription.title, prescription.story, prescription.source))) > 10
     assert prescription.focal_length_mm and prescription.sensor_mm and prescription.character
+
+
+@pytest.mark.sample(12)
+@pytest.mark.parametrize("name", bundled_names())
+def test_each_has_the_coating_of_its_time_and_a_plausible_loss(name):
+    """At each surface against air: 4 to 11 % of bare glass, about 1 % of a single coating, less of a multi-coating."""
+    lens, eye = prescription_of(name), eye_response_at(NM)
+    assert lens.coating == UNDATED.get(name) or lens.coating == ("none" if lens.year < 1940 else "single"
+                                                                 if lens.year < 1970 else "multi")
+    assert ("coatings", "estimated") in lens.provenance
+    share = np.average(coating_transmittance(system_of(lens), NM), weights=eye)**(1 / len(lens.coatings_in_air))
+    least, most = {"none": (0.89, 0.96), "single": (0.985, 0.998), "multi": (0.99, 0.999)}[lens.coating]
+    assert least < share < most
 
 
 @pytest.mark.sample(12)

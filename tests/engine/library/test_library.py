@@ -12,6 +12,7 @@ from lensfield.engine import LensError, ReadingOptions, read_prescription
 from lensfield.engine.bake.quality import QUALITIES
 from lensfield.engine.lens_files.package import write_package
 from lensfield.engine.library import Rings, baked, clamped_rings, has_rings, load_lens, prescription_of
+from lensfield.engine.prescription.system import system_of
 from lensfield.engine.runtime import cache
 
 NEAR = Rings(1500.0, 16.0)
@@ -49,6 +50,25 @@ def test_a_lens_is_baked_once_and_cached_bit_for_bit(folder, bakes, singlet):
     first, again = (load_lens(singlet, NEAR, "preview") for _ in range(2))
     assert first == again and len(bakes) == 1
     assert cache.size_bytes("lenses")[0] == 1
+
+
+def test_coatings_share_a_bake(folder, bakes, singlet):
+    """Only the transmittance, which records and digests include, depends on them."""
+    stated, bare, ideal = (load_lens(singlet, replace(NEAR, coating=name), "preview") for name in (None, "none", "ideal"))
+    assert len(bakes) == 1 and len({stated, bare, ideal}) == 3
+    np.testing.assert_array_equal(bare.psf, ideal.psf)
+    np.testing.assert_array_equal(stated.transmittance, ideal.transmittance)
+    assert bare.prescription.coating == "none"
+    indices = system_of(bare.prescription).indices_at(bare.wavelengths_nm).max(axis=0)
+    fresnel = ((indices - 1) / (indices + 1))**2
+    np.testing.assert_allclose(bare.transmittance / ideal.transmittance, (1 - fresnel)**2, rtol=1e-4)
+
+
+def test_the_bundled_package_has_the_coatings_of_its_prescription():
+    package = load_lens("edmund-54852")
+    assert package.prescription.coating == "single"
+    shares = package.transmittance / system_of(package.prescription).glass_transmittance(package.wavelengths_nm)
+    assert shares.argmax() not in (0, shares.size - 1) and 0.75 < shares.min() < shares.max() < 0.97
 
 
 def test_every_setting_of_a_lens_distinguishes_it_in_the_cache(folder, bakes, singlet):

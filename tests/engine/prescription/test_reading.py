@@ -49,6 +49,7 @@ def read(tmp_path):
     (".zmx", changed(ZEMAX, ("  CONI -0.5", "  CONI -0.5\n  BEND 3")), "BEND"),
     (".seq", changed(CODEV, ("DIM   M", "DIM   M\nWARP 3")), "WARP"),
     (".seq", changed(CODEV, ("  CON\n", "  CON\n  BND 3\n")), "BND"),
+    (".zmx", changed(ZEMAX, ("  CURV 2.0E-2", "  COAT HEAR1\n  CURV 2.0E-2")), "COAT HEAR1"),
     (".lens", changed(DOT_LENS, ("focal_length: 49.00", "focal_length: 49.00\nsqueeze: 2.0")), "squeeze"),
     (".txt", changed(OPTBENCH, ("[figure]", "[toric data]\n3\t40\n[figure]")), "[toric data]"),
     (".txt", changed(OPTBENCH, ("Bf\t0\t0", "Bf\t0\t0\nSqueeze\t2")), "Squeeze"),
