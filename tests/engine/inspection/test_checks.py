@@ -12,6 +12,7 @@ from lensfield import cli
 from lensfield.engine import load_lens
 from lensfield.engine.inspection import checks
 from lensfield.engine.inspection.finding import SEVERITIES
+from lensfield.engine.inspection.info import lens_info, lens_text
 from lensfield.engine.lens import RadialLens
 from lensfield.engine.lens_files.package import write_package
 from places import SHARED_DATA
@@ -324,6 +325,23 @@ def test_the_papers_lens_has_only_notes_and_they_are_true():
     assert {finding.field for finding in findings} == {"sensor_mm", "psf_pitch_um", "psf"}
     assert any(f"beyond the last real height, {lens.real_height_mm[:, -1].min():.4g} mm" in finding.value
                for finding in findings)
+
+
+def test_unknown_coatings_are_noted():
+    lens = load_lens("edmund-54852")
+    unknown = replace(lens, prescription=lens.prescription.coated())
+    finding = about(unknown, "coating", "unknown")
+    assert finding.severity == "note" and not [each for each in check_lens(lens) if each.field == "coating"]
+    assert (lens_info(lens)["coatings"], lens_info(unknown)["coatings"]) == (["single"], None)
+
+
+def test_the_t_stop_is_of_the_light_that_gets_through():
+    """A T-stop of 2 is as bright as f/1.8 at 81 % of the light."""
+    lens = replace(SOUND, f_number_effective=1.8, transmittance=np.full(7, 0.81))
+    assert lens_info(lens)["t_number_effective"] == pytest.approx(2.0)
+    assert "effective T-stop         2.000: T = 0.810 in white light" in lens_text(lens_info(lens))
+    edges = replace(lens, transmittance=np.array([0.0, 0.81, 0.81, 0.81, 0.81, 0.81, 0.0]))
+    assert lens_info(edges)["transmittance"] > 0.808, "the eye barely sees the ends of the spectrum"
 
 
 def test_a_traced_fisheye_has_no_errors():

@@ -54,7 +54,8 @@ def test_a_lens_is_baked_once_and_cached_bit_for_bit(folder, bakes, singlet):
 
 def test_coatings_share_a_bake(folder, bakes, singlet):
     """Only the transmittance, which records and digests include, depends on them."""
-    stated, bare, ideal = (load_lens(singlet, replace(NEAR, coating=name), "preview") for name in (None, "none", "ideal"))
+    stated, bare, ideal = (load_lens(singlet, replace(NEAR, coating=name), "preview")
+                           for name in (None, "none", "ideal"))
     assert len(bakes) == 1 and len({stated, bare, ideal}) == 3
     np.testing.assert_array_equal(bare.psf, ideal.psf)
     np.testing.assert_array_equal(stated.transmittance, ideal.transmittance)
