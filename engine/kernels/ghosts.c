@@ -10,20 +10,22 @@ typedef struct {
     ray ray;
     eight_doubles light, limit; /* the part of the light that is left; the largest square of height over semi-aperture */
     eight_doubles stop_x[LF_CROSSINGS], stop_y[LF_CROSSINGS];
-    int crossings;
+    int crossings, lives; /* lives: whether any ray does */
 } passage;
 
 /* The reflectance of a surface for light with this (n sin)^2, by linear interpolation. */
 INLINE eight_doubles reflectance(const lf_beam *b, int64_t n, eight_doubles square)
 {
-    const double *table = b->reflectances + n * (b->steps + 1), last = (double)b->steps;
+    const double *table = b->reflectances + n * (b->steps + 1);
+    eight_doubles place = square * b->steps_per_unit, here, next;
+    place = chosen(place > 0, place, even(0)); /* NaN: 0 */
+    place = chosen(place < (double)b->steps, place, even((double)b->steps));
+    const eight_ints step = __builtin_convertvector(place, eight_ints);
     for (int k = 0; k < 8; k++) {
-        const double place = square[k] * b->steps_per_unit;
-        const double there = place > 0 ? place < last ? place : last : 0; /* NaN: 0 */
-        const int64_t step = there < last ? (int64_t)there : b->steps - 1;
-        square[k] = table[step] + (there - (double)step) * (table[step + 1] - table[step]);
+        const int first = step[k] < b->steps ? step[k] : (int)b->steps - 1;
+        here[k] = table[first], next[k] = table[first + 1], place[k] -= (double)first;
     }
-    return square;
+    return here + place * (next - here);
 }
 
 /* To a surface, and reflected or refracted there; `heading` is the sign of the direction behind it. */
@@ -35,12 +37,12 @@ static void meet(const lf_system *s, const lf_beam *b, int64_t n, int reflecting
     r->position = moved(r->position, distance_to(s, n, r), r->direction);
     const triple at = r->position;
     const double per_mm = b->per_semi_aperture[n];
+    const eight_doubles square = (at.x * at.x + at.y * at.y) * (per_mm * per_mm);
     if (n == s->stop) {
         const int k = p->crossings < LF_CROSSINGS ? p->crossings++ : LF_CROSSINGS - 1;
         p->stop_x[k] = at.x * per_mm, p->stop_y[k] = at.y * per_mm;
     } else {
-        const eight_doubles limit = (at.x * at.x + at.y * at.y) * (per_mm * per_mm);
-        p->limit = chosen(limit > p->limit, limit, p->limit);
+        p->limit = chosen(square > p->limit, square, p->limit);
     }
     const triple normal = normal_at(s, n, at);
     const eight_doubles cosine = product(r->direction, normal);
@@ -53,13 +55,16 @@ static void meet(const lf_system *s, const lf_beam *b, int64_t n, int reflecting
         p->light *= 1 - share;
     }
     leave(s, n, r);
-    p->light = chosen(r->direction.z * heading > 0, p->light, even(__builtin_nan("")));
+    const eight_longs lives = (r->direction.z * heading > 0) & (square < b->farthest);
+    p->light = chosen(lives, p->light, even(__builtin_nan("")));
+    r->position.x = chosen(lives, r->position.x, even(__builtin_nan(""))); /* ends all iterations */
+    p->lives = any(lives);
 }
 
 /* On through the surfaces from `first` up to `end`, from a place relative to `first`. */
 static void onwards(const lf_system *s, const lf_beam *b, int64_t first, int64_t end, passage *p)
 {
-    for (int64_t n = first; n < end; n++) {
+    for (int64_t n = first; n < end && p->lives; n++) {
         meet(s, b, n, 0, 1, s->indices[n], s->indices[n + 1], p);
         p->ray.position.z -= shape_of(s, n)[2];
     }
@@ -72,8 +77,8 @@ static APART void through(const lf_system *s, const lf_beam *b, int64_t near, in
     int64_t next = 0;
     if (far >= 0) {
         onwards(s, b, 0, far, p);
-        meet(s, b, far, 1, -1, s->indices[far], s->indices[far], p);
-        for (int64_t n = far - 1; n >= near; n--) {
+        if (p->lives) meet(s, b, far, 1, -1, s->indices[far], s->indices[far], p);
+        for (int64_t n = far - 1; n >= near && p->lives; n--) {
             p->ray.position.z += shape_of(s, n)[2];
             const int last = n == near;
             meet(s, b, n, last, last ? 1 : -1, s->indices[n + 1], s->indices[last ? n + 1 : n], p);
@@ -94,7 +99,7 @@ static APART void started(const lf_beam *b, eight_doubles across, eight_doubles 
     r->position = (triple){across * b->across[0] + up * b->up[0], across * b->across[1] + up * b->up[1],
                            across * b->across[2] + up * b->up[2]};
     r->direction = (triple){even(b->along[0]), even(b->along[1]), even(b->along[2])};
-    p->light = even(1), p->limit = even(0), p->crossings = 0;
+    p->light = even(1), p->limit = even(0), p->crossings = 0, p->lives = 1;
     for (int k = 0; k < LF_CROSSINGS; k++) p->stop_x[k] = p->stop_y[k] = even(0);
     if (!b->finite) return;
     const triple from = {r->position.x - b->source[0], r->position.y - b->source[1], r->position.z - b->source[2]};
@@ -268,20 +273,22 @@ static APART void draw_pixels(canvas *c, triangle *t)
     const double top = smaller(smaller(t->y[0], t->y[1]), t->y[2]), bottom = larger(larger(t->y[0], t->y[1]), t->y[2]);
     const int64_t end_row = up_to(smaller(larger(bottom, 0), (double)out->rows));
     const eight_floats lanes = {0, 1, 2, 3, 4, 5, 6, 7};
+    const float left = LF_GHOST_RIM, right = (float)(out->columns - LF_GHOST_RIM);
     eight_floats sum = all(0);
     for (int64_t row = up_to(larger(top, 0)); row < end_row; row++) {
+        const int on_frame = row >= LF_GHOST_RIM && row < out->rows - LF_GHOST_RIM;
         int64_t first, end;
         columns_of(t, (double)row, out->columns, &first, &end);
         const float down = (float)((double)row - t->y[0]);
         for (; first < end; first += 8) {
-            const eight_floats right = lanes + (float)((double)first - t->x[0]);
+            const eight_floats beside = lanes + (float)((double)first - t->x[0]);
             eight_floats values[QUANTITIES];
-            for (int q = 0; q < count; q++) values[q] = t->values[0][q] + by_y[q] * down + right * by_x[q];
+            for (int q = 0; q < count; q++) values[q] = t->values[0][q] + by_y[q] * down + beside * by_x[q];
             eight_floats value = values[0] * c->part;
             if (t->cut) value *= open_part(c, t, values);
             value = (eight_floats)((eight_ints)value & (lanes < (float)(end - first)));
             *(eight_floats *)(out->values + row * out->row_step + first) += value;
-            sum += value;
+            if (on_frame) sum += (eight_floats)((eight_ints)value & (lanes >= left - (float)first) & (lanes < right - (float)first));
         }
     }
     for (int k = 0; k < 8; k++) c->sum += sum[k];

@@ -97,7 +97,7 @@ class Meshes:
 
 
 def ghost_rays(surfaces: TracedSurfaces, coated: Coated, per_semi_aperture: np.ndarray, beam: Beam, pairs: np.ndarray,
-               boxes: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+               boxes: np.ndarray, shape: tuple[int, int], farthest: float = np.inf) -> np.ndarray:
     """Trace rays on even grids across a beam, reflected at two surfaces, to the image plane.
 
     Parameters
@@ -113,6 +113,8 @@ def ghost_rays(surfaces: TracedSurfaces, coated: Coated, per_semi_aperture: np.n
         First place and step in mm, across and up.
     shape : (int, int)
         Rows (up) and columns (across).
+    farthest : float
+        Rays beyond this square of a height over its semi-aperture are lost.
 
     Returns
     -------
@@ -135,7 +137,7 @@ def ghost_rays(surfaces: TracedSurfaces, coated: Coated, per_semi_aperture: np.n
     source = np.where(np.isfinite(beam.source_mm), beam.source_mm, 0)
     request = BEAM(address(reflectances, np.float64, (count, steps + 1)), address(per_mm, np.float64, (count,)),
                    address(pairs, np.int64, (len(boxes), 2)), address(boxes, np.float64, (len(boxes), 4)),
-                   *(tuple(axis) for axis in beam.axes), tuple(source), beam.distance_mm, coated.steps_per_unit, steps,
+                   *(tuple(axis) for axis in beam.axes), tuple(source), beam.distance_mm, coated.steps_per_unit, farthest, steps,
                    len(boxes), *shape, np.isfinite(beam.distance_mm))
     out = np.empty((len(boxes), QUANTITIES, *shape))
     check(loops.lf_ghost_rays(variant, byref(system), byref(request), address(out, np.float64)))

@@ -190,7 +190,7 @@ typedef struct { /* light in front of a lens: rays through a grid in its cross s
     const double *boxes;        /* (pair, 4): first place and step, across and up */
     double across[3], up[3], along[3]; /* axes of the cross section, and the light's direction through the first vertex */
     double source[3], distance; /* of light from a finite distance: its place, and its distance from the viewpoint */
-    double steps_per_unit;
+    double steps_per_unit, farthest; /* farthest: rays beyond this square of height over semi-aperture are lost */
     int64_t steps, pairs, rows, columns, finite;
 } lf_beam;
 

@@ -52,11 +52,10 @@ class GhostLens:
         """The stop's opening, for the loops."""
         return Blades(self.opening.iris.directions, self.opening.shape, self.opening.reach)
 
-    @property
-    def crossings(self) -> np.ndarray:
+    def crossings(self, pairs: np.ndarray) -> np.ndarray:
         """How often the light of each pair crosses the stop, or is reflected there: int array (pair,)."""
         stop = self.system.prescription.stop_index
-        near, far = self.pairs.T
+        near, far = pairs.T
         return 1 + 2 * ((near < stop) & (stop < far)) + ((stop == near) | (stop == far))
 
     def coated(self, wavelengths_nm: np.ndarray) -> list[Coated]:

@@ -6,9 +6,9 @@ import numpy as np
 
 from ..image.pixel_grid import PixelGrid
 from ..kernels.ghosts import Beam, Coated, ghost_rays
-from .ghost_beams import GhostLens, beam_of, entrance_mm
+from .ghost_beams import GhostLens, entrance_mm
 
-FIRST, NEXT = 33, 17  # rays across, and up
+FIRST, NEXT = 25, 17  # rays across, and up
 LEAST_SQUARE = 9.0  # of the closest ray to an opening, over the opening's square: beyond it the search ends
 MARGIN = 0.5  # cells of the second search, for what its rays and wavelengths do not show
 TILT_RAD = 1e-4  # for derivatives with respect to a source's direction
@@ -23,36 +23,51 @@ class Survey:
     beam : Beam
     azimuth_rad : float
         By which rays must be turned.
-    limits_mm : array (pair, 4)
-        Left, right, lower and upper limit of the light's cross section that may pass.
     light_mm2 : array (pair, wavelength)
-        Light on the sensor's frame over irradiance in front of the lens.
-    speed_mm : array (pair,)
+        Light of each of the lens's pairs on the sensor's frame, over irradiance in front of the lens.
+    bright : int array (bright pair,)
+        Pairs except the faintest ones.
+    limits_mm : array (bright pair, 4)
+        Left, right, lower and upper limit of the light's cross section that may pass.
+    speed_mm : array (bright pair,)
         How far the light moves on the sensor with the source's direction, in mm per radian.
     """
 
     beam: Beam
     azimuth_rad: float
-    limits_mm: np.ndarray
     light_mm2: np.ndarray
+    bright: np.ndarray
+    limits_mm: np.ndarray
     speed_mm: np.ndarray
 
 
-def survey(lens: GhostLens, grid: PixelGrid, coated: list[Coated], direction: np.ndarray, distance_mm: float,
-           radius_rad: float) -> Survey:
-    """Search the light of all pairs: first at the middle one of the wavelengths, then at all."""
-    beam, azimuth_rad = beam_of(lens, direction, distance_mm)
-    limits_mm = np.tile(entrance_mm(lens, beam), (len(lens.pairs), 1))
-    limits_mm, _ = _searched(lens, coated[len(coated) // 2], beam, limits_mm, FIRST)
-    found = [_searched(lens, each, beam, limits_mm, NEXT) for each in coated]
-    light_mm2 = [_light_mm2(lens, grid, rays, limits_mm, azimuth_rad) for _, rays in found]
-    middle = found[len(coated) // 2][1]
-    speed_mm = np.zeros(len(lens.pairs))
+def survey(lens: GhostLens, grid: PixelGrid, coated: list[Coated], beam: Beam, azimuth_rad: float, radius_rad: float,
+           share: float) -> Survey:
+    """Search the light of all pairs at the middle one of the wavelengths; and then, except for the faintest pairs with
+    this share of the light, at all of them."""
+    pairs, middle = lens.pairs, len(coated) // 2
+    everywhere_mm = np.tile(entrance_mm(lens, beam), (len(pairs), 1))
+    closer_mm, rays = _searched(lens, coated[middle], beam, pairs, everywhere_mm, FIRST)
+    light_mm2 = np.repeat(_light_mm2(lens, grid, rays, everywhere_mm, azimuth_rad)[:, None], len(coated), axis=1)
+    bright = np.flatnonzero(brightest(light_mm2[:, middle], share))
+    found = [_searched(lens, each, beam, pairs[bright], closer_mm[bright], NEXT) for each in coated]
+    for number, (_, rays) in enumerate(found):
+        light_mm2[bright, number] = _light_mm2(lens, grid, rays, closer_mm[bright], azimuth_rad)
+    speed_mm = np.zeros(len(bright))
     if radius_rad > 0:
-        speed_mm = _speed_mm(lens, coated[len(coated) // 2], (direction, distance_mm), limits_mm, middle)
-    union = np.stack([each for each, _ in found])
-    union = np.where([True, False, True, False], union.min(axis=0), union.max(axis=0))
-    return Survey(beam, azimuth_rad, _widened(lens, union, MARGIN / (NEXT - 1)), np.stack(light_mm2, axis=1), speed_mm)
+        speed_mm = _speed_mm(lens, coated[middle], beam, pairs[bright], closer_mm[bright], found[middle][1])
+    ends = np.stack([limits_mm for limits_mm, _ in found])
+    limits_mm = np.where([True, False, True, False], ends.min(axis=0), ends.max(axis=0))
+    return Survey(beam, azimuth_rad, light_mm2, bright, _widened(lens, limits_mm, MARGIN / (NEXT - 1)), speed_mm)
+
+
+def brightest(light: np.ndarray, share: float) -> np.ndarray:
+    """Which ghosts, of any shape, are not among the faintest ones that have at most this share of the light together."""
+    order = np.argsort(light, axis=None, kind="stable")
+    faint = np.cumsum(light.ravel()[order]) <= share * light.sum()
+    bright = np.zeros(light.size, bool)
+    bright[order[~faint]] = True
+    return bright.reshape(light.shape)
 
 
 def boxes_of(lens: GhostLens, limits_mm: np.ndarray, side: int) -> tuple[np.ndarray, tuple[int, int]]:
@@ -82,17 +97,26 @@ def cells_mm2(lens: GhostLens, boxes: np.ndarray, shape: tuple[int, int]) -> np.
     return (boxes[:, 1] * boxes[:, 3])[:, None, None] * times
 
 
-def _searched(lens, coated, beam, limits_mm, side):
+def direct_light_mm2(lens: GhostLens, coated: Coated, beam: Beam) -> float:
+    """Light that reaches the sensor's plane without reflection, over irradiance in front of the lens."""
+    limits_mm, none = entrance_mm(lens, beam)[None], np.array([[-1, -1]])
+    limits_mm, _ = _searched(lens, coated, beam, none, limits_mm, FIRST)
+    _, rays = _searched(lens, coated, beam, none, limits_mm, FIRST)
+    boxes, shape = boxes_of(lens, limits_mm, FIRST)
+    return float(np.sum(np.nan_to_num(rays[:, 2]) * lit_share(open_square(lens, rays)) * cells_mm2(lens, boxes, shape)))
+
+
+def _searched(lens, coated, beam, pairs, limits_mm, side):
     """Closer limits, with a cell more on each side, and the rays."""
     boxes, shape = boxes_of(lens, limits_mm, side)
-    rays = ghost_rays(lens.surfaces, coated, lens.per_semi_aperture, beam, lens.pairs, boxes, shape)
+    rays = ghost_rays(lens.surfaces, coated, lens.per_semi_aperture, beam, pairs, boxes, shape, LEAST_SQUARE)
     square = open_square(lens, rays)
-    first, step = boxes[:, 0::2], boxes[:, 1::2]
-    spans = [_span(square.min(axis=axis)) for axis in (1, 2)]
-    closer = [first[:, axis] + step[:, axis] * np.clip(end, 0, shape[1 - axis] - 1)
-              for axis, span in enumerate(spans) for end in (span[0] - 1, span[1] + 1)]
-    closer = np.stack(closer, axis=1)
-    return (np.where([lens.radial, False, False, False], 0.0, closer) if lens.radial else closer), rays
+    closer = []
+    for axis, count in ((0, shape[1]), (1, shape[0])):
+        first, step = boxes[:, 2 * axis], boxes[:, 2 * axis + 1]
+        start, end = _span(square.min(axis=axis + 1))
+        closer += [first + step * np.clip(place, 0, count - 1) for place in (start - 1, end + 1)]
+    return np.stack(closer, axis=1), rays
 
 
 def _span(square):
@@ -109,7 +133,7 @@ def _span(square):
         beyond = np.clip(end + sign, 0, count - 1)
         inner, outer = square[pair, end], square[pair, beyond]
         with np.errstate(invalid="ignore"):
-            part = np.where(np.isfinite(outer) & (outer > 1) & (inner < 1), (1 - inner) / (outer - inner), 1.0)
+            part = np.where(np.isfinite(outer) & (outer > 1) & (inner < 1), (1 - inner) / np.maximum(outer - inner, 1e-9), 1.0)
         ends.append(end + sign * part)
     lost = ~passes.any(axis=1)
     return np.where(lost, 0, ends[0]), np.where(lost, 0, ends[1])
@@ -124,7 +148,7 @@ def _widened(lens, limits_mm, share):
 
 def _light_mm2(lens, grid, rays, limits_mm, azimuth_rad):
     """Light on the frame over irradiance: array (pair,)."""
-    boxes, shape = boxes_of(lens, limits_mm, NEXT)
+    boxes, shape = boxes_of(lens, limits_mm, rays.shape[2])
     light = np.nan_to_num(rays[:, 2]) * lit_share(open_square(lens, rays)) * cells_mm2(lens, boxes, shape)
     cosine, sine = np.cos(azimuth_rad), np.sin(azimuth_rad)
     left, lower, right, upper = grid.edges_mm
@@ -136,18 +160,20 @@ def _light_mm2(lens, grid, rays, limits_mm, azimuth_rad):
     return np.sum(light * on_frame, axis=(1, 2))
 
 
-def _speed_mm(lens, coated, source, limits_mm, rays):
+def _speed_mm(lens, coated, beam, pairs, limits_mm, rays):
     """`Survey.speed_mm`: the root mean square over rays and directions."""
-    direction, distance_mm = source
     boxes, shape = boxes_of(lens, limits_mm, NEXT)
     lit = open_square(lens, rays) < 1
-    beam, _ = beam_of(lens, direction, distance_mm)
     squares = []
-    for axis in beam.axes[:2]:
-        tilted = beam.axes + TILT_RAD * np.outer([0, 0, 1], axis) - TILT_RAD * np.outer(axis @ beam.axes.T, beam.axes[2])
-        source_mm = beam.source_mm - np.linalg.norm(beam.source_mm) * TILT_RAD * axis
-        moved = ghost_rays(lens.surfaces, coated, lens.per_semi_aperture, Beam(tilted, source_mm, distance_mm), lens.pairs,
-                           boxes, shape)
-        square = np.sum((moved[:, :2] - rays[:, :2])**2, axis=1) / TILT_RAD**2
-        squares.append(np.where(lit, np.nan_to_num(square), 0).sum(axis=(1, 2)) / np.maximum(lit.sum(axis=(1, 2)), 1))
+    for axis in (0, 1):
+        moved = ghost_rays(lens.surfaces, coated, lens.per_semi_aperture, _tilted(beam, axis), pairs, boxes, shape)
+        square = np.nan_to_num(np.sum((moved[:, :2] - rays[:, :2])**2, axis=1)) / TILT_RAD**2
+        squares.append(np.where(lit, square, 0).sum(axis=(1, 2)) / np.maximum(lit.sum(axis=(1, 2)), 1))
     return np.sqrt(np.mean(squares, axis=0))
+
+
+def _tilted(beam, axis):
+    """The beam of a source that is moved along an axis of the cross section."""
+    along = beam.axes[2] + TILT_RAD * beam.axes[axis]
+    source_mm = beam.source_mm - TILT_RAD * beam.distance_mm * beam.axes[axis]
+    return Beam(np.stack([*beam.axes[:2], along]), source_mm, beam.distance_mm)

@@ -16,17 +16,18 @@ from ..depth.iris import Opening
 from ..image.pixel_grid import PixelGrid
 from ..kernels.ghosts import RIM, Meshes, draw_ghosts, ghost_levels, ghost_rays
 from ..prescription.prescription import Prescription
-from ..prescription.system import System, system_of
+from ..prescription.system import system_of
 from ..runtime.threads import thread_pool
-from .ghost_beams import GhostLens, beam_of, enters, entrance_mm, ghost_lens
-from .ghost_survey import Survey, boxes_of, cells_mm2, lit_share, open_square, survey
+from .ghost_beams import beam_of, enters, ghost_lens
+from .ghost_survey import boxes_of, brightest, direct_light_mm2, survey
 from .sources import Sources
 
 SHARE = 0.01
-RAYS = 25  # across, and up
+RAYS = 21  # across, and up
 PIXELS, LEAST_PIXELS, MOST_PIXELS = 6000.0, 1500.0, 300000.0
 SMALLEST_LEVEL_PX = 24
-KERNEL_SHARE = 0.433  # a disc has the variance of the pixels that it is drawn in if these are this part of its diameter
+OF_DIAMETER = 0.433  # pixels of this part of a disc's diameter blur as it does: they have its variance
+SQUARE_M = 1e-6  # a square mm
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,56 +81,89 @@ def ghosts(prescription: Prescription, sources: Sources, grid: PixelGrid, openin
     LensError
         A wavelength outside the range of a glass or of a coating.
     """
-    system, frame = system_of(prescription), grid.frame()
-    nm = sources.wavelengths_nm
-    lens = ghost_lens(system, opening, nm)
+    frame, nm = grid.frame(), sources.wavelengths_nm
+    lens = ghost_lens(system_of(prescription), opening, nm)
     coated = lens.coated(nm)
-    few = sorted({0, len(nm) // 2, len(nm) - 1})
-    inside = np.flatnonzero(enters(lens, sources))
-    surveys = {number: survey(lens, frame, [coated[n] for n in few], sources.directions[number],
-                              float(sources.distance_mm[number]), float(sources.radius_rad[number])) for number in inside}
-    estimates = np.zeros((len(sources), len(lens.pairs), len(nm)))
-    for number, each in surveys.items():
-        between = np.stack([np.interp(nm, nm[few], light) for light in each.light_mm2])
-        estimates[number] = between * sources.irradiance[number] * lens.glass_transmittance(nm, lens.pairs) * 1e-6
-    drawn = _brightest(estimates.sum(axis=2), share)
+    surveys = _surveys(lens, frame, coated, sources, share / 2)
+    estimates = _estimates(lens, sources, surveys)
+    drawn = _drawn(surveys, estimates, share / 2)
     pixels = _pixels(np.where(drawn, estimates.sum(axis=2), 0))
-    irradiance = np.zeros((len(nm), *frame.shape_px), np.float32)
+    irradiance = np.empty((len(nm), *frame.shape_px), np.float32)
     light = np.full(estimates.shape, np.nan)
+    px_per_mm = 1e3 / frame.pitch_um
 
-    def draw(wavelength):
+    def draw(wave):
         levels = ghost_levels(frame.shape_px, _level_count(frame.shape_px))
-        for number, each in surveys.items():
-            chosen = np.flatnonzero(drawn[number])
-            if chosen.size and sources.irradiance[number, wavelength] > 0:
-                meshes = _meshes(lens, coated[wavelength], nm[wavelength], each, chosen)
-                px_per_mm = 1e3 / frame.pitch_um
-                blur = (KERNEL_SHARE * 2 * sources.radius_rad[number] * each.speed_mm[chosen] * px_per_mm) ** 2
-                meshes = Meshes(*meshes, pixels[number, chosen], blur, lens.radial, each.azimuth_rad,
-                                float(sources.irradiance[number, wavelength]))
-                light[number, chosen, wavelength] = draw_ghosts(meshes, lens.blades, frame.centre_px, px_per_mm, levels) * 1e-6
-        irradiance[wavelength] = _together(levels)
+        for number, found in surveys.items():
+            chosen = drawn[number, found.bright]
+            pairs = found.bright[chosen]
+            rays, cells_mm2 = _fine_rays(lens, coated[wave], nm[wave], found, chosen)
+            diameters_px = 2 * sources.radius_rad[number] * px_per_mm * found.speed_mm[chosen]
+            meshes = Meshes(rays, lens.crossings(lens.pairs[pairs]), cells_mm2, pixels[number, pairs],
+                            (OF_DIAMETER * diameters_px)**2, lens.radial, found.azimuth_rad,
+                            sources.irradiance[number, wave])
+            light[number, pairs, wave] = SQUARE_M * draw_ghosts(meshes, lens.blades, frame.centre_px, px_per_mm, levels)
+        irradiance[wave] = _together(levels)
 
     with thread_pool() as pool:
         list(pool.map(draw, range(len(nm))))
-    return Ghosts(irradiance, nm, sources.names, lens.pairs + 1, light, np.where(drawn[..., None], 0, estimates).sum(axis=1),
-                  np.zeros((len(sources), len(nm))))
+    return Ghosts(irradiance, nm, sources.names, lens.pairs + 1, light,
+                  np.where(drawn[..., None], 0, estimates).sum(axis=1), _image_light(lens, coated, sources))
 
 
-def _meshes(lens, coated, nm, found, chosen):
+def _surveys(lens, frame, coated, sources, share):
+    """The survey of each source whose light enters the lens, by number."""
+    few = [coated[number] for number in _few(len(coated))]
+
+    def surveyed(number):
+        beam, azimuth_rad = beam_of(lens, sources.directions[number], float(sources.distance_mm[number]))
+        return survey(lens, frame, few, beam, azimuth_rad, sources.radius_rad[number], share)
+
+    numbers = [int(number) for number in np.flatnonzero(enters(lens, sources))]
+    with thread_pool() as pool:
+        return dict(zip(numbers, pool.map(surveyed, numbers), strict=True))
+
+
+def _few(count):
+    """The first, the middle and the last of `count` wavelengths."""
+    return sorted({0, count // 2, count - 1})
+
+
+def _estimates(lens, sources, surveys):
+    """Light of ghosts from the surveys: array (source, pair, wavelength)."""
+    nm = sources.wavelengths_nm
+    few, estimates = nm[_few(len(nm))], np.zeros((len(sources), len(lens.pairs), len(nm)))
+    for number, found in surveys.items():
+        weights = np.stack([np.interp(nm, few, unit) for unit in np.eye(len(few))])
+        estimates[number] = found.light_mm2 @ weights * sources.irradiance[number]
+    return SQUARE_M * estimates * lens.glass_transmittance(nm, lens.pairs)
+
+
+def _drawn(surveys, estimates, share):
+    """Which ghosts (source, pair) are drawn."""
+    light = np.zeros(estimates.shape[:2])
+    for number, found in surveys.items():
+        light[number, found.bright] = estimates[number, found.bright].sum(axis=1)
+    return brightest(light, share)
+
+
+def _fine_rays(lens, coated, nm, found, chosen):
+    """The rays of some of the surveyed ghosts, and the cross section of their cells."""
+    pairs = lens.pairs[found.bright[chosen]]
     boxes, shape = boxes_of(lens, found.limits_mm[chosen], RAYS)
-    rays = ghost_rays(lens.surfaces, coated, lens.per_semi_aperture, found.beam, lens.pairs[chosen], boxes, shape)
-    rays[:, 2] *= lens.glass_transmittance(np.array([nm]), lens.pairs[chosen])[:, :, None]
-    return rays, lens.crossings[chosen], boxes[:, 1] * boxes[:, 3]
+    rays = ghost_rays(lens.surfaces, coated, lens.per_semi_aperture, found.beam, pairs, boxes, shape)
+    rays[:, 2] *= lens.glass_transmittance(np.array([nm]), pairs)[:, :, None]
+    return rays, boxes[:, 1] * boxes[:, 3]
 
 
-def _brightest(light, share):
-    """Ghosts (source, pair) without the faintest ones, which have at most this share of the light."""
-    order = np.argsort(light, axis=None, kind="stable")
-    faint = np.cumsum(light.ravel()[order]) <= share * light.sum()
-    drawn = np.zeros(light.size, bool)
-    drawn[order[~faint]] = True
-    return drawn.reshape(light.shape)
+def _image_light(lens, coated, sources):
+    """`Ghosts.image_light`."""
+    nm, none = sources.wavelengths_nm, np.array([[-1, -1]])
+    light_mm2 = np.zeros((len(sources), len(nm)))
+    for number in np.flatnonzero(enters(lens, sources)):
+        beam, _ = beam_of(lens, sources.directions[number], float(sources.distance_mm[number]))
+        light_mm2[number] = [direct_light_mm2(lens, each, beam) for each in coated]
+    return SQUARE_M * sources.irradiance * light_mm2 * lens.glass_transmittance(nm, none)
 
 
 def _pixels(light):
