@@ -29,27 +29,27 @@ from .unlayered import material_of
 
 MOST_OUTSIDE = 256
 MOST_PARTS, PART_RAD = 64, 0.03  # of one emitter
-MOST_RAYS = 8192
+MOST_RAYS, MANY_OBJECTS = 4096, 256  # in larger scenes, where each ray takes longer, fewer in proportion
 MOST_SURFACES = 8  # that one ray may pass
 NEARLY = 1 - 1e-4  # of the distance to a patch: its own surface is not in the way
 MOST_NAMED = 3
 
 
-def outside_steps(ready, seen):
+def outside_steps(ready, capture):
     """Steps that find the sources of a scene that is ready for its passes; returns what `outside_sources` returns.
 
     Parameters
     ----------
     ready : Ready
-    seen : PixelGrid
+    capture : PixelGrid
     """
     scene, sky = ready.scene, None
     if shows_world(scene) and ready.substitution.emission_at(rendered_world(scene), ready.job.wavelengths_nm) is None:
         sky = yield from sky_steps(ready)
-    return outside_sources(scene, ready.job, ready.substitution, seen, sky)
+    return outside_sources(scene, ready.job, ready.substitution, capture, sky)
 
 
-def outside_sources(scene, job, substitution, seen, sky=None):
+def outside_sources(scene, job, substitution, capture, sky=None):
     """The sources of stray light in a scene that a capture does not contain.
 
     Parameters
@@ -58,7 +58,7 @@ def outside_sources(scene, job, substitution, seen, sky=None):
         Evaluated at the frame, with the stand-ins of `substitution`.
     job : Job
     substitution : Substitution
-    seen : PixelGrid
+    capture : PixelGrid
         The capture, with its focal length.
     sky : SpectralImage, optional
         From `sky_steps`.
@@ -70,10 +70,11 @@ def outside_sources(scene, job, substitution, seen, sky=None):
     tuple of str
         A line for emitters that are not counted.
     """
-    sight = _Sight(scene, job.lens, seen)
-    emitters, uncounted = _emitters(scene, substitution, job.wavelengths_nm, sight, sky)
+    sight = _Sight(scene, job.lens, capture)
+    emitters, uncounted, objects = _emitters(scene, substitution, job.wavelengths_nm, sight, sky)
     parts = [part for emitter in emitters for part in sight.parts(emitter)]
-    rays = int(np.clip(MOST_RAYS // max(len(parts), 1), 1, LAMP_PATCHES))
+    rays = MOST_RAYS * MANY_OBJECTS // (max(objects, MANY_OBJECTS) * max(len(parts), 1))
+    rays = int(np.clip(rays, 1, LAMP_PATCHES))
     sources = [sight.source(part, rays, job.wavelengths_nm) for part in parts]
     merged, _ = merged_sources(Sources.together([_none(job.wavelengths_nm), *filter(None, sources)]), MOST_OUTSIDE)
     return merged, tuple(_line(why, names) for why, names in uncounted.items() if names)
@@ -105,16 +106,16 @@ class _Emitter:
 
 
 def _emitters(scene, substitution, wavelengths_nm, sight, sky):
-    """The emitters of a scene: list; and the names of those that are not counted, by reason."""
+    """The emitters of a scene: list; the names of those that are not counted, by reason; and the number of objects."""
     computed, not_mesh, linked = uncounted = {}, {}, {}
-    emissions, emitters = {}, []
+    emissions, emitters, instances = {}, [], list(rendered_instances(scene))
 
     def emission_of(block):
         if block not in emissions:
             emissions[block] = substitution.emission_at(block, np.asarray(wavelengths_nm, float))
         return emissions[block]
 
-    for instance in rendered_instances(scene):
+    for instance in instances:
         if instance.obj.type == "LIGHT":
             emitters += _lamp(instance, emission_of, sight, computed, linked)
         elif any(emission_of(material) is None or emission_of(material).any() for material in instance.materials):
@@ -126,7 +127,7 @@ def _emitters(scene, substitution, wavelengths_nm, sight, sky):
         if emission.any():
             emitters.append(_Emitter("world", world_patches(sight.axis), emission, True))
     reasons = ("nodes compute their light", "they are not meshes", "they light only linked objects")
-    return emitters, dict(zip(reasons, uncounted, strict=True))
+    return emitters, dict(zip(reasons, uncounted, strict=True)), len(instances)
 
 
 def shows_world(scene):
@@ -192,13 +193,13 @@ class _Sight(View):
     Parameters
     ----------
     scene, lens
-    seen : PixelGrid
+    capture : PixelGrid
         The capture, with its focal length.
     """
 
-    def __init__(self, scene, lens, seen):
-        super().__init__(scene, lens, seen)
-        self.layer, self._seen, self._unit_mm = rendered_layer(scene), seen, mm_per_unit(scene)
+    def __init__(self, scene, lens, capture):
+        super().__init__(scene, lens, capture)
+        self.layer, self._capture, self._unit_mm = rendered_layer(scene), capture, mm_per_unit(scene)
         right, up, back = np.array(scene.camera.matrix_world.normalized().to_3x3()).T
         self.axis, self.axes = -back, np.stack([right, up, -back])
         x, y = (np.array(entrance_pupil_size_mm(lens)) / 2 / self._unit_mm)[:, None] * in_disc().T
@@ -211,7 +212,7 @@ class _Sight(View):
         towards = self._towards(patches.vectors)
         counted = (patches.irradiance > 0) & (patches.irradiance < np.inf) & (towards[:, 2] > 0)
         if emitter.shown:
-            counted &= ~holds(self._seen, towards)
+            counted &= ~holds(self._capture, towards)
         emitter, towards = emitter.chosen(counted), towards[counted]
         for group in grouped(towards, patches.irradiance[counted], MOST_PARTS, PART_RAD)[0]:
             yield emitter.chosen(group)
@@ -237,7 +238,7 @@ class _Sight(View):
 
     def is_cut(self, triangles):
         """Whether the capture contains some of the corners of triangles, given as vectors from the camera."""
-        inside = holds(self._seen, self._towards(triangles))
+        inside = holds(self._capture, self._towards(triangles))
         return inside.any(axis=-1) & ~inside.all(axis=-1)
 
     def _towards(self, vectors):

@@ -185,7 +185,7 @@ def capture(scene, job, result, share):
     """
     with temporary_folder() as folder, Journal() as journal, ExitStack() as alone:
         ready = yield from ready_steps(scene, job, result.files, share, folder, journal, alone)
-        outside, uncounted = (None, ()) if job.traced else (yield from outside_steps(ready, _seen(ready)))
+        outside, uncounted = (None, ()) if job.traced else (yield from outside_steps(ready, _rendered_grid(ready)))
         sampled = _passes(ready, journal)
         lights = yield from light_steps(ready, sampled, ready.capture_px, ready.slabs, share, journal)
     captured = captured_from(ready, lights, ready.grid, ready.capture_px)
@@ -195,7 +195,7 @@ def capture(scene, job, result, share):
     return captured
 
 
-def _seen(ready):
+def _rendered_grid(ready):
     """The pixels that the radiance contains: a PixelGrid, with the focal length of the capture."""
     grid, (rows, columns) = ready.grid, ready.rendered
     return replace(grid, shape_px=(rows.stop - rows.start, columns.stop - columns.start), overscan_px=(0, 0),
