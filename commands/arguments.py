@@ -7,7 +7,15 @@ from pathlib import Path
 
 from ..engine import InputError, Options
 from ..engine.depth.iris import Iris
-from ..engine.library import ALL_LENSES, clamped_rings, has_rings, iris_is_visible, load_lens
+from ..engine.library import (
+    ALL_LENSES,
+    clamped_rings,
+    fits_all_frames,
+    has_rings,
+    iris_is_visible,
+    load_lens,
+    pinhole_of,
+)
 from ..engine.plan.options import KNOBS
 from ..engine.prescription.coatings import coating_of
 from ..engine.prescription.tolerances import copy_of
@@ -198,11 +206,21 @@ def rings_option(options):
                  coating=coating_of(options.coating or RenderRequest.coating))
 
 
-def chosen_lens(options):
-    """The lens of the command line, at its focus and f-stop; prints notes on values that the lens cannot reach."""
+def chosen_lens(options, frame_of=None):
+    """The lens of the command line, at its focus and f-stop; prints notes on values that the lens cannot reach.
+
+    Parameters
+    ----------
+    options : Namespace
+    frame_of : function (Pinhole), optional
+        The frame of the pictures on the sensor of a lens: a PixelGrid.
+    """
     source, rings = lens_source(options, options.lens), rings_option(options)
     with errors_of(options.lens), progress_bar() as on_progress:
-        lens = load_lens(source, rings, options.lens_quality or "standard", on_progress)
+        edges_mm = None
+        if frame_of and not fits_all_frames(source, rings):
+            edges_mm = frame_of(pinhole_of(source, rings)).edges_mm
+        lens = load_lens(source, rings, options.lens_quality or "standard", on_progress, edges_mm=edges_mm)
     for line in clamped_rings(source, rings) if has_rings(source) else ():
         print(f"lens: {line}")
     return lens

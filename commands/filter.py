@@ -35,7 +35,7 @@ from .arguments import (
 )
 from .frame_records import record_frame, record_stamp, recorded_build, remove_record, request_facts
 from .outcome import finish
-from .reading import read_picture
+from .reading import frame_of, read_picture
 from .sequence import find_shots
 from .terminal import progress_bar, quiet
 
@@ -92,9 +92,10 @@ def _folders(options):
 
 
 def _filter(options):
-    lens, chosen = chosen_lens(options), engine_options(options)
+    chosen = engine_options(options)
     _check_view(options)
     shots = find_shots(options.radiance, options.output, options.preview, options.frames)
+    lens = chosen_lens(options, lambda pinhole: _frame(shots[0], options, pinhole))
     check_outputs([*(target for shot in shots for target in ((shot.output, ".exr"), (shot.preview, ".png"))),
                    (options.report, ".json")], [options.lens, *(shot.radiance for shot in shots)])
     if shots[0].frame is None:
@@ -103,6 +104,15 @@ def _filter(options):
     else:
         report = _filter_sequence(options, lens, chosen, shots)
     finish(options, report, [])
+
+
+def _frame(shot, options, lens):
+    """The frame of a picture on the sensor of a lens."""
+    try:
+        with quiet(1, 2):
+            return frame_of(shot.radiance, options, lens)
+    except ImageError as error:
+        raise error.at(shot.radiance) from None
 
 
 def _filter_sequence(options, lens, chosen, shots):

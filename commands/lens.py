@@ -211,9 +211,12 @@ def _add_stmap(lens):
 
 def _stmap(options):
     width, height = resolution(options.resolution)
-    lens = chosen_lens(options)
-    nm = reference_nm(lens) if options.wavelength is None else options.wavelength
-    frame = PixelGrid((height, width), fitting_pitch_um(lens, (height, width)))
+
+    def frame_of(lens):
+        return PixelGrid((height, width), fitting_pitch_um(lens, (height, width)))
+
+    lens = chosen_lens(options, frame_of)
+    nm, frame = reference_nm(lens) if options.wavelength is None else options.wavelength, frame_of(lens)
     maps = {options.output / f"{Path(options.lens).stem}_{name}.exr": make(lens, frame, nm)
             for name, make in (("distort", distort_map), ("undistort", undistort_map))}
     check_outputs([(path, ".exr") for path in maps], [options.lens])

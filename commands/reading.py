@@ -9,6 +9,7 @@ from ..engine import ImageError, SpectralImage
 from ..engine.depth.depth_range import OFF
 from ..engine.depth.slabs import SlabPlan
 from ..engine.image.layers import LayeredRadiance
+from ..engine.image.pixel_grid import PixelGrid
 from ..engine.lens.pinhole import field_of_view_deg, fitting_pitch_um, fov_pitch_um
 from ..engine.pictures.file_depth import FileDepth, deep_in_mm, file_depth, layers_of_deep, layers_of_flat
 from ..engine.simulation.report_parts import Upsampling
@@ -72,6 +73,17 @@ def read_picture(path, options, lens):
     return _with_depth(source, parts, options, lens, picture) if options.depth != OFF else source
 
 
+def frame_of(path, options, lens):
+    """The frame of a file's picture on the sensor of a lens, or of its Pinhole, from the headers alone: a PixelGrid."""
+    from ..engine.pictures.spectral_exr import is_spectral, read_header, read_parts
+
+    if is_spectral(path):
+        return read_header(path, options.pitch_um)[0].grid.frame()
+    (left, top), (right, bottom) = read_parts(path, header_only=True)[0][0]["displayWindow"]
+    frame_px = int(bottom - top + 1), int(right - left + 1)
+    return _shifted(PixelGrid(frame_px, _pitch_um(options, lens, frame_px)), options)
+
+
 def _spectral(path, options, lens):
     from ..engine.pictures.spectral_exr import read_sources, read_with_layers, read_with_planes
 
@@ -126,12 +138,17 @@ def _upsampled(picture, options, lens):
     pitch_um = _pitch_um(options, lens, picture.frame_px)
     wavelengths_nm = parse_wavelengths(options.wavelengths or RGB_WAVELENGTHS)
     radiance, negative = upsample(picture, wavelengths_nm, pitch_um, options.output.parent)
-    if options.shift is not None:
-        right_px, up_px = (part_mm / (pitch_um * 1e-3) for part_mm in number_pair(options.shift, "--shift"))
-        radiance = replace(radiance, grid=radiance.grid.shifted(right_px, up_px))
+    radiance = replace(radiance, grid=_shifted(radiance.grid, options))
     across, down = (field_of_view_deg(lens.capture_focal_length_mm, n * pitch_um * 1e-3)
                     for n in picture.frame_px[::-1])
     return radiance, Upsampling(picture.layer or "RGB", (across, down), wavelengths_nm.tolist(), negative)
+
+
+def _shifted(grid, options):
+    """The grid, moved by the option --shift."""
+    if options.shift is None:
+        return grid
+    return grid.shifted(*(part_mm / (grid.pitch_um * 1e-3) for part_mm in number_pair(options.shift, "--shift")))
 
 
 def _pitch_um(options, lens, frame_px):

@@ -17,7 +17,7 @@ from ...engine.field.overscan import CAMERA_VIEW, LENS_VIEW
 from ...engine.image.layers import covered
 from ...engine.lens.formats import format_mm
 from ...engine.lens.pinhole import fitting_pitch_um
-from ...engine.library import clamped_rings, has_rings, iris_is_visible, prescription_of
+from ...engine.library import clamped_rings, fits_all_frames, has_rings, iris_is_visible, pinhole_of, prescription_of
 from ...engine.pictures.spectral_exr import read_header, read_parts, read_sources, read_with_layers, read_with_planes
 from ...engine.plan.plan_cache import cached_plan
 from ...engine.prescription.coatings import coating_of
@@ -217,7 +217,17 @@ def _turned(request, rings, stored):
         return load_lens(lens, rings), ()
     rings = rings_in_view(request, stored)
     quality = request.lens_quality or STANDARD
-    return load_lens(lens, rings, quality, wavelengths_nm=stored.wavelengths_nm), clamped_rings(lens, rings)
+    baked = load_lens(lens, rings, quality, wavelengths_nm=stored.wavelengths_nm,
+                      edges_mm=edges_on_lens_mm(lens, rings, stored))
+    return baked, clamped_rings(lens, rings)
+
+
+def edges_on_lens_mm(lens, rings, radiance):
+    """Edges of the frame of this radiance on the sensor of a lens, as `PixelGrid.edges_mm`; None if any will do."""
+    if fits_all_frames(lens, rings):
+        return None
+    factor = radiance.focal_mm / pinhole_of(lens, rings).capture_focal_length_mm
+    return tuple(edge_mm / factor for edge_mm in radiance.grid.frame().edges_mm)
 
 
 def _fitted(lens, captured, view):

@@ -31,7 +31,7 @@ from ..scene.moves import take_moves
 from ..scene.rings import ring_fields, scene_rings
 from .growing_capture import FINER, Grown, Moved, growing_capture
 from .pictures import alpha_through_lens
-from .refilter import fitted, rings_in_view
+from .refilter import edges_on_lens_mm, fitted, rings_in_view
 from .render import job_of_frame, run
 from .result import Result
 from .steps import Work
@@ -137,7 +137,8 @@ class ScenePreview:
         request = self._request
         rings = rings_in_view(request, grown.captured.radiance)
         lens = load_lens(request.lens, rings, SKETCHED if grown.times == 1 else request.lens_quality,
-                         lambda fraction, _: progress(fraction), self._job.wavelengths_nm)
+                         lambda fraction, _: progress(fraction), self._job.wavelengths_nm,
+                         edges_on_lens_mm(request.lens, rings, grown.captured.radiance))
         lens, captured = fitted(lens, grown.captured, request, self._result.radiance)
         return lens, request.iris if request.iris and iris_is_visible(request.lens, rings) else None, captured
 

@@ -1,6 +1,6 @@
 """The camera: it captures the lens's view of the scene, with the overscan that the lens needs."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -44,6 +44,48 @@ def frame_px(scene):
     render = scene.render
     return tuple(max(1, side * render.resolution_percentage // 100)
                  for side in (render.resolution_y, render.resolution_x))
+
+
+@dataclass(frozen=True)
+class SceneFrame:
+    """The frame of a scene, before its lens is known.
+
+    Attributes
+    ----------
+    shape_px : (int, int)
+    right_up_px : (float, float)
+        As `shift_px`.
+    sensor_mm : (float, float) or None
+        None for the lens's.
+    focal_mm : float or None
+        Capture focal length that the lens is scaled to; None for its own size.
+    """
+
+    shape_px: tuple[int, int]
+    right_up_px: tuple[float, float]
+    sensor_mm: tuple[float, float] | None
+    focal_mm: float | None
+
+    def factor(self, lens):
+        """The scale factor of a lens, or of LensFacts."""
+        return 1.0 if self.focal_mm is None else self.focal_mm / lens.capture_focal_length_mm
+
+    def edges_mm(self, lens):
+        """Edges of the frame on the sensor of a lens, or of LensFacts, in its own size: as `PixelGrid.edges_mm`."""
+        on_sensor = replace(lens, sensor_mm=self.sensor_mm or lens.sensor_mm)
+        grid = PixelGrid(self.shape_px, pitch_um(on_sensor, self.shape_px)).shifted(*self.right_up_px)
+        return tuple(edge_mm / self.factor(lens) for edge_mm in grid.edges_mm)
+
+
+def scene_frame(scene, view):
+    """The SceneFrame of a scene with a camera, for a view as for `lens_for_view`."""
+    shape_px, sensor_mm, focal_mm = frame_px(scene), None, None
+    if view == CAMERA_VIEW:
+        pixel_mm = _pixel_mm(scene, shape_px)
+        sensor_mm, focal_mm = (shape_px[1] * pixel_mm, shape_px[0] * pixel_mm), scene.camera.data.lens  # mm, always
+    elif view != LENS_VIEW:
+        sensor_mm = format_mm(view)
+    return SceneFrame(shape_px, shift_px(scene), sensor_mm, focal_mm)
 
 
 def frame_grid(scene, lens):
@@ -176,10 +218,9 @@ def view_tangents(scene, lens, view, rings=AT_REST):
     """
     check_camera(scene)
     facts = lens_facts(lens, rings)
-    factor, sensor_mm = size_for_view(scene, facts, view)
-    frame = frame_grid(scene, replace(facts, sensor_mm=sensor_mm))
-    return tuple(stretch * edge_mm / (factor * facts.capture_focal_length_mm)
-                 for stretch, edge_mm in zip((facts.squeeze, 1.0) * 2, frame.edges_mm, strict=True))
+    return tuple(stretch * edge_mm / facts.capture_focal_length_mm
+                 for stretch, edge_mm in zip((facts.squeeze, 1.0) * 2, scene_frame(scene, view).edges_mm(facts),
+                                             strict=True))
 
 
 def in_view(camera, box, lens, capture):
@@ -361,13 +402,10 @@ def size_for_view(scene, lens, view):
     SceneError
         As in `lens_for_view`.
     """
-    if view != CAMERA_VIEW:
-        return 1.0, lens.sensor_mm if view == LENS_VIEW else format_mm(view)
-    check_camera(scene, view)
-    camera, frame = scene.camera.data, frame_px(scene)
-    pixel_mm = _pixel_mm(scene, frame)
-    factor = camera.lens / lens.capture_focal_length_mm  # camera.lens is in mm, whatever unit Blender displays
-    return factor, (frame[1] * pixel_mm, frame[0] * pixel_mm)
+    if view == CAMERA_VIEW:
+        check_camera(scene, view)
+    frame = scene_frame(scene, view)
+    return frame.factor(lens), frame.sensor_mm or lens.sensor_mm
 
 
 def matching_focal_length_mm(scene, lens):

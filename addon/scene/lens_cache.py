@@ -10,7 +10,7 @@ import numpy as np
 from ...engine import Lens, library
 from ...engine.bake.bake import bake
 from ...engine.bake.quality import SKETCH
-from ...engine.library.baked import needed_wavelengths_nm
+from ...engine.library.baked import Edges, needed_ends_mm, needed_wavelengths_nm
 from ...engine.prescription.prescription import Prescription
 from ...engine.rays.rings import AT_REST, Rings, turned
 from ...engine.runtime.errors import LensError
@@ -26,15 +26,16 @@ _lock = Lock()  # a thread may bake a lens while the window requests another
 
 def load_lens(source: library.LensSource, rings: Rings = AT_REST, quality: str = "standard",
               progress: Callable[[float, str], object] = lambda fraction, label: None,
-              wavelengths_nm: Sequence[float] | np.ndarray | None = None) -> Lens:
+              wavelengths_nm: Sequence[float] | np.ndarray | None = None, edges_mm: Edges | None = None) -> Lens:
     """The lens of `library.load_lens`: the same value as before unless the file has changed.
 
     With the quality SKETCHED, a lens with rings is baked for pixels that are larger than its PSFs.
     """
     if quality == SKETCHED and library.has_rings(source):
-        return _sketched(*identity_of(source), rings, needed_wavelengths_nm(wavelengths_nm))
-    key = _key(source, rings, quality, wavelengths_nm)
-    lens = _lenses.get(key) or library.load_lens(source, rings, quality, progress, wavelengths_nm)
+        return _sketched(*identity_of(source), rings, needed_wavelengths_nm(wavelengths_nm),
+                         _ends_mm(source, rings, edges_mm))
+    key = _key(source, rings, quality, wavelengths_nm, edges_mm)
+    lens = _lenses.get(key) or library.load_lens(source, rings, quality, progress, wavelengths_nm, edges_mm)
     with _lock:
         _lenses.pop(key, None)
         _lenses[key] = lens
@@ -44,24 +45,33 @@ def load_lens(source: library.LensSource, rings: Rings = AT_REST, quality: str =
 
 
 @lru_cache(maxsize=4)
-def _sketched(source, changed, rings, wavelengths_nm):
+def _sketched(source, changed, rings, wavelengths_nm, ends_mm):
     few_nm = np.linspace(wavelengths_nm[0], wavelengths_nm[-1], min(len(wavelengths_nm), SKETCHED_WAVELENGTHS))
     prescription = turned(library.prescription_of(source), rings).prescription
     try:
-        lens = bake(prescription, quality=SKETCH, samples=SKETCHED_SAMPLES, wavelengths_nm=few_nm)
+        lens = bake(prescription, quality=SKETCH, samples=SKETCHED_SAMPLES, wavelengths_nm=few_nm, ends_mm=ends_mm)
     except LensError as error:
         raise error.at(error.where if isinstance(source, Prescription) else source) from None
     return replace(lens, prescription=prescription)
 
 
 def loaded_lens(source: library.LensSource, rings: Rings, quality: str,
-                wavelengths_nm: Sequence[float] | np.ndarray | None = None) -> Lens | None:
+                wavelengths_nm: Sequence[float] | np.ndarray | None = None, edges_mm: Edges | None = None
+                ) -> Lens | None:
     """The lens of `load_lens` if it is cached, else None."""
-    return _lenses.get(_key(source, rings, quality, wavelengths_nm))
+    return _lenses.get(_key(source, rings, quality, wavelengths_nm, edges_mm))
 
 
-def _key(source, rings, quality, wavelengths_nm):
-    return *identity_of(source), rings, quality, needed_wavelengths_nm(wavelengths_nm)
+def _key(source, rings, quality, wavelengths_nm, edges_mm):
+    return (*identity_of(source), rings, quality, needed_wavelengths_nm(wavelengths_nm),
+            _ends_mm(source, rings, edges_mm))
+
+
+def _ends_mm(source, rings, edges_mm):
+    """The ends of the grid that the lens is baked on, if it is, for pictures with these edges."""
+    if edges_mm is None or not library.has_rings(source):
+        return None
+    return needed_ends_mm(turned(library.prescription_of(source), rings).prescription, edges_mm)
 
 
 def identity_of(source: library.LensSource) -> tuple[str | Prescription, object]:

@@ -102,10 +102,9 @@ def _facts(source, changed, rings, focal_mm):
         rings = resized_rings(prescription, rings, focal_mm)
     lens = turned(prescription, rings)
     system = system_of(lens.prescription)
-    pupil_mm = lens.prescription.object_distance_mm + system.entrance_pupil_mm
     curves = _curves(system)
     return LensFacts(
-        rings, system.efl_mm, system.efl_mm if system.object_at_infinity else abs(system.magnification) * pupil_mm,
+        rings, system.efl_mm, system.capture_focal_length_mm,
         lens.prescription.sensor_mm or four_by_three(curves[-1][-1][0]), lens.f_number, lens.focus_mm,
         _reach(source, changed), lens.words, curves, system.squeeze)
 

@@ -7,12 +7,12 @@ from mathutils import Vector
 
 from ...engine import Lens
 from ...engine.depth.iris import Iris
-from ...engine.library import clamped_rings, has_rings, iris_is_visible, prescription_of
+from ...engine.library import clamped_rings, has_rings, iris_is_visible, pinhole_of, prescription_of
 from ...engine.prescription.coatings import AS_LENS, coating_of
 from ...engine.prescription.tolerances import copy_of
 from ...engine.rays.rings import AT_REST, Rings, resized_rings
 from ...engine.runtime.errors import InputError
-from .camera import lens_for_view
+from .camera import lens_for_view, scene_frame
 from .lens_cache import identity_of, load_lens
 from .units import mm_per_unit
 
@@ -133,7 +133,8 @@ def scene_lens(scene, lens, view, quality, wavelengths_nm=None, **overrides):
         return *lens_for_view(scene, load_lens(lens), view), (FIXED,) * (rings != AT_REST)
     if view == CAMERA and scene.camera and scene.camera.type == "CAMERA":
         rings = resized_rings(prescription_of(lens), rings, scene.camera.data.lens)
-    baked = load_lens(lens, rings, quality, wavelengths_nm=wavelengths_nm)
+    edges_mm = scene_frame(scene, view).edges_mm(pinhole_of(lens, rings)) if scene.camera else None
+    baked = load_lens(lens, rings, quality, wavelengths_nm=wavelengths_nm, edges_mm=edges_mm)
     return *lens_for_view(scene, baked, view), clamped_rings(lens, rings)
 
 

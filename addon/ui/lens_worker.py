@@ -14,6 +14,7 @@ import bpy
 from ...engine import Lens
 from ...engine.runtime.errors import InputError, LensError
 from ...engine.runtime.files import stamp_of
+from ..scene.camera import SceneFrame, scene_frame
 from ..scene.lens_cache import load_lens, loaded_lens
 from ..scene.lens_facts import LensFacts, lens_facts
 from ..scene.rings import rings_for
@@ -40,6 +41,8 @@ class Request:
 
     Attributes
     ----------
+    frame : SceneFrame or None
+        None without a camera.
     lens : Lens or None
         Unscaled.
     error : InputError or None
@@ -49,6 +52,7 @@ class Request:
     """
 
     question: tuple
+    frame: SceneFrame | None = None
     facts: LensFacts | None = None
     lens: Lens | None = None
     error: InputError | None = None
@@ -56,6 +60,10 @@ class Request:
     known: Event = field(default_factory=Event)  # set once the facts or an error are available
     dropped: Event = field(default_factory=Event)
     future: Future | None = None
+
+    def is_for(self, question, frame):
+        """Whether this is the request for a lens and a frame; lenses with rotational symmetry serve all frames."""
+        return self.question == question and (self.frame == frame or self.facts is not None and self.facts.radial)
 
     @property
     def label(self):
@@ -76,9 +84,10 @@ def lens_request(scene):
     focal_mm = camera.lens if camera and settings.view == "CAMERA" else None
     question = (name, stamp_of(name), rings_for(scene, name), focal_mm, _wavelengths_nm(settings),
                 settings.to_spectral_options().tier)
+    frame = scene_frame(scene, settings.view_text()) if camera else None
     request = _requests.get(scene.session_uid)
-    if request is None or request.question != question:
-        request = _ask(scene, question)
+    if request is None or not request.is_for(question, frame):
+        request = _ask(scene, question, frame)
     return request
 
 
@@ -104,9 +113,11 @@ def lens_now(scene, quality=None):
     InputError
         The lens is not available.
     """
-    name, _, rings, focal_mm, wavelengths_nm, requested_quality = lens_request(scene).question
-    return load_lens(name, lens_facts(name, rings, focal_mm).rings, quality or requested_quality,
-                     wavelengths_nm=wavelengths_nm)
+    request = lens_request(scene)
+    name, _, rings, focal_mm, wavelengths_nm, requested_quality = request.question
+    facts = lens_facts(name, rings, focal_mm)
+    return load_lens(name, facts.rings, quality or requested_quality, wavelengths_nm=wavelengths_nm,
+                     edges_mm=request.frame and request.frame.edges_mm(facts))
 
 
 def quality_at_hand(scene):
@@ -133,11 +144,11 @@ def _wavelengths_nm(settings):
         return None
 
 
-def _ask(scene, question):
+def _ask(scene, question, frame):
     other_uids = {each.session_uid for each in bpy.data.scenes} - {scene.session_uid}
     for uid in set(_requests) - other_uids:
         _requests.pop(uid).dropped.set()
-    request = _requests[scene.session_uid] = Request(question)
+    request = _requests[scene.session_uid] = Request(question, frame)
     request.future = _worker.submit(_answer, request)
     request.known.wait(AT_ONCE_S)
     if not bpy.app.background and not bpy.app.timers.is_registered(_tick):
@@ -158,10 +169,10 @@ def _answer(request):
     try:
         request.facts = lens_facts(name, rings, focal_mm)
         request.known.set()
-        rings = request.facts.rings
-        if loaded_lens(name, rings, quality, wavelengths_nm) is None:
+        rings, edges_mm = request.facts.rings, request.frame and request.frame.edges_mm(request.facts)
+        if loaded_lens(name, rings, quality, wavelengths_nm, edges_mm) is None:
             _wait_until_settled(request)
-        lens = load_lens(name, rings, quality, request.on_progress, wavelengths_nm)
+        lens = load_lens(name, rings, quality, request.on_progress, wavelengths_nm, edges_mm)
         hash(lens)  # slow, and needed to look up plans: compute it in this thread
         request.lens = lens
     except Dropped:

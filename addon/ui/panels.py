@@ -97,8 +97,8 @@ def _draw_lens(layout, scene):
 
 def _facts(scene):
     """LensFacts, their scale in this scene, the sensor's sides in mm, and the frame's PixelGrid; None without them."""
-    facts = lens_request(scene).facts if scene.camera and scene.lensfield.lens_text() else None
     try:
+        facts = lens_request(scene).facts if scene.camera and scene.lensfield.lens_text() else None
         if not facts:
             return None
         factor, sensor_mm = size_for_view(scene, facts, scene.lensfield.view_text())

@@ -10,13 +10,14 @@ from ..prescription.prescription import Prescription
 from ..rays.focus import build_system
 from ..runtime.errors import LensError
 from .grid_bake import bake_grid
+from .grid_ends import Ends, grid_ends_mm
 from .quality import QUALITIES, Quality
 from .radial_bake import bake_radial
 
 
 def bake(prescription: Prescription, *, quality: str | Quality = "standard", heights: int | None = None,
-         wavelengths_nm: Sequence[float] | np.ndarray = WAVELENGTHS_NM, pitch_um: float | None = None,
-         samples: int | None = None, workers: int | None = None,
+         wavelengths_nm: Sequence[float] | np.ndarray = WAVELENGTHS_NM, ends_mm: Ends | None = None,
+         pitch_um: float | None = None, samples: int | None = None, workers: int | None = None,
          progress: Callable[[float, str], object] = lambda fraction, label: None) -> Lens:
     """Compute the lens data of a prescription.
 
@@ -29,6 +30,8 @@ def bake(prescription: Prescription, *, quality: str | Quality = "standard", hei
         Number of field heights, from the axis to the end of the prescription's field, densest where PSFs change
         fastest; None for as many as the quality needs. Only for lenses with rotational symmetry.
     wavelengths_nm : sequence of float
+    ends_mm : Ends or None
+        Of the grid of a lens without rotational symmetry, from `grid_ends_mm`; None for those of the sensor.
     pitch_um : float or None
         Pitch of the PSF samples; None for the finest at which every PSF contains 99.5 % of its light.
     samples : int or None
@@ -55,7 +58,8 @@ def bake(prescription: Prescription, *, quality: str | Quality = "standard", hei
     system = build_system(prescription)
     if prescription.radial:
         return bake_radial(system, fineness, heights, wavelengths_nm, pitch_um, samples, workers, progress)
-    return bake_grid(system, fineness, wavelengths_nm, pitch_um, samples, workers, progress)
+    return bake_grid(system, fineness, wavelengths_nm, ends_mm or grid_ends_mm(system), pitch_um, samples, workers,
+                     progress)
 
 
 def _check_request(prescription, heights, wavelengths_nm, samples, pitch_um):

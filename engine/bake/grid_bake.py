@@ -15,6 +15,7 @@ from ..rays.transmission import transmittance
 from ..rays.view import View
 from ..runtime.errors import LensError
 from .field_end import within_field
+from .grid_ends import Ends, grid_ends_mm
 from .grid_nodes import adaptive_grid_mm, first_lines_mm
 from .heights import survey_psfs
 from .psfs import in_threads, psfs_of
@@ -23,7 +24,7 @@ from .sampling import limit_notes, picture_samples, sensor_mm, traced_nm
 from .wavefront import Wavefronts, wavefronts_of
 from .window import needed_width_um, pitch_for_um
 
-MARGIN = 1.04  # of the grid, relative to the sensor
+LEAST = 3  # intervals of the grid from the axis to the end of the sensor, along the longer side
 PUPIL = FullPupil(13, 32)  # of the survey
 AT_ONCE = 8  # places in a step of a thread
 BETWEEN = "In the middle of the grid's cells and of their edges"
@@ -55,11 +56,12 @@ class Nodes:
         return self.lines_mm[0].size, self.lines_mm[1].size
 
 
-def bake_grid(system: System, quality: Quality, wavelengths_nm: np.ndarray, pitch_um: float | None,
-              samples: int | None, workers: int | None, progress: Callable[[float, str], object]) -> GridLens:
+def bake_grid(system: System, quality: Quality, wavelengths_nm: np.ndarray, ends_mm: Ends,
+              pitch_um: float | None, samples: int | None, workers: int | None,
+              progress: Callable[[float, str], object]) -> GridLens:
     """Compute the lens data of a lens without rotational symmetry; parameters as of `bake`."""
     view = view_of(system)
-    lines_mm, between = _lines(system, view, wavelengths_nm, quality)
+    lines_mm, between = _lines(system, view, wavelengths_nm, ends_mm, quality)
     nodes = _nodes(system, view, lines_mm, wavelengths_nm)
     needed_um = needed_width_um(_survey(system, view, nodes.inside_mm, _few_nm(wavelengths_nm)))
     samples = samples or picture_samples(needed_um, sensor_mm(system), quality)
@@ -76,10 +78,10 @@ def _few_nm(wavelengths_nm):
     return wavelengths_nm[np.unique([0, wavelengths_nm.size // 2, wavelengths_nm.size - 1])]
 
 
-def _lines(system, view: View, wavelengths_nm, quality: Quality):
+def _lines(system, view: View, wavelengths_nm, ends_mm: Ends, quality: Quality):
     """Lines of the grid, y and x in the upright picture, and the share of misplaced light between its nodes."""
     prescription = system.prescription
-    coarse_mm = first_lines_mm(sensor_mm(system), mirrored(prescription), MARGIN)
+    coarse_mm = first_lines_mm(ends_mm, max(sensor_mm(system)) / 2 / LEAST)
     if np.isinf(quality.between):
         return coarse_mm, 0.0
     middle = np.argmin(np.abs(wavelengths_nm - prescription.reference_wavelength_nm))
@@ -90,9 +92,15 @@ def _lines(system, view: View, wavelengths_nm, quality: Quality):
         places_mm, _ = within_field(system, view, -np.stack([x_mm, y_mm]), survey_nm)
         return survey_psfs(system, _survey(system, view, places_mm, survey_nm), width_um)[:, 0]
 
-    most = round(quality.most_nodes * 2 ** (0.5 * mirrored(prescription).count(False)))
+    most = round(quality.most_nodes * 2 ** (0.5 * mirrored(prescription).count(False)) * _size(system, ends_mm))
     y_mm, x_mm, error = adaptive_grid_mm(coarse_mm, psfs_at, quality.between, most)
     return (y_mm, x_mm), error
+
+
+def _size(system, ends_mm: Ends):
+    """Area between these ends, relative to the one for the sensor."""
+    area, of_sensor = (np.prod(np.ptp(each, axis=1)) for each in (ends_mm, grid_ends_mm(system)))
+    return float(area / of_sensor)
 
 
 def _nodes(system, view, lines_mm, wavelengths_nm):
@@ -170,7 +178,7 @@ def _lens(system: System, view: View, nodes: Nodes, tables: Tables, wavelengths_
     """The `GridLens` with the baked tables."""
     prescription, shape, area = system.prescription, (-1, *nodes.shape), tables.area
     middle_area = area[:, np.argmin(np.hypot(*nodes.place_mm)), None]
-    per_tangent = _focal_length_mm(system) / np.array([system.squeeze, 1.0])
+    per_tangent = system.capture_focal_length_mm / np.array([system.squeeze, 1.0])
     return GridLens(
         name=prescription.name, maker=prescription.maker, story=prescription.story, source=prescription.source,
         notes=notes, efl_mm=system.efl_mm, magnification=system.magnification,
@@ -193,12 +201,6 @@ def _source_tangent(system, view, nodes, wavelengths_nm):
     points = find_fields(system, view, nodes.inside_mm, wavelengths_nm)
     beyond = np.einsum("ijwn,jn->iwn", points.change, nodes.place_mm - nodes.inside_mm)
     return -np.moveaxis(points.tangent + beyond, 0, -1)
-
-
-def _focal_length_mm(system):
-    if system.object_at_infinity:
-        return system.efl_mm
-    return abs(system.magnification) * (system.prescription.object_distance_mm + system.entrance_pupil_mm)
 
 
 def _reference_area(system, view, quality: Quality):

@@ -4,19 +4,18 @@ from collections.abc import Callable
 
 import numpy as np
 
-LEAST = 3  # intervals from the axis to the end of the sensor, along the longer side
+from .grid_ends import Ends
+
 AT_ONCE = 3  # one in three of the intervals that are too wide is halved before errors are computed again
 
 
-def first_lines_mm(sensor_mm: tuple[float, float], mirrored: tuple[bool, bool], margin: float
-                   ) -> tuple[np.ndarray, np.ndarray]:
-    """Lines of the coarsest grid, along y and x, from the axis or across it, to a little beyond the sensor."""
-    width_mm, height_mm = sensor_mm
-    step_mm = max(sensor_mm) / 2 / LEAST
+def first_lines_mm(ends_mm: Ends, longest_mm: float) -> tuple[np.ndarray, np.ndarray]:
+    """Lines of the coarsest grid, along y and x, through the axis: at most about this distance apart."""
     lines = []
-    for side_mm, half in ((height_mm, mirrored[0]), (width_mm, mirrored[1])):
-        count = max(1, round(side_mm / 2 / step_mm))
-        lines.append(margin * side_mm / 2 * np.arange(0 if half else -count, count + 1) / count)
+    for first_mm, last_mm in ends_mm:
+        before, after = (max(1, round(end_mm / longest_mm)) for end_mm in (-first_mm, last_mm))
+        below = first_mm * np.arange(before, 0, -1) / before if first_mm else np.array([])
+        lines.append(np.concatenate([below, last_mm * np.arange(after + 1) / after]))
     return lines[0], lines[1]
 
 

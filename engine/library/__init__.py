@@ -9,16 +9,19 @@ from pathlib import Path
 
 import numpy as np
 
+from ..bake.sampling import sensor_mm
 from ..lens.lens import Lens
+from ..lens.pinhole import Pinhole
 from ..lens_files import IMPORT_FIRST, is_import
 from ..lens_files.package import read_package
 from ..prescription.prescription import Prescription
 from ..prescription.readers import AS_IT_IS, READERS, ReadingOptions, checked, read_file, read_prescription
 from ..prescription.readers.toml import Description, read_description, read_lensfield
+from ..rays.focus import build_system
 from ..rays.rings import AT_REST, Rings, is_stopped_down, turned
 from ..runtime.errors import LensError
 from ..runtime.inputs import check_input
-from .baked import baked_lens, with_prescription
+from .baked import Edges, baked_lens, with_prescription
 
 BUNDLED = Path(__file__).resolve().parent
 PRESCRIPTIONS, PICTURES = BUNDLED / "prescriptions", BUNDLED / "pictures"
@@ -71,7 +74,8 @@ def _search_text(name, lens):
 
 def load_lens(source: LensSource, rings: Rings = AT_REST, quality: str = "standard",
               progress: Callable[[float, str], object] = lambda fraction, label: None,
-              wavelengths_nm: Sequence[float] | np.ndarray | None = None) -> Lens:
+              wavelengths_nm: Sequence[float] | np.ndarray | None = None,
+              edges_mm: Edges | None = None) -> Lens:
     """Load the lens with this name, in this file or of this prescription, set to a focus distance and an f-number.
 
     Parameters
@@ -87,6 +91,9 @@ def load_lens(source: LensSource, rings: Rings = AT_REST, quality: str = "standa
     wavelengths_nm : sequence of float or None
         Of the pictures: a prescription is baked for these alone, which is faster and more accurate if they are few.
         None for lens data over all wavelengths.
+    edges_mm : (float, float, float, float) or None
+        Of the pictures' frame, as `PixelGrid.edges_mm`, on the sensor of the lens in its own size: a prescription
+        without rotational symmetry is baked up to these, within its image circle. None for the sensor.
 
     Raises
     ------
@@ -94,7 +101,7 @@ def load_lens(source: LensSource, rings: Rings = AT_REST, quality: str = "standa
         The lens is unknown, damaged or of an unknown kind; or rings are given for a lens without a prescription.
     """
     if isinstance(source, Prescription):
-        return baked_lens(source, rings, quality, progress, wavelengths_nm)
+        return baked_lens(source, rings, quality, progress, wavelengths_nm, edges_mm)
     package = package_path(source)
     if package and (rings == AT_REST or not has_rings(source)):
         if rings != AT_REST:
@@ -103,7 +110,7 @@ def load_lens(source: LensSource, rings: Rings = AT_REST, quality: str = "standa
         return _package_lens(package, source)
     prescription = prescription_of(source)
     try:
-        return baked_lens(prescription, rings, quality, progress, wavelengths_nm)
+        return baked_lens(prescription, rings, quality, progress, wavelengths_nm, edges_mm)
     except LensError as error:
         raise error.at(source) from None
 
@@ -114,6 +121,17 @@ def _package_lens(package, name_or_path):
     if not has_rings(name_or_path):
         return lens
     return with_prescription(lens, turned(prescription_of(name_or_path)).prescription)
+
+
+def fits_all_frames(source: LensSource, rings: Rings = AT_REST) -> bool:
+    """Whether lens data do not depend on the edges of the pictures: for a package, or with rotational symmetry."""
+    return not has_rings(source) or turned(prescription_of(source), rings).prescription.radial
+
+
+def pinhole_of(source: LensSource, rings: Rings = AT_REST) -> Pinhole:
+    """The pinhole camera of a lens with a prescription at its settings, without a bake."""
+    system = build_system(turned(prescription_of(source), rings).prescription)
+    return Pinhole(sensor_mm(system), system.capture_focal_length_mm, system.squeeze)
 
 
 def clamped_rings(source: LensSource, rings: Rings) -> tuple[str, ...]:

@@ -49,6 +49,13 @@ class System(FirstOrder):
         return self.magnification / self.across.magnification
 
     @property
+    def capture_focal_length_mm(self) -> float:
+        """As in `Lens`."""
+        if self.object_at_infinity:
+            return self.efl_mm
+        return abs(self.magnification) * (self.prescription.object_distance_mm + self.entrance_pupil_mm)
+
+    @property
     def object_at_infinity(self) -> bool:
         """Whether fields are angles rather than heights."""
         return bool(np.isinf(self.prescription.object_distance_mm))

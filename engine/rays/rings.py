@@ -178,10 +178,8 @@ def capture_focal_length_mm(prescription: Prescription, rings: Rings = AT_REST) 
     It depends neither on the f-number nor on the image plane, so the sharpest one is not searched for.
     """
     widest_stop, far = _wide_open(prescription)
-    system = system_of(widest_stop if rings.focus_mm is None else _focused_on(widest_stop, far, rings)[0])
-    if system.object_at_infinity:
-        return system.efl_mm
-    return abs(system.magnification) * (system.prescription.object_distance_mm + system.entrance_pupil_mm)
+    lens = widest_stop if rings.focus_mm is None else _focused_on(widest_stop, far, rings)[0]
+    return system_of(lens).capture_focal_length_mm
 
 
 @lru_cache(maxsize=MOST_LENSES)

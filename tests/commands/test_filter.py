@@ -10,6 +10,7 @@ import pytest
 from PIL import Image
 
 from lenses import make_lens
+from lensfield.commands import arguments
 from lensfield.commands.sequence import find_shots, parse_frames
 from lensfield.engine import ImageError, InputError, Options, SpectralImage, load_lens, simulate
 from lensfield.engine.image.nonfinite import refuse_fireflies
@@ -206,6 +207,25 @@ def test_a_shift_moves_the_axis_off_the_middle_of_the_frame(tmp_path):
     assert run("filter", source, *QUICK, "--shift=-0.6,1.2", "--output", tmp_path / "out.exr") == 0
     image = read_exr(tmp_path / "out.exr")
     assert image.pitch_um == pytest.approx(200) and image.centre_px == pytest.approx((8.5 + 6, 11.5 + 3))
+
+
+@pytest.mark.parametrize("shape, shift, expected", [((18, 24), "-1,2", (-17, -10, 15, 14)),
+                                                    ((24, 16), "0,0", (-12, -18, 12, 18))])
+def test_a_lens_on_a_grid_is_loaded_for_the_frame(tmp_path, monkeypatch, shape, shift, expected):
+    """On 36 x 24 mm; the overscan, of another part of the sensor, does not count."""
+    loaded, (rows, columns) = [], shape
+
+    def load(source, rings, quality, progress, edges_mm):
+        loaded.append(edges_mm)
+        return load_lens("edmund-54852")
+
+    monkeypatch.setattr(arguments, "load_lens", load)
+    source = colours(tmp_path / "a.exr", (1, 1, 1), (rows + 2, columns + 4),
+                     dataWindow=window(-2, -1, columns + 4, rows + 2), displayWindow=window(0, 0, columns, rows))
+    for more in ((), ("--tilt", "2,0")):
+        assert run("filter", source, *QUICK, "--lens", "cooke-triplet-50mm", f"--shift={shift}", *more, "--output",
+                   tmp_path / "out.exr") == 0
+    assert loaded == [None, pytest.approx(expected)]
 
 
 def test_a_tall_picture_turns_the_sensor(tmp_path):

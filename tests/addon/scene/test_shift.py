@@ -9,9 +9,12 @@ from bpy_extras.object_utils import world_to_camera_view
 from mathutils import Vector
 
 from lensfield import addon
+from lensfield.addon.scene import rings
 from lensfield.addon.scene.camera import frame_grid, lens_for_view, match_camera_to_lens, set_up_capture
 from lensfield.addon.scene.lens_cache import load_lens
+from lensfield.addon.scene.rings import scene_lens
 from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.library import pinhole_of
 from lensfield.engine.pictures.spectral_exr import read_exr
 from small_scenes import material, wall
 from varied_lenses import varied_lens
@@ -125,3 +128,18 @@ def test_a_shifted_sensor_sees_its_part_of_a_larger_one(scene, tmp_path, case):
     part, of_full = both(scene, tmp_path, varied_lens(lens) if isinstance(lens, str) else lens, pitch_um, **options)
     assert part.std() > 0.5 * part.mean()
     np.testing.assert_allclose(blocks(part), blocks(of_full), rtol=0, atol=5 * noise * part.mean())
+
+
+@pytest.mark.parametrize("view, expected", [
+    ("lens", (-16.0, -21.0, 8.0, 15.0)), ("24x16", (-10.6667, -14.0, 5.3333, 10.0)),
+    ("camera", (-12.5 - 25 / 6, -21.875, -25 / 6 + 12.5, 15.625))])
+def test_a_lens_on_a_grid_is_loaded_for_the_frame(scene, monkeypatch, view, expected):
+    """Portrait, shifted to the left and down, on 36 x 24 mm; and before a camera's view scales the lens."""
+    loaded, camera = [], scene.camera.data
+    monkeypatch.setattr(rings, "load_lens", lambda *_, edges_mm, **__: loaded.append(edges_mm) or LENS)
+    scene.render.resolution_y, scene.render.resolution_x = 180, 120
+    set_shift(camera, -1 / 9, -1 / 12)
+    camera.sensor_fit, camera.sensor_height = "VERTICAL", 36.0
+    camera.lens = 0.96 * pinhole_of("cooke-triplet-50mm").capture_focal_length_mm
+    scene_lens(scene, "cooke-triplet-50mm", view, "preview", [NM], tilt_deg=(2.0, 0.0))
+    np.testing.assert_allclose(loaded, [expected], atol=1e-3)

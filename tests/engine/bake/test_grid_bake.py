@@ -9,16 +9,18 @@ import scipy
 
 from afocal import AFOCAL, SQUEEZE
 from lensfield.engine import LensError
-from lensfield.engine.bake import grid_bake
+from lensfield.engine.bake import grid_bake, grid_ends
 from lensfield.engine.bake.bake import bake
 from lensfield.engine.bake.diffraction import point_spread
 from lensfield.engine.bake.grid_bake import bake_grid
+from lensfield.engine.bake.grid_ends import grid_ends_mm
 from lensfield.engine.bake.quality import QUALITIES
 from lensfield.engine.bake.wavefront import trace_wavefronts
 from lensfield.engine.library import prescription_of
 from lensfield.engine.prescription.mirrors import mirrored
 from lensfield.engine.prescription.prescription import Pose, Surface
 from lensfield.engine.prescription.system import system_of
+from lensfield.engine.rays.field_heights import image_radius_mm
 from lensfield.engine.rays.fields import find_fields, trace_fields, view_of
 from lensfield.engine.rays.focus import build_system
 from lensfield.engine.rays.trace import trace_both_ways
@@ -41,8 +43,9 @@ def displaced(system, number, **pose):
     return replace(system.prescription, surfaces=tuple(surfaces))
 
 
-def on_grid(system, wavelengths_nm=TWO_NM, pitch_um=12.0, samples=65):
-    return bake_grid(system, COARSE, np.asarray(wavelengths_nm), pitch_um, samples, None, lambda *_: None)
+def on_grid(system, wavelengths_nm=TWO_NM, pitch_um=12.0, samples=65, edges_mm=None):
+    ends_mm = grid_ends_mm(system, edges_mm)
+    return bake_grid(system, COARSE, np.asarray(wavelengths_nm), ends_mm, pitch_um, samples, None, lambda *_: None)
 
 
 def centroid(psf):
@@ -145,7 +148,8 @@ def _off(slopes, system, indices, towards):
 
 
 def test_a_mirrored_quadrant_is_that_of_the_complete_grid(anamorphic, squeezed, monkeypatch):
-    monkeypatch.setattr(grid_bake, "mirrored", lambda prescription: (False, False))
+    for module in (grid_bake, grid_ends):
+        monkeypatch.setattr(module, "mirrored", lambda prescription: (False, False))
     complete = on_grid(anamorphic, [587.5618])
     rows, columns = squeezed.y_mm.size, squeezed.x_mm.size
     assert complete.psf.shape[1:3] == (2 * rows - 1, 2 * columns - 1)
@@ -233,6 +237,45 @@ def test_nodes_beyond_the_field_hold_the_light_of_its_end(triplet):
     assert 0 < beyond.sum() < beyond.size
     assert (lens.relative_illumination[0][beyond] > 0).all() and np.isfinite(lens.source_mm).all()
     np.testing.assert_allclose(lens.psf.sum(axis=(-2, -1)), 1, atol=1e-4)
+
+
+LANDSCAPE, PORTRAIT = (-18.0, -12.0, 18.0, 12.0), (-12.0, -18.0, 12.0, 18.0)
+DISPLACED = {"offset_mm": (0.1, 0.05, 0.0)}
+
+
+@pytest.mark.parametrize("pose, edges_mm, expected", [
+    ({}, None, ((0, 12.48), (0, 18.72))), ({}, LANDSCAPE, ((0, 12.48), (0, 18.72))),
+    ({}, (-9, -6, 9, 6), ((0, 12.48), (0, 18.72))), ({}, PORTRAIT, ((0, 18.72), (0, 12.48))),
+    ({}, (-18, -15.5, 18, 8.5), ((0, 18.48), (0, 18.72))),
+    ({}, (-18, -14.5, 18, 9.5), ((0, 15.48), (0, 18.72))),
+    (DISPLACED, PORTRAIT, ((-18.72, 18.72), (-12.48, 12.48))),
+    (DISPLACED, (-16, -17, 8, 19), ((-18.72, 21.72), (-18.48, 12.48)))])
+def test_the_grid_reaches_as_far_as_the_frame(triplet, pose, edges_mm, expected):
+    """A sensor of 36 x 24 mm plus 4 %, turned with the frame, in steps of 3 mm; a circle of 21.7 mm."""
+    system = build_system(displaced(triplet, 2, **pose)) if pose else triplet
+    expected = np.clip(expected, -21.7027, 21.7027)
+    np.testing.assert_allclose(grid_ends_mm(system, edges_mm), expected, atol=1e-4)
+
+
+def test_the_grid_ends_at_the_image_circle(triplet):
+    lower, upper = grid_ends_mm(build_system(displaced(triplet, 2, **DISPLACED)), (-90.0, 20.0, 90.0, 44.0))[0]
+    assert (lower, upper) == (-12.48, pytest.approx(image_radius_mm(triplet)))
+
+
+def test_the_sensor_of_an_anamorphic_lens_is_not_turned(anamorphic):
+    """Its cylinders stay upright: a portrait frame is a crop of its width."""
+    assert grid_ends_mm(anamorphic, (-3.0, -4.5, 3.0, 4.5)) == grid_ends_mm(anamorphic) == ((0, 4.68), (0, 6.24))
+
+
+def test_a_shifted_frame_reads_nodes_of_its_own(triplet, radial_on_grid):
+    """Of a radial lens above the sensor: those of the same distance from the axis on the right, turned."""
+    shifted = on_grid(triplet, edges_mm=(-18.0, -9.0, 18.0, 15.0))
+    assert shifted.mirrored == (True, True) and shifted.x_mm[-1] == radial_on_grid.x_mm[-1]
+    assert shifted.y_mm[-1] == pytest.approx(15.48) and shifted.sensor_mm == radial_on_grid.sensor_mm
+    height_mm = np.hypot(*shifted.source_mm[0, -1, 0])
+    psf = point_spread(trace_wavefronts(triplet, [height_mm], TWO_NM[:1], COARSE.pupil).one(0, 0), 12.0, 65,
+                       COARSE.sums)
+    assert np.abs(shifted.psf[0, -1, 0] - psf / psf.sum()).sum() < 2e-3
 
 
 def test_a_number_of_heights_is_refused(triplet):

@@ -9,10 +9,11 @@ import pytest
 from lens_texts import DOT_LENS, TOML, changed
 from lensfield.cli import main
 from lensfield.engine import LensError, ReadingOptions, read_prescription
-from lensfield.engine.bake.quality import QUALITIES
+from lensfield.engine.bake.quality import QUALITIES, SKETCH
 from lensfield.engine.lens_files.package import write_package
 from lensfield.engine.library import Rings, baked, clamped_rings, has_rings, load_lens, prescription_of
 from lensfield.engine.prescription.system import system_of
+from lensfield.engine.rays.rings import AT_REST
 from lensfield.engine.runtime import cache
 
 NEAR = Rings(1500.0, 16.0)
@@ -86,6 +87,23 @@ def test_every_setting_of_a_lens_distinguishes_it_in_the_cache(folder, bakes, si
     ([550.0, 720.0], baked.WAVELENGTHS_NM), ([np.nan, 550.0], baked.WAVELENGTHS_NM)])
 def test_a_bake_has_the_wavelengths_of_the_picture_or_the_fewer_around_them(picture_nm, baked_nm):
     assert baked.needed_wavelengths_nm(picture_nm) == baked_nm
+
+
+def test_frames_in_the_same_part_of_a_sensor_share_a_bake(folder, bakes, monkeypatch):
+    """36 x 24 mm: half a millimetre up and the frame of 3 mm up; a larger shift; a portrait. A radial lens has one bake
+    for all."""
+    counted = baked.bake
+    monkeypatch.setattr(baked, "bake", lambda fixed, **given: counted(fixed, **given | {"quality": SKETCH,
+                                                                                       "samples": 17}))
+    frames = [(-18.0, -12.0 + up, 18.0, 12.0 + up) for up in (0.5, 3.0, 3.5)] + [(-12.0, -18.0, 12.0, 18.0)]
+    lenses = [load_lens("cooke-triplet-50mm", Rings(tilt_deg=(2.0, 0.0)), "preview", wavelengths_nm=[550],
+                        edges_mm=each) for each in frames]
+    np.testing.assert_allclose([(lens.y_mm[-1], lens.x_mm[-1]) for lens in lenses],
+                               [(15.48, 18.72), (15.48, 18.72), (18.48, 18.72), (18.72, 12.48)])
+    assert lenses[0] == lenses[1] and len(bakes) == 3
+    centred = [load_lens("cooke-triplet-50mm", AT_REST, "preview", wavelengths_nm=[550], edges_mm=each)
+               for each in frames]
+    assert len(set(centred)) == 1 and len(bakes) == 4
 
 
 def test_pictures_of_the_same_wavelengths_share_a_bake(folder, bakes, singlet):
