@@ -14,10 +14,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from cases import HD, NM, PAPER_LENS, QUARTER_HD, night_street
+from on_grid import ON_GRID, lens_of
 from scipy.optimize import nnls
 from timing import machine
 
-from lensfield.engine import Options, Report, load_lens, simulate
+from lensfield.engine import Options, Report, simulate
 from lensfield.engine.kernels.library import NUMPY, running
 from lensfield.engine.plan import cost
 from lensfield.engine.plan.choose import workload
@@ -25,8 +26,8 @@ from lensfield.engine.plan.choose import workload
 HOLD = 0.02  # weight of the present constants of filtering, relative to the cases
 SMALL, BEST_OF = (253, 380), 3
 OF_STAGES = {
-    "lens data": ("wavelength", "window sample", "table sample", "table pixel", "table tap"),
-    "distortion and relative illumination": ("wavelength", "picture pixel"),
+    "lens data": ("wavelength", "window sample", "table sample", "table pixel", "table tap", "grid node"),
+    "distortion and relative illumination": ("wavelength", "picture pixel", "grid pixel"),
     "filtering": ("wavelength", "picture pixel", "step", "transformed value", "spectrum value", "tap", "mixed tap",
                   "tap of a run", "turned sample")}
 """The kinds of work in each stage. Each stage is fitted separately; time outside these stages counts as filtering."""
@@ -81,6 +82,9 @@ def fitted_cases():
         for shape, number in ((SMALL, 9), (QUARTER_HD, 1)):
             for accuracy in (0.1, 0.01, 0.001):
                 yield name, shape, number, Options(method="pixels", accuracy=accuracy)
+    for name in ("cooke-triplet-50mm", "nikkor-28mm"):
+        for shape, number, accuracy in ((SMALL, 9, 0.01), (QUARTER_HD, 2, 0.01), (HD, 1, 0.01)):
+            yield name + ON_GRID, shape, number, Options(accuracy=accuracy)
     for name in (PAPER_LENS, "apple-phone-4mm"):
         for size, azimuths in ((24, 16), (32, 4), (48, 32), (96, 8)):
             yield name, QUARTER_HD, 1, Options(section_size=size, azimuths=azimuths, psf_energy=0.99)
@@ -96,7 +100,7 @@ def fitted_cases():
 def other_cases():
     """Typical user cases, to check predictions."""
     for name in (PAPER_LENS, "tessar-50mm", "nikkor-28mm", "kodak-petzval-100mm", "angenieux-50mm",
-                 "cooke-triplet-50mm"):
+                 "cooke-triplet-50mm", f"tessar-50mm{ON_GRID}"):
         for shape, number, accuracy in (((400, 600), 3, 0.1), ((576, 768), 1, 0.01), ((576, 768), 1, 0.001),
                                         (SMALL, 31, 0.01), (QUARTER_HD, 9, 0.05), (HD, 2, 0.1), (HD, 2, 0.01)):
             yield name, shape, number, Options(accuracy=accuracy)
@@ -104,7 +108,7 @@ def other_cases():
 
 def measured(name, shape, number, options):
     """Measure a case: the fastest of `BEST_OF` runs."""
-    lens = load_lens(name)
+    lens = lens_of(name)
     picture = night_street(lens, shape, np.linspace(420, 680, number) if number > 1 else np.array([NM]))
     best = None
     for _ in range(BEST_OF):
@@ -117,7 +121,7 @@ def measured(name, shape, number, options):
             best = stages
     plan = report.lens_image.plan
     counts = cost.counts(workload(plan, lens, picture.sampling), plan)
-    text = (f"{name:20}{shape[1]:5} x {shape[0]:4} x {number:2}, {options.accuracy or '     '}: {plan.method.name:8} "
+    text = (f"{name:30}{shape[1]:5} x {shape[0]:4} x {number:2}, {options.accuracy or '     '}: {plan.method.name:8} "
             f"{plan.method.section_size:3} px, {plan.method.azimuths:3} azimuths, radius {plan.psf_radius_px:3} px")
     return Measured(text, plan.precision == "float32", {name: count * number for name, count in counts.items()}, best)
 

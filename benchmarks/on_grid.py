@@ -3,13 +3,20 @@
 import numpy as np
 import scipy
 
+from lensfield.engine import Lens, load_lens
 from lensfield.engine.field.field_map import field_map
 from lensfield.engine.lens import GridLens, RadialLens
 
 ALIKE = ("name", "maker", "story", "source", "notes", "efl_mm", "magnification", "f_number_effective",
          "object_distance_mm", "entrance_pupil_mm", "sensor_mm", "reference_wavelength_nm", "wavelengths_nm",
          "psf_pitch_um", "transmittance")
+ON_GRID = " on a grid"
 LEANING = 0.1  # of the light, removed at the upper edge of the field to make the halves differ
+
+
+def lens_of(name: str) -> Lens:
+    """A lens of the library, or the same on a grid: "NAME on a grid"."""
+    return on_grid(load_lens(name.removesuffix(ON_GRID))) if name.endswith(ON_GRID) else load_lens(name)
 
 
 def on_grid(lens: RadialLens, rows: int = 13, columns: int = 19, mirrored: tuple[bool, bool] = (False, False)

@@ -14,7 +14,7 @@ from itertools import product
 
 import numpy as np
 from cases import LENSES, NM
-from on_grid import on_grid
+from on_grid import ON_GRID, lens_of
 from point_images import PointImages, point_images
 from timing import machine
 
@@ -27,14 +27,8 @@ from lensfield.engine.runtime.threads import thread_count
 SHAPE_PX, WAVELENGTHS_NM = (576, 768), (420.0, NM, 680.0)
 ACCURACIES = 0.1, 0.01, 0.001
 WIDTHS_PX, UNIFORM_PX, UNIFORM_ACCURACY = (192, 640, 1920), 16, 1e-3
-ON_GRID = " on a grid"
 MOST = 2.0  # limit of the bound relative to the worst error
 LOOKED_AT, CLIMBERS, CLIMBS, STEP_PX = 600, 10, 3, 2
-
-
-def lens_of(name: str) -> Lens:
-    """A lens of the library, or the same on a grid."""
-    return on_grid(load_lens(name.removesuffix(ON_GRID))) if name.endswith(ON_GRID) else load_lens(name)
 
 
 def worst_error(images: PointImages, rng: np.random.Generator) -> float:

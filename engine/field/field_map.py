@@ -141,6 +141,10 @@ class TableLayout(Protocol):
     @property
     def sample_um(self) -> float: ...
 
+    def own_counts(self, pixels: float) -> dict[str, float]:
+        """Amounts of the kinds of work that only such lens data require, for a plane of this many pixels: a dict with
+        names of `cost.NANOSECONDS`."""
+
     def turned(self, steps: int) -> int:
         """How many times all PSFs of the lens data are turned for a table with this number of steps."""
 

@@ -30,6 +30,8 @@ NANOSECONDS = {
         "mixed tap": (0, 0.57),  # of a PSF that is mixed from a table
         "tap of a run": (0, 9e3),  # of pixels that are processed together
         "turned sample": (1.3, 44),  # of a PSF that is turned for one place
+        "grid node": (5e4, 6.4e4),  # of lens data without rotational symmetry: interpolated, unfolded
+        "grid pixel": (10, 17),  # of a plane, by the splines between nodes
     },
     COMPILED: {
         "wavelength": (3.7e6, 1.3e6),
@@ -43,6 +45,8 @@ NANOSECONDS = {
         "spectrum value": (0.1, 0),
         "tap": (0.0066, 0.11),  # of a pixel's PSF, including its mixing
         "turned sample": (2, 34),
+        "grid node": (5e4, 6.4e4),
+        "grid pixel": (10, 17),
     },
 }
 LOOPS, SLOWNESS = ("tap", "table sample"), {"avx2": 1.5, "base": 2.4, "neon": 2.4}  # compared with AVX-512
@@ -88,7 +92,8 @@ def counts(work: Workload, plan: Plan) -> dict[str, float]:
     common = {"wavelength": 1, "picture pixel": work.pixels,
               "window sample": psfs * work.window_samples * (1 + (work.tables if tabulated else 0)),
               "table sample": turned * work.samples, "table tap": nodes * work.taps,
-              "table pixel": turned * psfs * (2 * work.psf_radius_px) ** 2}
+              "table pixel": turned * psfs * (2 * work.psf_radius_px) ** 2,
+              **work.layout.own_counts(work.pixels / work.planes.count)}
     method_counts = plan.method.counts(work)
     slowness = DOUBLE_SLOWNESS if plan.single_range == 0 else 1.0
     return common | {name: count * (slowness if name in OF_SPECTRA else 1.0) for name, count in method_counts.items()}

@@ -37,6 +37,10 @@ class GridLayout:
         return cls(lens, lens.y_mm.size * lens.x_mm.size, lens.psf.shape[-1] * lens.psf_pitch_um,
                    lens.psf_pitch_um / refinement(lens.psf_pitch_um, pitch_um))
 
+    def own_counts(self, pixels: float) -> dict[str, float]:
+        """See `TableLayout`."""
+        return {"grid node": self.psfs, "grid pixel": pixels}
+
     def turned(self, steps: int) -> int:
         """The work of computing all PSFs, in units of the PSFs of a rotationally symmetric lens at one azimuth."""
         return -(-self.psfs // HEIGHTS)

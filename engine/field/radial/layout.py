@@ -40,6 +40,10 @@ class RadialLayout:
         return cls(heights, height_um / pitch_um, lens.psf.shape[-1] * lens.psf_pitch_um,
                    lens.psf_pitch_um / refinement(lens.psf_pitch_um, pitch_um), lens.mirror_symmetric)
 
+    def own_counts(self, pixels: float) -> dict[str, float]:
+        """See `TableLayout`."""
+        return {}
+
     def turned(self, steps: int) -> int:
         """Number of azimuths that PSFs are turned to; the others are mirror images of these."""
         return steps if self.mirror_symmetric else 2 * steps
