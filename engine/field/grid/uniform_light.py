@@ -62,10 +62,12 @@ def unevenness(psfs: NodePsfs, nodes: PlaneNodes) -> float:
     pitch_mm = nodes.grid.pitch_um * 1e-3
     error = 0.0
     for number, axis in enumerate((nodes.rows, nodes.columns)):
+        kinks = 0.0
         for scale, kind in ((1, 0), (KINK, 1)):
             profiles = np.stack([np.concatenate([batch[number][kind] for batch in row]) for row in batches])
-            error += scale * _largest_kink(nodes.at_nodes(profiles), axis, number, pitch_mm)
-    return error
+            kinks = kinks + scale * _kinks(nodes.at_nodes(profiles), axis, number, pitch_mm)
+        error = error + _largest_in_cells(kinks)
+    return float(np.max(error))
 
 
 def _profiles(samples):
@@ -82,14 +84,21 @@ def _profiles(samples):
     return along(samples.v_px), along(samples.u_px)
 
 
-def _largest_kink(profiles, axis, number, pitch_mm):
-    """Largest change of slope at nodes, in light per pixel, of (row, column, pixel) along an axis of nodes."""
+def _kinks(profiles, axis, number, pitch_mm):
+    """Largest change of slope at each node, in light per pixel, of (row, column, pixel) along an axis of nodes: array
+    (row, column)."""
     profiles = np.moveaxis(profiles, number, 0)
     profiles = np.where(axis.flipped[:, None, None], profiles[..., ::-1], profiles)
     steps_px = np.diff(axis.places_mm) / pitch_mm
     slopes = np.diff(profiles, axis=0) / steps_px[:, None, None]
     slopes = np.pad(slopes, ((1, 1), (0, 0), (0, 0)))  # PSFs are constant beyond the nodes
-    return float(np.abs(np.diff(slopes, axis=0)).max())
+    return np.moveaxis(np.abs(np.diff(slopes, axis=0)).max(axis=-1), 0, number)
+
+
+def _largest_in_cells(kinks):
+    """The largest of (row, column) at the corners of each cell between nodes."""
+    along = np.maximum(kinks[1:], kinks[:-1])
+    return np.maximum(along[:, 1:], along[:, :-1])
 
 
 def _weights(axis, at_mm):
