@@ -8,16 +8,20 @@ import bpy
 import numpy as np
 import pytest
 
+from afocal import AFOCAL
 from lensfield.addon import render_through_lens
 from lensfield.addon.job.child import preview_arguments
 from lensfield.addon.job.preflight import preflight
 from lensfield.addon.scene import traced_camera
 from lensfield.engine import InputError, load_lens
+from lensfield.engine.bake.bake import bake
+from lensfield.engine.bake.quality import SKETCH
 from lensfield.engine.depth.depth_range import blur_px
-from lensfield.engine.lens.entrance_pupil import entrance_pupil_diameter_mm
+from lensfield.engine.lens.entrance_pupil import entrance_pupil_diameter_mm, focus_nearness
 from lensfield.engine.lens.pinhole import fitting_pitch_um
 from lensfield.engine.library import prescription_of
 from lensfield.engine.pictures.spectral_exr import read_exr, read_parts
+from lensfield.engine.prescription.tolerances import Copy
 from lensfield.engine.rays.rings import AT_REST, Rings, turned
 from noise import assert_means
 from small_scenes import material, set_world, wall
@@ -141,10 +145,46 @@ def test_a_package_is_refused_in_one_line(lamp, tmp_path):
         traced(lamp, tmp_path, lens=lens)
 
 
-def test_a_tilted_lens_is_refused_before_the_render():
-    lens = SimpleNamespace(prescription=turned(prescription_of(LENS), Rings(tilt_deg=(2.0, 0.0))).prescription)
-    with pytest.raises(InputError, match="edmund-54852: image_pose is not rotationally symmetric: a lens traced in"):
-        traced_camera.check_traceable(lens)
+def anamorphic():
+    triplet = prescription_of("cooke-triplet-50mm")
+    return turned(replace(triplet, surfaces=AFOCAL + triplet.surfaces), Rings(2000.0, 4.0)).prescription
+
+
+def tilted_copy():
+    return turned(prescription_of(LENS), Rings(tilt_deg=(3.0, -2.0), copy=Copy(7, "dropped"))).prescription
+
+
+def spot(picture):
+    """Its light, and the centroid and RMS radii of the light over rows and columns."""
+    places = np.indices(picture.shape)
+    centroid = np.array([np.average(place, weights=picture) for place in places])
+    squares = [np.average((place - middle)**2, weights=picture) for place, middle in
+               zip(places, centroid, strict=True)]
+    return picture.sum(), centroid, np.sqrt(squares)
+
+
+@pytest.mark.parametrize("make, depth, nearness", [(anamorphic, "auto", 1 / 350), (tilted_copy, "off", None)])
+def test_a_lens_without_symmetry_puts_a_lamp_where_its_data_do(make, depth, nearness, scene, tmp_path):
+    """Nearer than the focus of an anamorphic lens, and in focus through a tilted copy, on a shifted sensor."""
+    lens = replace(bake(make(), quality=SKETCH, wavelengths_nm=(500, 550, 600), samples=17, pitch_um=4.0),
+                   prescription=make())
+    place_mm = np.array([0.22, 0.17]) * lens.sensor_mm
+    depth_m = 1e-3 / (nearness or focus_nearness(lens, *place_mm))
+    tangent = place_mm * (lens.squeeze, 1) / lens.capture_focal_length_mm
+    lit = wall(scene, material("Glow", "ShaderNodeEmission")[0], depth_m, side_m=0.8 * tangent[1] * depth_m)
+    lit.location.x, lit.location.y = tangent * depth_m
+    lit.active_material.cycles.emission_sampling = "NONE"
+    scene.camera.data.clip_start, scene.camera.data.shift_x, scene.camera.data.shift_y = 1e-3, 0.06, -0.03
+    scene.render.resolution_x, scene.render.resolution_y = 96, 72
+    found = {}
+    for name, samples in (("traced", 256), (depth, 128)):
+        scene.cycles.samples = samples
+        found[name] = spot(irradiance(render_through_lens(scene, lens=lens, wavelengths_nm=(550.0,), depth=name,
+                                                          output_folder=tmp_path / name))[0])
+    (light, centroid, radii), (expected, true, true_radii) = found.values()
+    assert light == pytest.approx(expected, rel=0.03)
+    np.testing.assert_allclose(centroid, true, atol=0.15)
+    np.testing.assert_allclose(radii, true_radii, rtol=0.05)
 
 
 def test_a_blender_without_osl_is_refused_before_the_render(lamp, tmp_path, monkeypatch):

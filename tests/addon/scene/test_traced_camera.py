@@ -21,7 +21,8 @@ NM, UNIT_MM = 600.0, 10.0
 FILM = PixelGrid((4, 6), 900.0, centre_px=(2.5, 1.7))
 AIM_MM = 1e-3  # half of a rectangle's sides
 ASIDE = 100.0  # added to places, which are then positive colours
-POSED = replace(CROOKED, focus="paraxial")
+TURNED = replace(CROOKED.surfaces[3], radius_mm=150.0)  # the profile along x
+POSED = replace(CROOKED, surfaces=(*CROOKED.surfaces[:3], TURNED, CROOKED.surfaces[4]), focus="paraxial")
 CENTRED = replace(POSED, image_pose=None, surfaces=tuple(
     replace(surface, pose=None, odd_aspheric=() if surface.radius_x_mm else (1e-4, 2e-5)) for surface in
     POSED.surfaces))

@@ -10,7 +10,6 @@ from lensfield.engine.prescription.prescription import Pose, Prescription, Surfa
 from lensfield.engine.prescription.system import system_of
 from lensfield.engine.rays.fields import find_fields, trace_fields, view_of
 from lensfield.engine.rays.focus import build_system
-from lensfield.engine.rays.from_sensor import lens_from_sensor
 from lensfield.engine.rays.ray_table import ray_table
 from lensfield.engine.rays.rays import FullPupil
 from lensfield.engine.rays.rings import Rings, turned
@@ -89,8 +88,8 @@ def test_an_aperture_too_small_for_one_section_is_refused():
 
 
 def test_tasks_that_need_rotational_symmetry_name_the_surface():
-    with pytest.raises(LensError, match="toric: surface 1 is not rotationally symmetric: a lens traced in Cycles"):
-        lens_from_sensor(TORIC, 550.0, 2.0)
+    with pytest.raises(LensError, match="toric: surface 1 is not rotationally symmetric: a field of heights needs"):
+        ray_table(TORIC, [550.0])
     tilted = replace(TORIC, surfaces=(Surface(25.0, 1.0, "1.5/1000", stop=True), TORIC.surfaces[1]),
                      image_pose=Pose(tilt_deg=(5.0, 0.0, 0.0)))
     with pytest.raises(LensError, match="toric: image_pose is not rotationally symmetric: a field of heights needs"):
