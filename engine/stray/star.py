@@ -173,7 +173,7 @@ def _coarse_stars(lens, edges, frame, light, share):
 
 
 def _add_star(cells, lens, edges, frame, light):
-    """Add the star of one spot, computed at two wavelengths and interpolated: over k, it is nearly linear in wavelength."""
+    """Add the star of one spot, computed at two wavelengths and interpolated: times k, it is nearly linear between."""
     nm = light.wavelengths_nm
     numbers = _wave_numbers(lens, nm) * frame.pitch_um * 1e-3
     window_px = _window_mm(lens, nm) / (frame.pitch_um * 1e-3)

@@ -1,0 +1,80 @@
+"""Light that arrives at a sensor: its sum and its places, by the lens image without blur."""
+
+import numpy as np
+import pytest
+
+from lenses import make_grid_lens, make_lens, tinted
+from lensfield.engine import simulate
+from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.image.projection import FISHEYE
+from lensfield.engine.image.spectral_image import SpectralImage
+from lensfield.engine.stray.arrivals import arrivals
+from lensfield.engine.stray.sources import Sources
+
+pytestmark = pytest.mark.one_blender
+NM, FOCAL_MM = np.array([450.0, 600.0]), 10.0
+GRID = PixelGrid((150, 210), 20.0, centre_px=(60.0, 120.0), overscan_px=(10, 12))
+INFINITY = dict(efl_mm=FOCAL_MM, object_distance_mm=np.inf, magnification=0.0)
+
+
+def distorted_lens():
+    return tinted(make_lens(real_height_mm=lambda nm, h: h * (1 - 0.02 * h * h) * (1 + nm * 1e-5),
+                            relative_illumination=lambda nm, h: 1 - 0.1 * h**2, **INFINITY))
+
+
+def grid_lens():
+    return tinted(make_grid_lens(source_mm=lambda nm, x, y: (1.02 * x + 0.01 * x * y, y + 0.005 * x * x),
+                                 relative_illumination=lambda nm, x, y: 1 - 0.05 * x, **INFINITY))
+
+
+def spot_picture(grid=GRID):
+    """A blob of light in the frame, on no border of cells."""
+    rows, columns = np.ogrid[:grid.shape_px[0], :grid.shape_px[1]]
+    blob = np.exp(-((rows - 37.3) ** 2 + (columns - 141.8) ** 2) / 30)
+    return SpectralImage(np.stack([blob, 3 * blob]), NM, grid)
+
+
+@pytest.mark.parametrize("make", [distorted_lens, grid_lens])
+@pytest.mark.parametrize("projection", [None, FISHEYE])
+def test_light_and_places_are_those_of_the_lens_image(make, projection):
+    lens, radiance = make(), spot_picture()
+    if projection:
+        radiance = SpectralImage(radiance.cube, NM, radiance.grid, projection=projection)
+    light, image = arrivals(radiance, lens), simulate(radiance, lens)
+    frame = image.cube.astype(float)
+    np.testing.assert_allclose(light.light.sum(axis=1), frame.sum(axis=(1, 2)), rtol=2e-3)
+    x_mm, y_mm = image.grid.axes_mm()
+    for weights, places_mm, axis_mm in ((frame.sum(axis=1), light.x_mm, x_mm), (frame.sum(axis=2), light.y_mm, y_mm)):
+        found_mm = (light.light * places_mm).sum(axis=1) / light.light.sum(axis=1)
+        expected_mm = (weights * axis_mm).sum(axis=1) / weights.sum(axis=1)
+        np.testing.assert_allclose(found_mm, expected_mm, atol=0.02 * GRID.pitch_um * 1e-3)
+
+
+@pytest.mark.parametrize("make", [distorted_lens, grid_lens])
+def test_a_source_arrives_like_a_pixel(make):
+    lens, (row, column) = make(), (30, 150)
+    plane = np.zeros(GRID.shape_px)
+    plane[row, column] = 7
+    x_mm, y_mm = GRID.position_mm(row, column)
+    direction = np.array([x_mm, y_mm, FOCAL_MM]) / np.sqrt(x_mm**2 + y_mm**2 + FOCAL_MM**2)
+    irradiance = 7 * (GRID.pitch_um * 1e-3 / FOCAL_MM) ** 2 * direction[2] ** 3
+    source = Sources(direction[None], np.array([np.inf]), np.full((1, 2), irradiance), NM, np.array([0.01]), ("lamp",))
+    pixel = arrivals(SpectralImage(np.stack([plane, plane]), NM, GRID), lens)
+    light = arrivals(SpectralImage(np.zeros((2, *GRID.shape_px)), NM, GRID), lens, source)
+    lit = pixel.light[0].argmax()
+    for name in ("light", "x_mm", "y_mm"):
+        np.testing.assert_allclose(getattr(light, name)[:, -1], getattr(pixel, name)[:, lit], rtol=1e-3)
+    assert light.radius_px[-1] == pytest.approx(0.01 * FOCAL_MM / 0.02)
+    assert pixel.radius_px[lit] == pytest.approx(np.sqrt(4 / 12))  # of a square pixel
+
+
+def test_a_source_behind_the_camera_is_dark_and_one_beyond_the_field_as_dim_as_its_pupil():
+    lens = make_lens(**INFINITY)
+    directions = np.array([[0.6, 0, -0.8], [np.sin(1.2), 0, np.cos(1.2)], [0, 0, 1]])
+    sources = Sources(directions, np.full(3, np.inf), np.ones((3, 2)), NM, np.zeros(3), ("behind", "beside", "ahead"))
+    light = arrivals(SpectralImage(np.zeros((2, *GRID.shape_px)), NM, GRID), lens, sources).light[:, -3:]
+    pupil_px = np.pi / 4 * (FOCAL_MM / 2 / 0.02) ** 2
+    np.testing.assert_allclose(light[:, 2], pupil_px, rtol=1e-6)
+    np.testing.assert_allclose(light[:, 0], 0)
+    edge = 1 + (2 / FOCAL_MM) ** 2  # the field ends at 2 mm, with a relative illumination of 1: no cos^4
+    np.testing.assert_allclose(light[:, 1], pupil_px * np.cos(1.2) * edge**2, rtol=1e-6)

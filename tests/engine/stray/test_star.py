@@ -1,0 +1,163 @@
+"""Stars: the diffraction of an iris far from a lamp, against direct Fraunhofer integrals and the Airy pattern."""
+
+import numpy as np
+import pytest
+import scipy
+
+from lenses import make_lens, tinted
+from lensfield.engine.depth.iris import Iris, opening_within
+from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.image.spectral_image import SpectralImage
+from lensfield.engine.stray.arrivals import arrivals
+from lensfield.engine.stray.star import add_stars, edges_of, star_share
+
+NM, N, PITCH_UM, WINDOW = np.array([450.0, 520.0, 650.0]), 8.0, 20.0, 41
+FRAME = PixelGrid((280, 360), PITCH_UM, centre_px=(120.0, 190.0))
+LAMP_PX = 96, 217
+HEXAGON = Iris(6, 10.0)
+
+
+def lens_at(f_number=N):
+    return tinted(make_lens(np.ones((WINDOW, WINDOW)) / WINDOW**2, psf_pitch_um=5.0, f_number_effective=f_number,
+                            efl_mm=50.0, object_distance_mm=np.inf, magnification=0.0))
+
+
+def star(iris, radiance, rim=np.inf, grid=FRAME):
+    """The star of a picture over its light, per wavelength, and the share that it should have."""
+    lens, opening = lens_at(), opening_within(iris, rim)
+    light = arrivals(SpectralImage(np.stack([radiance] * NM.size), NM, grid), lens)
+    cube = np.zeros((NM.size, *grid.frame_px), np.float32)
+    share = add_stars(cube, lens, opening, grid.frame(), light)
+    return cube / light.light.sum(axis=1)[:, None, None], share
+
+
+def lamp(place=LAMP_PX, grid=FRAME, size=1):
+    plane = np.zeros(grid.shape_px)
+    plane[place[0]:place[0] + size, place[1]:place[1] + size] = 1e3
+    return plane
+
+
+def k_per_px(nm):
+    return np.pi * PITCH_UM * 1e-3 / (nm * 1e-6 * N)
+
+
+def fraunhofer(opening, k_right, k_up):
+    """|transform of a polygon|^2 over 4 pi^2 times its area: a sum over its edges."""
+    azimuth = np.radians(opening.iris.rotation_deg) + np.pi / opening.iris.blades * (
+        1 + 2 * np.arange(opening.iris.blades))
+    corners = opening.corner * np.stack([np.cos(azimuth), np.sin(azimuth)])
+    middles, sides = (np.roll(corners, -1, axis=1) + corners) / 2, np.roll(corners, -1, axis=1) - corners
+    total = sum((k_right * up - k_up * right) * np.sinc((k_right * right + k_up * up) / (2 * np.pi))
+                * np.exp(-1j * (k_right * x + k_up * y)) for (x, y), (right, up) in zip(middles.T, sides.T, strict=True))
+    return np.abs(total) ** 2 / (k_right**2 + k_up**2) ** 2 / (4 * np.pi**3)
+
+
+def airy(k_right, k_up):
+    k = np.hypot(k_right, k_up)
+    return (2 * np.pi * scipy.special.j1(k) / k) ** 2 / (4 * np.pi**3)
+
+
+def block(density, right, up, nm, size=3, samples=48):
+    """The share of the light on a block of pixels, by the integral over each: fringes are finer than pixels."""
+    k = k_per_px(nm)
+    inner = ((np.arange(samples * size) + 0.5) / samples - size / 2)
+    return density(k * (right + inner), k * (up - inner)[:, None]).mean() * (k * size) ** 2
+
+
+@pytest.mark.one_blender
+@pytest.mark.parametrize(("azimuth_deg", "distance_px"), [(10, 40), (10, 110), (190, 80), (-50, 60),  # spikes
+                                                          (20, 60), (30, 60), (40, 90), (130, 30)])  # between them
+def test_a_star_is_the_transform_of_the_blades(azimuth_deg, distance_px):
+    cube, _ = star(HEXAGON, lamp())
+    right, up = (round(distance_px * each(np.radians(azimuth_deg))) for each in (np.cos, np.sin))
+    row, column, opening = LAMP_PX[0] - up, LAMP_PX[1] + right, opening_within(HEXAGON, np.inf)
+    found = cube[:, row - 3:row + 4, column - 3:column + 4].sum(axis=(1, 2))
+    expected = [block(lambda *k: fraunhofer(opening, *k), right, up, nm, size=7, samples=32) for nm in NM]
+    np.testing.assert_allclose(found, expected, rtol=0.03)
+
+
+@pytest.mark.one_blender
+@pytest.mark.parametrize("iris", [Iris(0), Iris(7, 20.0, 1.0), Iris(5, 20.0)])
+def test_a_round_stop_has_an_airy_pattern(iris):
+    """The blades of the last one are behind the rim of the widest stop."""
+    cube, _ = star(iris, lamp(), rim=1.0)
+    for right, up in ((40, 5), (-20, -70), (11, 60)):
+        row, column = LAMP_PX[0] - up, LAMP_PX[1] + right
+        found = cube[:, row - 1:row + 2, column - 1:column + 2].sum(axis=(1, 2))
+        np.testing.assert_allclose(found, [block(airy, right, up, nm) for nm in NM], rtol=0.02)
+        asymptote = k_per_px(NM) ** 2 / np.pi**2 / (k_per_px(NM) * np.hypot(right, up)) ** 3
+        np.testing.assert_allclose(found, 9 * asymptote, rtol=0.02)
+
+
+@pytest.mark.one_blender
+@pytest.mark.parametrize(("iris", "spikes"), [(Iris(6, 10.0), 6), (Iris(5, 10.0), 10), (Iris(8, 33.0, 0.1), 8),
+                                              (Iris(9, -5.0), 18)])
+def test_blades_have_spikes_along_their_normals(iris, spikes):
+    cube, _ = star(iris, lamp())
+    azimuth = 2 * np.pi * np.arange(720) / 720
+    ring = scipy.ndimage.map_coordinates(cube[1], [LAMP_PX[0] - 60 * np.sin(azimuth),
+                                                   LAMP_PX[1] + 60 * np.cos(azimuth)], order=1)
+    bright = ring > 0.1 * ring.max()
+    starts = np.flatnonzero(bright & ~np.roll(bright, 1))
+    assert starts.size == spikes
+    normals = np.radians(iris.rotation_deg) + np.pi * np.arange(spikes) / (spikes / 2)
+    away = (azimuth[bright][:, None] - normals + np.pi) % (2 * np.pi) - np.pi
+    assert np.abs(away).min(axis=1).max() < np.radians(4) + np.arcsin(iris.roundness * np.sin(np.pi / 8))
+
+
+@pytest.mark.one_blender
+@pytest.mark.sample(3)
+@pytest.mark.parametrize("iris", [Iris(0), HEXAGON, Iris(5, 20.0, 0.3), Iris(7, 1.0, 1.0)])
+@pytest.mark.parametrize("even", [False, True])
+def test_a_star_has_the_light_that_the_image_loses(iris, even):
+    """A lamp's, and an even picture's, whose stars are coarse. The rest falls beyond the frame, at a distance of more
+    than 90 pixels, and less than the diagonal."""
+    plane = np.zeros(FRAME.shape_px)
+    plane[110:160, 150:200] = 1
+    cube, share = star(iris, plane if even else lamp((130, 180)))
+    perimeter = sum(edge.count * edge.length for edge in edges_of(opening_within(iris, np.inf)))
+    beyond = perimeter / np.pi**2 / k_per_px(NM)
+    found = cube.sum(axis=(1, 2))
+    assert np.all(share - beyond / 90 < found * 1.03) and np.all(found < 1.03 * share)
+
+
+@pytest.mark.one_blender
+@pytest.mark.parametrize("iris", [Iris(0), HEXAGON, Iris(5, 20.0), Iris(6, 0.0, 0.4), Iris(8, 3.0, 1.0)])
+@pytest.mark.parametrize("rim", [1.0, 1.01, 1.04, np.inf])
+def test_edges_are_as_long_as_the_outline(iris, rim):
+    opening = opening_within(iris, rim)
+    azimuth = 2 * np.pi * np.arange(36000) / 36000
+    radius = np.full(azimuth.size, opening.reach)
+    (margin, bend, slope), directions = opening.shape, iris.directions
+    for across, up in directions:
+        along = slope * (across * np.cos(azimuth) + up * np.sin(azimuth))
+        radius = np.minimum(radius, np.where((along > 0) | (bend > 0), 2 * margin / (
+            along + np.sqrt(along**2 + 4 * bend * margin)), np.inf))
+    outline = radius * np.exp(1j * azimuth)
+    edges = edges_of(opening)
+    assert sum(edge.count * edge.length for edge in edges) == pytest.approx(
+        np.abs(np.diff(outline, append=outline[0])).sum(), rel=1e-4)
+
+
+@pytest.mark.one_blender
+def test_the_share_is_that_outside_the_window():
+    """By the Airy pattern's encircled energy: 1 - J0^2 - J1^2."""
+    radius_mm = np.sqrt(2) / 4 * np.pi * WINDOW * 5e-3 / 2
+    k = np.pi * radius_mm / (NM * 1e-6 * N)
+    beyond = scipy.special.j0(k) ** 2 + scipy.special.j1(k) ** 2
+    share = star_share(lens_at(), opening_within(Iris(0), np.inf), NM)
+    np.testing.assert_allclose(share, beyond, rtol=0.01)
+    np.testing.assert_allclose(star_share(lens_at(2.0), opening_within(Iris(0), np.inf), NM), share / 4)
+
+
+@pytest.mark.one_blender
+def test_a_star_moves_with_its_lamp():
+    """Across the border of cells, by a fraction of its share at most; the middle of its spikes stays on it."""
+    rng = np.random.default_rng(0)
+    scene = rng.random(FRAME.shape_px)
+    pictures = [star(HEXAGON, scene + 100 * lamp((96, column), size=2))[0][1] for column in range(204, 210)]
+    sums = [picture.sum() for picture in pictures]
+    np.testing.assert_allclose(sums, np.mean(sums), rtol=0.02)
+    for first, second in zip(pictures, pictures[1:], strict=False):
+        away = np.abs(np.roll(first, 1, axis=1) - second)[:, 1:]
+        assert away.sum() < 0.03 * sums[0]
