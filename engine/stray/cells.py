@@ -8,6 +8,7 @@ import scipy
 from ..image.pixel_grid import PixelGrid
 from .arrivals import CELL_PX, Arrivals
 
+FAR_NODES = 12  # along each side of the frame, for light from far beyond it
 MEAN_CELLS = 8  # from a point: closer cells receive the mean of their pixels
 
 
@@ -89,6 +90,8 @@ class FineCells(Cells):
 def spread_in_cells(frame: PixelGrid, light: Arrivals, share: np.ndarray, spread: Callable) -> np.ndarray:
     """The irradiance that light spreads over a frame, at the corners of its cells of CELL_PX pixels.
 
+    Light counts up to half a frame beyond the frame; `spread_from_afar` spreads the rest.
+
     Parameters
     ----------
     frame : PixelGrid
@@ -103,7 +106,7 @@ def spread_in_cells(frame: PixelGrid, light: Arrivals, share: np.ndarray, spread
     array (wavelength, row, column)
     """
     shape = [-(-n // CELL_PX) + 1 for n in frame.shape_px]
-    margins = [-(-n // 2) for n in shape]  # around the frame: light farther away is too far to matter
+    margins = [-(-n // 2) for n in shape]
     wide = [n + 2 * margin for n, margin in zip(shape, margins, strict=True)]
     reach = [n + margin - 1 for n, margin in zip(shape, margins, strict=True)]
     size = [scipy.fft.next_fast_len(2 * n + 1, real=True) for n in reach]
@@ -118,6 +121,23 @@ def spread_in_cells(frame: PixelGrid, light: Arrivals, share: np.ndarray, spread
                                     for at, margin in zip(places, margins, strict=True)), wide)
         result[index] = scipy.fft.irfft2(scipy.fft.rfft2(plane, size) * transformed, size)[inside]
     return np.maximum(result, 0)
+
+
+def spread_from_afar(frame: PixelGrid, light: Arrivals, share: np.ndarray, spread: Callable) -> np.ndarray:
+    """As `spread_in_cells`, of light farther from the frame, which is smooth over all of it."""
+    shape = [-(-n // CELL_PX) + 1 for n in frame.shape_px]
+    corners = [np.arange(n) * CELL_PX - 0.5 for n in shape]
+    nodes = [np.linspace(-0.5, each[-1], FAR_NODES) for each in corners]
+    result = np.zeros((len(light.light), *shape))
+    for index, each in enumerate(light.light * share):
+        rows, columns = frame.index_of(light.x_mm[index], light.y_mm[index])
+        away = [np.abs((at + 0.5) / CELL_PX - (n - 1) / 2) >= (n - 1) / 2 + -(-n // 2)
+                for at, n in zip((rows, columns), shape, strict=True)]
+        values = sum((each[spot] * spread(nodes[1] - columns[spot], rows[spot] - nodes[0][:, None])
+                      for spot in np.flatnonzero((away[0] | away[1]) & (each > 0))), np.zeros((FAR_NODES, FAR_NODES)))
+        if values.any():
+            result[index] = scipy.interpolate.RectBivariateSpline(*nodes, values)(*corners)
+    return result
 
 
 def _kernel(reach, spread):

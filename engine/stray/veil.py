@@ -23,7 +23,7 @@ from ..lens import Lens
 from ..rays.focus import build_system
 from ..runtime.memory import MemoryBudget
 from .arrivals import Arrivals, arrivals
-from .cells import Cells, spread_in_cells
+from .cells import Cells, spread_from_afar, spread_in_cells
 
 ROUGH_KNEE, ROUGH_SLOPE = 0.01, -1.5  # of polish
 DUST_KNEE, DUST_SLOPE = 0.03, -2.5  # of particles of some 20 um
@@ -226,6 +226,7 @@ def add_veil(cube: np.ndarray, frame: PixelGrid, light: Arrivals, veil: Veil) ->
             return pitch_mm**2 * sum(lobe.spread(distance_mm) for lobe in same)
 
         relative = (light.wavelengths_nm / veil.reference_nm) ** power
-        corners = corners + spread_in_cells(frame, light, relative[:, None], spread)
+        corners = sum((spreading(frame, light, relative[:, None], spread)
+                       for spreading in (spread_in_cells, spread_from_afar)), corners)
     Cells(frame.shape_px).add_corners(cube, corners)
     return shares

@@ -24,9 +24,9 @@ from varied_lenses import varied_lens
 
 pytestmark = pytest.mark.one_blender
 NM = np.array([450.0, 550.0, 650.0])
-GRID = PixelGrid((150, 210), 150.0, centre_px=(60.0, 120.0), overscan_px=(10, 12))
+GRID = PixelGrid((150, 210), 60.0, centre_px=(60.0, 120.0), overscan_px=(10, 12))
 FRAME = GRID.frame()
-NARROW = Veil((Lobe(0.2, -2.0, 40.0, 0.03, -4.0, np.inf),), 550.0)
+NARROW = Veil((Lobe(0.2, -2.0, 40.0, 0.01, -4.0, np.inf),), 550.0)
 
 
 def wide_lens():
@@ -43,7 +43,7 @@ def scattered(radiance, veil, lens=None, grid=GRID, beyond=None):
 
 @pytest.mark.sample(3)
 @pytest.mark.parametrize("cleanliness", CLEANLINESS)
-@pytest.mark.parametrize("name", ["cooke-triplet-50mm", "nikkor-28mm", "apple-phone-4mm", "edmund-54852"])
+@pytest.mark.parametrize("name", ["cooke-triplet-50mm", "nikkor-28mm", "edmund-54852"])
 def test_the_chart_returns_the_glare_index_that_is_put_in(name, cleanliness):
     """On the lens image of the chart, with twice the pixels of the chart for the veil."""
     lens = varied_lens(name)
@@ -54,9 +54,7 @@ def test_the_chart_returns_the_glare_index_that_is_put_in(name, cleanliness):
     chart = glare_chart(lens, frame, np.array([veil.reference_nm]))
     image = simulate(chart, lens)
     blurred = index_in(image.cube[0])
-    share = add_veil(image.cube, frame, arrivals(chart, lens), veil.scaled(0)) * 0 + veil.share(np.array(
-        [veil.reference_nm]))
-    image.cube[:] *= (1 - share)[:, None, None].astype(np.float32)
+    image.cube[:] *= 1 - veil.share(veil.reference_nm)
     add_veil(image.cube, frame, arrivals(chart, lens), veil)
     assert index_in(image.cube[0]) - blurred == pytest.approx(0.025, rel=0.01)
 
@@ -74,18 +72,19 @@ def test_dirt_scatters_more_and_polish_most_at_short_wavelengths(name):
 
 
 def test_polished_surfaces_scatter_by_their_step_of_the_index():
-    """A lens of one glass of the index n in air: (2 pi (n - 1) nm / wavelength)^2 for each of two surfaces."""
-    lens = varied_lens("edmund-54852")
-    veil = veil_of(lens, "new")
+    """A triplet of SK16 and F2 in air: (2 pi (n - 1) nm / wavelength)^2 for each of six surfaces."""
+    veil = veil_of(varied_lens("cooke-triplet-50mm"), "new")
     steps = [np.sqrt(lobe.share) * veil.reference_nm / (2 * np.pi) for lobe in veil.lobes if lobe.power]
-    assert len(steps) >= 2 and all(0.01 < step < 1 for step in steps)
+    assert len(steps) == 6 and all(0.55 < step < 0.75 for step in steps)
+    assert steps[::2] == pytest.approx(steps[1::2])
 
 
 @pytest.mark.parametrize("lobe", [Lobe(0.1, 0.0, 40.0, 0.01, -1.5), Lobe(0.3, 0.0, 20.0, 0.3, -3.0),
                                   Lobe(0.2, 0.0, 43.0, 0.5, -4.0, np.inf)])
 def test_a_lobe_has_its_share(lobe):
     distance_mm = np.append(0, np.geomspace(1e-4, 1e5, 200_001))
-    light = np.trapz(2 * np.pi * distance_mm * lobe.spread(distance_mm), distance_mm)
+    rings = 2 * np.pi * distance_mm * lobe.spread(distance_mm)
+    light = np.sum((rings[1:] + rings[:-1]) / 2 * np.diff(distance_mm))
     assert light == pytest.approx(lobe.share, rel=1e-3)
 
 
@@ -105,7 +104,7 @@ def test_a_veil_is_the_sum_over_all_light():
     """Without cells and transforms; light of the overscan counts, and that of sources beyond it."""
     rng = np.random.default_rng(3)
     radiance = np.zeros(GRID.shape_px)
-    for row, column in zip(rng.integers(0, 150, 12), rng.integers(0, 210, 12), strict=True):
+    for row, column in zip(rng.integers(0, 60, 12), rng.integers(0, 210, 12), strict=True):
         radiance[row, column] = rng.random()
     radiance[3, 100] = 2  # in the overscan
     direction = np.array([0.4, 0.1, 1]) / np.linalg.norm([0.4, 0.1, 1])
@@ -114,9 +113,9 @@ def test_a_veil_is_the_sum_over_all_light():
     cube, _, light = scattered(radiance, veil, beyond=beyond)
     assert light.light[0, -1] > 0.5 * light.light[0].max()
     x_mm, y_mm = FRAME.axes_mm()
-    for row, column in ((20, 30), (77, 170), (110, 90)):
+    for row, column in ((77, 170), (110, 90), (125, 22)):
         distance_mm = np.hypot(light.x_mm - x_mm[column], light.y_mm - y_mm[row])
-        assert (distance_mm[light.light > 0] > 0.5).all()
+        assert (distance_mm[light.light > 0] > 1.5).all()
         expected = sum((light.light * lobe.spread(distance_mm)).sum(axis=1) * (NM / veil.reference_nm) ** lobe.power
-                       for lobe in veil.lobes) * 0.15**2
-        np.testing.assert_allclose(cube[:, row, column], expected, rtol=0.05)
+                       for lobe in veil.lobes) * 0.06**2
+        np.testing.assert_allclose(cube[:, row, column], expected, rtol=0.08)  # cells
