@@ -192,7 +192,8 @@ def _chief_places_mm(lens, rays):
     """Places on the sensor that the PSFs of a lens belong to, in the image as formed by the lens: array (wavelength,
     place, 2)."""
     if isinstance(lens, GridLens):
-        places_mm = -np.stack(np.meshgrid(lens.x_mm, lens.y_mm), axis=-1).reshape(-1, 2)
+        places_mm = -np.stack(np.meshgrid(lens.x_mm, lens.y_mm), axis=-1)
+        places_mm = (places_mm / np.maximum(lens.within, 1)[..., None]).reshape(-1, 2)  # as nodes beyond it are baked
         return np.broadcast_to(places_mm, (lens.wavelengths_nm.size, *places_mm.shape))
     heights_mm = np.minimum(lens.real_height_mm, rays.last_height_mm)
     return np.stack([np.zeros_like(heights_mm), heights_mm], axis=-1)
