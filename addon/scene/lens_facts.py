@@ -37,6 +37,8 @@ class LensFacts:
     fields : three tuples of (float, float)
         Along the width, the height and the diagonal of the picture, from the axis to the end of the field: distances in
         mm, and their angles to the axis in radians.
+    radial : bool
+        Whether the lens is rotationally symmetric.
     squeeze : float
         As in `Lens`.
     """
@@ -50,6 +52,7 @@ class LensFacts:
     reach: tuple[float, float, float] | None
     words: tuple[str, ...]
     fields: tuple[tuple[tuple[float, float], ...], ...]
+    radial: bool
     squeeze: float
 
     def field_on(self, edges_mm):
@@ -106,7 +109,7 @@ def _facts(source, changed, rings, focal_mm):
     return LensFacts(
         rings, system.efl_mm, system.capture_focal_length_mm,
         lens.prescription.sensor_mm or four_by_three(curves[-1][-1][0]), lens.f_number, lens.focus_mm,
-        _reach(source, changed), lens.words, curves, system.squeeze)
+        _reach(source, changed), lens.words, curves, lens.prescription.radial, system.squeeze)
 
 
 def _curves(system):
@@ -125,12 +128,13 @@ def _reach(source, changed):
 
 
 def _of_package(lens):
-    if isinstance(lens, RadialLens):
+    radial = isinstance(lens, RadialLens)
+    if radial:
         fields = 3 * (_pairs(lens.real_height_at(reference_nm(lens)), field_angle_rad(lens, lens.heights_mm)),)
     else:
         fields = tuple(_pairs(*half_angles_rad(lens, path)) for path in paths(lens)[:3])
     return LensFacts(AT_REST, lens.efl_mm, lens.capture_focal_length_mm, lens.sensor_mm, lens.f_number_effective,
-                     lens.object_distance_mm + lens.entrance_pupil_mm, None, (), fields, lens.squeeze)
+                     lens.object_distance_mm + lens.entrance_pupil_mm, None, (), fields, radial, lens.squeeze)
 
 
 def _pairs(*columns):

@@ -5,14 +5,16 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+from ...engine.depth.lens_tables import COLOURS_NM
 from ...engine.lens.entrance_pupil import focus_nearness
 from ...engine.library import described_lenses
 from ...engine.rays.rings import AT_REST
 from ...engine.runtime.errors import InputError, one_line
 from ..scene.compositor import QUICK_LOOK
+from ..scene.lens_cache import load_lens
 from ..scene.lens_facts import lens_facts
 from ..scene.quick_look import new_quick_look, set_lens
-from .live import frame_lens
+from .live import QUALITY
 from .previews import asset_preview
 from .quick_look import compositor_lens
 
@@ -27,7 +29,7 @@ def lens_asset_steps(folder: Path):
     are for pictures whose pixels have their squeeze as the aspect."""
     lenses, looks = described_lenses(), {}
     for number, name in enumerate(lenses, 1):
-        lens = frame_lens(name, AT_REST, None, None)
+        lens = load_lens(name, AT_REST, QUALITY, wavelengths_nm=COLOURS_NM)
         looks[name] = (compositor_lens(lens, lens_facts(name).f_number, pixel_aspect=lens.squeeze),
                        focus_nearness(lens) * UNIT_MM)
         yield number / (len(lenses) + 1)

@@ -29,7 +29,7 @@ from ...engine.library.rays import lens_rays
 from ...engine.runtime.errors import InputError, one_line
 from ...engine.runtime.files import stamp_of
 from ..job.named_files import check_named_files
-from ..scene.camera import check_camera, frame_px, pixel_aspect, shift_px, size_for_view
+from ..scene.camera import SceneFrame, check_camera, frame_px, pixel_aspect, shift_px, size_for_view
 from ..scene.focus import Focus, focus_now
 from ..scene.lens_cache import lens_on_sensor, load_lens, scaled_lens
 from ..scene.lens_facts import lens_facts
@@ -207,7 +207,7 @@ def read_frame(name, stamp, rings, focal_mm, sensor_mm, shape_px, right_up_px, i
     InputError
         The lens is not available.
     """
-    lens = frame_lens(name, rings, focal_mm, sensor_mm)
+    lens = frame_lens(name, rings, SceneFrame(shape_px, right_up_px, sensor_mm, focal_mm))
     grid = PixelGrid(shape_px, fitting_pitch_um(lens, shape_px)).shifted(*right_up_px)
     tables = lens_tables(lens, lens_rays(lens, opening(iris, lens).reach), grid, iris, vignette)
     tangents = tuple(edge_mm / lens.capture_focal_length_mm for edge_mm in grid.edges_mm)
@@ -216,12 +216,14 @@ def read_frame(name, stamp, rings, focal_mm, sensor_mm, shape_px, right_up_px, i
     return Frame(tables, tangents, Focus(1 / nearness_per_m if nearness_per_m else inf, per_nearness_px_m), lean_per_m)
 
 
-def frame_lens(name, rings, focal_mm, sensor_mm):
-    """The Lens of these arguments of `read_frame`."""
-    lens = load_lens(name, lens_facts(name, rings, focal_mm).rings, QUALITY, wavelengths_nm=COLOURS_NM)
-    if focal_mm is not None:
-        return scaled_lens(lens, focal_mm / lens.capture_focal_length_mm, sensor_mm)
-    return lens_on_sensor(lens, sensor_mm) if sensor_mm else lens
+def frame_lens(name, rings, frame: SceneFrame):
+    """The Lens of a scene's frame."""
+    facts = lens_facts(name, rings, frame.focal_mm)
+    lens = load_lens(name, facts.rings, QUALITY, wavelengths_nm=COLOURS_NM,
+                     edges_mm=None if facts.radial else frame.edges_mm(facts))
+    if frame.focal_mm is not None:
+        return scaled_lens(lens, frame.factor(lens), frame.sensor_mm)
+    return lens_on_sensor(lens, frame.sensor_mm) if frame.sensor_mm else lens
 
 
 def _remember_framebuffer():

@@ -20,7 +20,7 @@ from ...engine.lens.entrance_pupil import focus_nearness
 from ...engine.lens.pinhole import fitting_pitch_um, turned_sensor_mm
 from ...engine.runtime.errors import InputError, one_line
 from ..job.named_files import check_named_files
-from ..scene.camera import TO_PERSPECTIVE, frame_px, pixel_aspect, size_for_view
+from ..scene.camera import TO_PERSPECTIVE, SceneFrame, frame_px, pixel_aspect, size_for_view
 from ..scene.compositor import LABEL_LENGTH, QUICK_LOOK, lay_group, remove_from_compositor, scene_node
 from ..scene.errors import SceneError
 from ..scene.lens_facts import lens_facts
@@ -54,7 +54,7 @@ def read_look(name, stamp, rings, focal_mm, sensor_mm, shape_px, right_up_px, ir
     InputError
         The lens is not available.
     """
-    lens = frame_lens(name, rings, focal_mm, sensor_mm)
+    lens = frame_lens(name, rings, SceneFrame(shape_px, right_up_px, sensor_mm, focal_mm))
     lens = replace(lens, sensor_mm=turned_sensor_mm(lens, shape_px))
     pitch_mm = fitting_pitch_um(lens, shape_px) * 1e-3
     look = compositor_lens(lens, lens_facts(name, rings, focal_mm).f_number, iris, vignette,

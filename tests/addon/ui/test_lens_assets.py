@@ -4,9 +4,10 @@ import bpy
 import pytest
 
 from lenses import fine_grid_lens
+from lensfield.addon.scene import lens_cache
 from lensfield.addon.scene.compositor import QUICK_LOOK
 from lensfield.addon.scene.quick_look import CURVES, MAP_X
-from lensfield.addon.ui import lens_assets, live
+from lensfield.addon.ui import lens_assets
 from lensfield.engine.library import described_lenses
 
 ANAMORPHIC = "atlas-42mm-1.5x"
@@ -18,8 +19,8 @@ def few_lenses(monkeypatch):
     lenses = {name: described_lenses()[name] for name in names}
     monkeypatch.setattr(lens_assets, "described_lenses", lambda: lenses)
     squeezed = fine_grid_lens(squeeze=1.5, wavelengths_nm=(400.0, 550.0, 700.0))  # a bake takes a quarter of a minute
-    monkeypatch.setattr(lens_assets, "frame_lens",
-                        lambda name, *rest: squeezed if name == ANAMORPHIC else live.frame_lens(name, *rest))
+    monkeypatch.setattr(lens_assets, "load_lens", lambda name, *rest, **options:
+                        squeezed if name == ANAMORPHIC else lens_cache.load_lens(name, *rest, **options))
     return lenses
 
 
