@@ -12,7 +12,7 @@ from .finding import greatest
 
 FRAUNHOFER_F_NM, FRAUNHOFER_C_NM = 486.1, 656.3
 LEAN_SIDES = ("on the right", "on the left"), ("at the top", "at the bottom")
-UNKNOWN_COATINGS = "unknown: reflections are not counted (--coating)"
+UNKNOWN = "unknown"
 SHARES = 0.5, 1.0  # of the way to the sensor's edges and corners
 
 
@@ -23,8 +23,8 @@ def lens_info(lens: Lens) -> dict:
     -------
     dict of numbers, lists and strings, ready for JSON. An infinite object distance and an unknown enclosed energy are
     None. `transmittance` is the T of Eq. 2 in eye-weighted white light, and `t_number_effective` the T-stop: the
-    effective f-number over its root. `coatings` names those of the surfaces between glass and air, each once; None if
-    they are unknown.
+    effective f-number over its root. `coatings` names the coatings between glass and air, each once, or "unknown"; None
+    without a prescription.
 
     For a rotationally symmetric lens, `heights` contains, for each field height at the reference wavelength: height_mm
     (paraxial), real_height_mm, distortion_percent, relative_illumination (of pictures, with the light that PSFs move),
@@ -63,9 +63,17 @@ def t_number_effective(lens: Lens) -> float:
 
 
 def _coatings(lens):
-    """Names of the coatings of surfaces between glass and air, each once; None if they are unknown."""
-    names = lens.prescription.coatings_in_air if lens.prescription else ("",)
-    return None if "" in names else list(dict.fromkeys(names))
+    """Names of the coatings of surfaces between glass and air, each once; None without a prescription."""
+    if lens.prescription is None:
+        return None
+    return list(dict.fromkeys(name or UNKNOWN for name in lens.prescription.coatings_in_air))
+
+
+def _coating_lines(info):
+    """A line about the coatings of a lens with a prescription."""
+    if info["coatings"]:
+        ideal = " (unknown ones count as ideal: --coating)" if UNKNOWN in info["coatings"] else ""
+        yield f"coatings                 {', '.join(info['coatings'])}{ideal}"
 
 
 def _over_heights(lens, short_nm, long_nm):
@@ -127,7 +135,7 @@ def lens_text(info: dict) -> str:
         f"magnification            {info['magnification']:.6f}",
         f"effective f-number       {info['f_number_effective']:.3f}",
         f"effective T-stop         {info['t_number_effective']:.3f}: T = {info['transmittance']:.3f} in white light",
-        f"coatings                 {', '.join(info['coatings']) if info['coatings'] else UNKNOWN_COATINGS}",
+        *_coating_lines(info),
         f"object distance          {'infinity' if distance is None else f'{distance:g} mm'}",
         f"sensor                   {info['sensor_mm'][0]:g} x {info['sensor_mm'][1]:g} mm",
         f"wavelengths              {info['wavelengths_nm'][0]:g} to {info['wavelengths_nm'][-1]:g} nm"

@@ -332,7 +332,9 @@ def test_unknown_coatings_are_noted():
     unknown = replace(lens, prescription=lens.prescription.coated())
     finding = about(unknown, "coating", "unknown")
     assert finding.severity == "note" and not [each for each in check_lens(lens) if each.field == "coating"]
-    assert (lens_info(lens)["coatings"], lens_info(unknown)["coatings"]) == (["single"], None)
+    assert (lens_info(lens)["coatings"], lens_info(unknown)["coatings"]) == (["single"], ["unknown"])
+    assert "coatings                 unknown (unknown ones count as ideal: --coating)" in lens_text(lens_info(unknown))
+    assert "coatings" not in lens_text(lens_info(replace(lens, prescription=None)))
 
 
 def test_the_t_stop_is_of_the_light_that_gets_through():
