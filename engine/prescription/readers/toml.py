@@ -33,7 +33,7 @@ FIELDS_OF_COATING = ("name", "layers", *MEASURED)
 FIELDS_OF_POSE = ("offset_mm", "tilt_deg")
 HIGHEST_POWER = 40
 WRITTEN = ("name", "title", "maker", "year", "focal_length_mm", "character", "story", "source", "notes",
-           "provenance", "aperture", "highest_f_number", "field", "sensor_mm", "focus", "object_distance_mm",
+           "aperture", "highest_f_number", "field", "sensor_mm", "focus", "object_distance_mm",
            "focused_at_mm", "closest_focus_mm", "reference_wavelength_nm", "image_pose", "coating")
 DEFAULTS = {field.name: field.default for value in (Prescription, Surface) for field in fields(value)}
 SURFACES = re.compile(r"^(?:surfaces = |\[)", re.MULTILINE)  # the first line that is not about the lens as a whole
@@ -234,9 +234,11 @@ def write_prescription(prescription: Prescription) -> str:
     """
     first_mm = prescription.focused_at_mm[0] if prescription.focused_at_mm else np.inf
     facts = vars(prescription) | {name: dict([getattr(prescription, name)]) for name in ("aperture", "field")}
-    facts |= {"provenance": dict(prescription.provenance) or (), "image_pose": _pose_table(prescription.image_pose)}
+    facts |= {"image_pose": _pose_table(prescription.image_pose)}
+    origins = {f"provenance.{part}": origin for part, origin in prescription.provenance}
     lines = [f"# {MARK}", f'format = "{FORMAT}"', f"version = {VERSION}",
-             *pairs({name: facts[name] for name in WRITTEN}, DEFAULTS | {"object_distance_mm": first_mm})]
+             *pairs({name: facts[name] for name in WRITTEN}, DEFAULTS | {"object_distance_mm": first_mm}),
+             *pairs(origins, {})]
     rows = (f"  {{ {', '.join(pairs(_fields_of(surface), DEFAULTS))} }}" for surface in prescription.surfaces)
     glasses = (line for glass in prescription.glasses for line in _glass_lines(glass))
     coatings = (line for coating in prescription.coatings for line in _coating_lines(coating))
