@@ -8,7 +8,8 @@ import numpy as np
 
 from .arrays import address, picture
 from .declarations import NUMBERS, STRUCTURES
-from .library import check, chosen
+from .library import NUMPY, check, chosen, running
+from .numpy_ghosts import numpy_draw_ghosts
 from .tracing import TracedSurfaces
 
 BEAM, MESHES, PICTURE = (STRUCTURES[name] for name in ("beam", "meshes", "picture"))
@@ -175,6 +176,8 @@ def draw_ghosts(meshes: Meshes, blades: Blades, centre_px: tuple[float, float], 
     ValueError
         Sizes are invalid.
     """
+    if running() == NUMPY:
+        return numpy_draw_ghosts(meshes, blades, centre_px, px_per_mm, levels)
     loops, variant = chosen()
     rays = np.ascontiguousarray(meshes.rays, np.float64)
     pairs, _, rows, columns = rays.shape

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..image.pixel_grid import PixelGrid
-from ..kernels.ghosts import Beam, Coated, ghost_rays
+from ..kernels.ghosts import Beam, Coated
 from .ghost_beams import GhostLens, entrance_mm
+from .ghost_rays import boxes_of, trace_ghosts
 
 FIRST, NEXT = 25, 17  # rays across, and up
 LEAST_SQUARE = 9.0  # of the closest ray to an opening, over the opening's square: beyond it the search ends
@@ -70,13 +71,6 @@ def brightest(light: np.ndarray, share: float) -> np.ndarray:
     return bright.reshape(light.shape)
 
 
-def boxes_of(lens: GhostLens, limits_mm: np.ndarray, side: int) -> tuple[np.ndarray, tuple[int, int]]:
-    """First places and steps of grids of `side` rays, or half of it across for radial lenses; and their shape."""
-    columns = (side + 1) // 2 if lens.radial else side
-    left, right, lower, upper = limits_mm.T
-    return np.stack([left, (right - left) / (columns - 1), lower, (upper - lower) / (side - 1)], axis=1), (side, columns)
-
-
 def open_square(lens: GhostLens, rays: np.ndarray) -> np.ndarray:
     """The largest square of a distance from the axis over an opening's, of rays: above 1 if blocked, inf if lost."""
     stop = rays[:, 4::2]**2 + rays[:, 5::2]**2
@@ -109,7 +103,7 @@ def direct_light_mm2(lens: GhostLens, coated: Coated, beam: Beam) -> float:
 def _searched(lens, coated, beam, pairs, limits_mm, side):
     """Closer limits, with a cell more on each side, and the rays."""
     boxes, shape = boxes_of(lens, limits_mm, side)
-    rays = ghost_rays(lens.surfaces, coated, lens.per_semi_aperture, beam, pairs, boxes, shape, LEAST_SQUARE)
+    rays = trace_ghosts(lens, coated, beam, pairs, limits_mm, side, LEAST_SQUARE)
     square = open_square(lens, rays)
     closer = []
     for axis, count in ((0, shape[1]), (1, shape[0])):
@@ -162,11 +156,10 @@ def _light_mm2(lens, grid, rays, limits_mm, azimuth_rad):
 
 def _speed_mm(lens, coated, beam, pairs, limits_mm, rays):
     """`Survey.speed_mm`: the root mean square over rays and directions."""
-    boxes, shape = boxes_of(lens, limits_mm, NEXT)
     lit = open_square(lens, rays) < 1
     squares = []
     for axis in (0, 1):
-        moved = ghost_rays(lens.surfaces, coated, lens.per_semi_aperture, _tilted(beam, axis), pairs, boxes, shape)
+        moved = trace_ghosts(lens, coated, _tilted(beam, axis), pairs, limits_mm, NEXT)
         square = np.nan_to_num(np.sum((moved[:, :2] - rays[:, :2])**2, axis=1)) / TILT_RAD**2
         squares.append(np.where(lit, square, 0).sum(axis=(1, 2)) / np.maximum(lit.sum(axis=(1, 2)), 1))
     return np.sqrt(np.mean(squares, axis=0))

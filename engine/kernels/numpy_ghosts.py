@@ -1,0 +1,160 @@
+"""The loop `lf_ghost_light` in numpy: for machines without a library, and the reference for its tests."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .declarations import NUMBERS
+
+RIM = NUMBERS["GHOST_RIM"]
+FARTHEST_PX, LEAST_PX2, MOST_POINTS, DIAGONAL = 1e6, 1e-12, 2048, 1.4  # as in ghosts.c
+
+
+@dataclass(frozen=True, eq=False)
+class _Canvas:
+    blades: object
+    picture: np.ndarray
+    crossings: int
+    part: float
+    scale: float
+
+
+def numpy_draw_ghosts(meshes, blades, centre_px, px_per_mm, levels) -> np.ndarray:
+    """As `draw_ghosts`."""
+    light = np.zeros(len(meshes.rays))
+    frame_px = [n - 2 * RIM for n in levels[0].shape[1:]]
+    for pair in range(len(light)):
+        place, values = _laid_out(meshes, pair, centre_px, px_per_mm)
+        corners = _triangles(values)
+        area = _irradiated(meshes, pair, blades, place, values, corners, px_per_mm, frame_px)
+        over, level = max(area / meshes.pixels[pair], meshes.blur[pair]), 0
+        while over >= 4 and level + 1 < len(levels):
+            over, level = over / 4, level + 1
+        coarser = (over - 1) / 3 if level + 1 < len(levels) and over > 1 else 0.0
+        for number, part in ((level, 1 - coarser), (level + 1, coarser)):
+            if part > 0:
+                canvas = _Canvas(blades, levels[number][0], int(meshes.crossings[pair]), part, 0.5**number)
+                drawn = sum(_drawn(canvas, place[:, *each], values[:, *each].astype(float)) for each in corners)
+                light[pair] += drawn / (canvas.scale * px_per_mm)**2
+    return light
+
+
+def _laid_out(meshes, pair, centre_px, px_per_mm):
+    """Places x, y in pixels, (2, row, column), and values (quantity, row, column), light below 0 for lost rays."""
+    rays = meshes.rays[pair]
+    if meshes.mirrored:
+        left = rays[:, :, :0:-1].copy()
+        left[[0, 4, 6, 8]] *= -1
+        rays = np.concatenate([left, rays], axis=2)
+    cosine, sine = np.cos(meshes.azimuth_rad), np.sin(meshes.azimuth_rad)
+    turned = [np.stack([x * cosine - y * sine, x * sine + y * cosine]) for x, y in (rays[n:n + 2] for n in (0, 4, 6, 8))]
+    place = np.stack([centre_px[1] + turned[0][0] * px_per_mm, centre_px[0] - turned[0][1] * px_per_mm])
+    reached = (np.abs(place) < FARTHEST_PX).all(axis=0) & (rays[2] >= 0)
+    return place, np.concatenate([[np.where(reached, rays[2], -1), rays[3]], *turned[1:]]).astype(np.float32)
+
+
+def _triangles(values):
+    """Rows and columns of the corners of all triangles whose rays all reach the sensor: list of (rows, columns)."""
+    rows, columns = values.shape[1:]
+    triangles = []
+    for row in range(rows - 1):
+        for column in range(columns - 1):
+            a, b, c, d = ((row + down, column + right) for down in (0, 1) for right in (0, 1))
+            both = ((a, b, c), (d, b, c)) if 2 * column < columns - 1 else ((b, a, d), (c, a, d))
+            triangles += [tuple(np.transpose(each)) for each in both if all(values[0][at] >= 0 for at in each)]
+    return triangles
+
+
+def _irradiated(meshes, pair, blades, place, values, triangles, px_per_mm, frame_px):
+    """Turn light into irradiance, and return the lit area on the sensor in pixels."""
+    sums, lit = np.zeros((2, *values.shape[1:])), 0.0
+    for each in triangles:
+        area = abs(_twice_area(place[:, each[0], each[1]])) / 2 + LEAST_PX2
+        sums[:, each[0], each[1]] += [[values[0][each].sum() / 6.0 * meshes.cells_mm2[pair]], [area]]
+        x, y = place[:, each[0], each[1]]
+        limit, stop = values[1][each], values[2][each]**2 + values[3][each]**2
+        if np.any((limit < 1) & (stop < blades.reach**2) & (x > 0) & (x < frame_px[1]) & (y > 0) & (y < frame_px[0])):
+            lit += area
+    reached = sums[1] > 0
+    values[0][reached] = (sums[0][reached] / sums[1][reached]) * meshes.irradiance * px_per_mm**2
+    return lit
+
+
+def _twice_area(place):
+    (x0, x1, x2), (y0, y1, y2) = place
+    return (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
+
+
+def _drawn(canvas, place, values):
+    """Draw a triangle, (2, corner) and (quantity, corner), and return its light on the frame."""
+    sides = [np.hypot(*(place[:, (k + 1) % 3] - place[:, (k + 2) % 3])) for k in range(3)]
+    order = [(int(np.argmax(sides)) + 1 + k) % 3 for k in range(3)]
+    place, values = (place[:, order] + 0.5) * canvas.scale - 0.5 + RIM, values[:, order]
+    rows, columns = canvas.picture.shape
+    if not (place[0].min() < columns and place[0].max() >= 0 and place[1].min() < rows and place[1].max() >= 0):
+        return 0.0
+    longest = max(sides) * canvas.scale
+    per_px = longest / DIAGONAL if longest > 1 else 1 / DIAGONAL
+    changes = np.ptp(values[1:2 + 2 * canvas.crossings], axis=1)
+    per = per_px / np.maximum([changes[0], *changes[1:].reshape(-1, 2).max(axis=1)], 1e-9 * per_px)
+    narrow = abs(_twice_area(place)) < longest
+    return (_points if narrow else _pixels)(canvas, place, values, per, longest)
+
+
+def _open_part(canvas, values, per):
+    """The part of the light that nothing blocks, of values (quantity, ...)."""
+    distance = (1 - values[1]) * per[0]
+    margin, bend, slope = canvas.blades.shape
+    for number, (x, y) in enumerate(zip(values[2::2], values[3::2], strict=True)):
+        square, reach = x * x + y * y, canvas.blades.reach
+        if number < canvas.crossings:
+            edges = [(reach**2 - square) / (2 * reach), *(margin - bend * square - slope * (x * across + y * up)
+                                                          for across, up in canvas.blades.normals)]
+            distance = np.minimum(distance, np.min(edges, axis=0) * per[1 + number])
+    return np.clip(distance + 0.5, 0, 1)
+
+
+def _points(canvas, place, values, per, longest):
+    """A narrow triangle, whose longest side is from corner 0 to 1, as points along it."""
+    count = int(min(longest + 1, MOST_POINTS))
+    side = place[:, 1] - place[:, 0]
+    foot = np.clip((place[:, 2] - place[:, 0]) @ side / max(side @ side, 1e-30), 0, 1)
+    along = (np.arange(count) + 0.5) / count
+    height = np.minimum(along / max(foot, 1e-6), (1 - along) / max(1 - foot, 1e-6))
+    third = np.minimum(height, 1) / 2
+    weights = np.stack([1 - along + third * foot - third, along - third * foot, third])
+    light = (abs(_twice_area(place)) / 2 + LEAST_PX2 * canvas.scale**2) / height.sum() * height * canvas.part
+    light = light * (values @ weights)[0] * _open_part(canvas, values @ weights, per)
+    x, y = place @ weights
+    rows, columns = canvas.picture.shape
+    inside = (x >= 0) & (y >= 0) & (x < columns - 1) & (y < rows - 1)
+    x, y, light = x[inside], y[inside], light[inside]
+    column, row = x.astype(int), y.astype(int)
+    for down in (0, 1):
+        for right in (0, 1):
+            share = np.abs(1 - down - (y - row)) * np.abs(1 - right - (x - column))
+            np.add.at(canvas.picture, (row + down, column + right), (share * light).astype(np.float32))
+    return light.sum()
+
+
+def _pixels(canvas, place, values, per, _longest):
+    """The pixels whose middles are in a triangle."""
+    rows, columns = canvas.picture.shape
+    first, end = (int(np.ceil(np.clip(each, 0, rows))) for each in (place[1].min(), place[1].max()))
+    gradient = np.linalg.inv(np.stack([place[:, 1] - place[:, 0], place[:, 2] - place[:, 0]]))
+    rises = (values[:, 1:] - values[:, :1]) @ gradient.T
+    total = 0.0
+    for row in range(first, end):
+        ends = []
+        for a, b in ((0, 1), (1, 2), (2, 0)):
+            a, b = (a, b) if place[1, a] < place[1, b] else (b, a)
+            if place[1, a] <= row < place[1, b]:
+                ends.append(place[0, a] + (row - place[1, a]) * ((place[0, b] - place[0, a]) / (place[1, b] - place[1, a])))
+        left, right = (int(np.ceil(np.clip(each, 0, columns))) for each in (min(ends), max(ends)))
+        at = np.stack([np.arange(left, right) - place[0, 0], np.full(right - left, row - place[1, 0])])
+        here = values[:, :1] + rises @ at
+        light = here[0] * canvas.part * _open_part(canvas, here, per)
+        canvas.picture[row, left:right] += light.astype(np.float32)
+        if RIM <= row < rows - RIM:
+            total += light[max(0, RIM - left):max(0, columns - RIM - left)].sum()
+    return total
