@@ -1,10 +1,10 @@
 """Sources of stray light that a capture does not contain: lamps, glowing meshes and the world.
 
-An object that the camera shows is a source beyond the capture's edges only, because the picture contains the rest of
-it. An object that the camera does not show, as Blender's lamps by default, is a source wherever it is in front of the
-lens. Lamps that light only linked objects are none.
+The picture contains what the camera shows, so such an object is a source only beyond the capture's edges. An object
+that the camera does not show, as Blender's lamps by default, is a source wherever it is in front of the lens. Lamps
+with light linking are not, because they light their receivers only.
 
-Rays from several places in the entrance pupil find what is in the way. Glass and transparent surfaces let their share
+Rays from several places in the entrance pupil find obstacles. Glass and transparent surfaces let their share
 of the light pass, straight ahead.
 """
 

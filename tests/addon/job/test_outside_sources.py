@@ -16,9 +16,12 @@ from small_scenes import light, material, render, set_world, wall
 pytestmark = pytest.mark.one_blender
 
 
-def sources(scene, folder, **options):
-    result = render(scene, folder, spectral=SpectralOptions("preview"), depth="off", lens_quality="preview", **options)
-    return read_sources(result.radiance)
+QUICK = {"spectral": SpectralOptions("preview"), "depth": "off", "lens_quality": "preview",
+         "stray": StrayOptions("off")}
+
+
+def sources(scene, folder):
+    return read_sources(render(scene, folder, **QUICK).radiance)
 
 
 def lamp(scene, kind, place, watts=50.0, aim=(0, 0, 0), **properties):
@@ -61,8 +64,8 @@ def test_a_lamp_gives_the_irradiance_of_a_rendered_white_card(scene, tmp_path, k
     camera.location = 0.05 * beside
     camera.rotation_mode, camera.rotation_quaternion = "QUATERNION", beside.to_track_quat("Z", "Y")
     scene.cycles.max_bounces, scene.cycles.samples = 0, 256
-    picture = read_exr(render(scene, tmp_path / "card", spectral=SpectralOptions("reference"), depth="off",
-                              lens_quality="preview").radiance)
+    picture = read_exr(render(scene, tmp_path / "card",
+                              **QUICK | {"spectral": SpectralOptions("reference")}).radiance)
     row, column = (n // 2 for n in picture.cube.shape[1:])
     card_light = np.pi * picture.cube[:, row - 2:row + 2, column - 2:column + 2].mean(axis=(1, 2))
     np.testing.assert_allclose(source.irradiance.T @ (source.directions * (1, 1, -1) @ aimed), card_light, rtol=0.02)
@@ -98,15 +101,14 @@ def test_a_glowing_square_gives_its_radiance_times_its_solid_angle(scene, tmp_pa
 def render_in_view(scene, square, folder):
     place, turn = square.location.copy(), square.rotation_quaternion.copy()
     square.location, square.rotation_quaternion = (0, 0, -1), (1, 0, 0, 0)
-    path = render(scene, folder / "view", spectral=SpectralOptions("preview"), depth="off",
-                  lens_quality="preview").radiance
+    path = render(scene, folder / "view", **QUICK).radiance
     square.location, square.rotation_quaternion = place, turn
     return path
 
 
 def irradiance_inside(folder, scene):
     """Irradiance at the entrance pupil from the picture, at the first wavelength, and from outside."""
-    result = render(scene, folder, spectral=SpectralOptions("preview"), depth="off", lens_quality="preview")
+    result = render(scene, folder, **QUICK)
     inside, _ = picture_sources(read_exr(result.radiance), 1.0)
     return total(inside), total(read_sources(result.radiance))
 
@@ -219,8 +221,7 @@ def test_lamps_that_are_not_counted_are_reported(scene, tmp_path):
     linked = lamp(scene, "POINT", (-1, 0, -1.0))
     linked.light_linking.receiver_collection = bpy.data.collections.new("Receivers")
     negative = lamp(scene, "POINT", (-1, 1, -1.0), watts=-10.0)
-    result = render(scene, tmp_path, spectral=SpectralOptions("preview"), depth="off", lens_quality="preview",
-                    stray=StrayOptions("veil"))
+    result = render(scene, tmp_path, **QUICK | {"stray": StrayOptions("veil")})
     assert negative.data.energy == -10 and len(read_sources(result.radiance)) == 0
     lines = [line for line in result.report.scene.scene_remarks if "stray" in line]
     assert lines == ["no stray light from light 'Light': nodes compute their light",
