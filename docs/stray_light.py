@@ -16,7 +16,7 @@ from PIL import Image
 from lensfield.engine import Options, Report, Rings, SpectralImage, load_lens
 from lensfield.engine.depth.iris import Iris
 from lensfield.engine.pictures.preview import srgb_pixels, to_rec709
-from lensfield.engine.simulation.lens_image import StrayFacts, lens_image
+from lensfield.engine.simulation.lens_image import lens_image
 from lensfield.engine.stray.options import StrayOptions
 from lensfield.engine.stray.sources import Sources
 
@@ -73,7 +73,8 @@ def picture(name, coating, place, spectrum):
 def main(zoom, path):
     line = np.where(np.abs(NM - LAMP_NM) < 1, NM.size, 0).astype(float)
     rows = []
-    for name, coating, spectrum in (*((*each, np.ones(NM.size)) for each in (*LENSES, (zoom, "multi"))), (*LENSES[0], line)):
+    lenses = *((*each, np.ones(NM.size)) for each in (*LENSES, (zoom, "multi"))), (*LENSES[0], line)
+    for name, coating, spectrum in lenses:
         images = []
         for place in PLACES:
             image, report = picture(name, coating, place, spectrum)

@@ -84,13 +84,21 @@ def ghost_table(lens: Lens, angle_deg: float, iris: Iris | None = None, rows: in
     if word := no_ghosts(lens, nm):
         raise LensError(lens.name, "ghosts", "none", word)
     grid, source = _grid(lens), _source(angle_deg, nm)
-    found = ghosts(lens.prescription, source, grid, opening(iris, lens))
-    transmittance = np.array([lens.at_wavelength(one).transmittance for one in nm])
-    image_w = np.pi / 4 * np.prod(entrance_pupil_size_mm(lens)) * 1e-6 * transmittance.sum()
-    light = np.nansum(found.light, axis=(0, 2)) / image_w
+    found = _ghosts_of(lens, lens.prescription, source, grid, iris)
+    light = np.nansum(found.light, axis=(0, 2)) / _image_light_w(lens, nm)
     strongest = [index for index in np.argsort(-light, kind="stable")[:rows] if light[index]]
     table = [_row(lens, found.pairs[index], float(light[index]), source, grid, iris) for index in strongest]
     return table, float(light.sum()), found.irradiance.mean(axis=0)
+
+
+def _ghosts_of(lens, prescription, source, grid, iris):
+    return ghosts(prescription, source, grid, opening(iris, lens))
+
+
+def _image_light_w(lens, wavelengths_nm):
+    """Light through the entrance pupil to the image of a source of unit irradiance on the axis, of all wavelengths."""
+    pupil_m2 = np.pi / 4 * np.prod(entrance_pupil_size_mm(lens)) * 1e-6
+    return pupil_m2 * sum(lens.at_wavelength(nm).transmittance for nm in wavelengths_nm)
 
 
 def _grid(lens):
@@ -106,10 +114,10 @@ def _source(angle_deg, wavelengths_nm):
 
 def _row(lens, pair, share, source, grid, iris):
     """A ghost's row. Its place is that of the only ghost of the lens if all other surfaces reflect nothing."""
-    names = system_of(lens.prescription).prescription.surface_coatings
-    surfaces = tuple(replace(surface, coating=name if number in pair else IDEAL) for number, (surface, name) in
-                     enumerate(zip(lens.prescription.surfaces, names, strict=True), 1))
-    only = ghosts(replace(lens.prescription, surfaces=surfaces), source, grid, opening(iris, lens))
+    coated = zip(lens.prescription.surfaces, lens.prescription.surface_coatings, strict=True)
+    surfaces = tuple(replace(surface, coating=coating if number in pair else IDEAL)
+                     for number, (surface, coating) in enumerate(coated, 1))
+    only = _ghosts_of(lens, replace(lens.prescription, surfaces=surfaces), source, grid, iris)
     plane = only.irradiance.sum(axis=0, dtype=np.float64)
     x_mm, y_mm = grid.position_mm(*np.indices(plane.shape))
     total = max(plane.sum(), np.finfo(float).tiny)
@@ -163,7 +171,8 @@ def _draw_lens(panel, system):
     vertices_mm = np.cumsum([0.0, *(surface.thickness_mm for surface in system.prescription.surfaces)])[:-1]
     low = panel.get_ylim()[0]
     for number, z_mm in enumerate(vertices_mm, 1):
-        panel.text(z_mm, low, str(number), fontsize=SMALL, color=PALE_INK, ha="center", va="bottom" if number % 2 else "top")
+        panel.text(z_mm, low, str(number), fontsize=SMALL, color=PALE_INK, ha="center",
+                   va="bottom" if number % 2 else "top")  # they may be close to one another
 
 
 def _draw_picture(panel, picture, lens, table):

@@ -1,14 +1,18 @@
 """The lens image with its stray light, on a frame that is neither square nor centred."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from lenses import make_lens
-from lensfield.engine import ImageError, InputError, Options, Report, SpectralImage, simulate
+from lensfield.engine import ImageError, InputError, LensError, Options, Report, SpectralImage, simulate
+from lensfield.engine.inspection.ghost_sheet import ghost_table
 from lensfield.engine.pictures.spectral_exr import read_exr, read_parts, read_stray, read_with_layers, write_exr
 from lensfield.engine.runtime import scratch
 from lensfield.engine.simulation.lens_image import StrayFacts, lens_image
 from lensfield.engine.stray.options import StrayOptions
+from varied_lenses import varied_lens
 
 NM = [450.0, 550.0, 650.0]
 OPTIONS = Options(accuracy=0.02)
@@ -97,3 +101,40 @@ def test_stray_light_of_large_pictures_is_in_a_file_like_the_irradiance(tmp_path
 def test_invalid_options_are_one_line(given, message):
     with pytest.raises(InputError, match=message):
         StrayOptions(**given)
+
+
+def lamp(lens):
+    cube = np.full((3, 40, 60), 0.01)
+    cube[:, 8:10, 44:46] = 1e4
+    return SpectralImage(cube, NM, pitch_um=lens.sensor_mm[0] / 60 * 1e3, focal_mm=lens.capture_focal_length_mm)
+
+
+def test_lamps_have_ghosts_by_the_lenss_own_surfaces():
+    """Six bare surfaces of indices of about 1.62 reflect 5.6 % each, and 15 pairs less than 0.056^2 each."""
+    lens, report = varied_lens("cooke-triplet-50mm"), Report()
+    image, stray = lens_image(lamp(lens), lens, OPTIONS, StrayOptions("ghosts"), report=report)
+    facts = report.parts.of(StrayFacts)
+    assert 0.002 < facts.shares["ghosts"] < 15 * 0.06**2 and facts.sources >= 1
+    assert {surface for first, second, _ in facts.pairs for surface in (first, second)} <= set(range(1, 8))
+    assert facts.neglected < 0.02 * facts.shares["ghosts"] and np.all(stray.cube <= image.cube * 1.001)
+    _, without = lens_image(lamp(lens), lens, OPTIONS, StrayOptions("star"))
+    assert without.cube.sum() < stray.cube.sum()
+
+
+def test_lenses_without_ghosts_are_reported_with_the_remedy():
+    ideal = varied_lens("cooke-triplet-50mm")
+    ideal = replace(ideal, prescription=ideal.prescription.coated("ideal"))
+    for lens, remedy in ((make_lens(), "use a prescription"), (ideal, "--coating")):
+        report = Report()
+        _, stray = lens_image(lamp(lens), lens, OPTIONS, StrayOptions("ghosts"), report=report)
+        assert stray is None and any(remedy in line for line in report.remarks())
+
+
+def test_the_table_of_ghosts_is_for_the_same_surfaces_and_light():
+    lens = varied_lens("cooke-triplet-50mm")
+    table, total, picture = ghost_table(lens, 10.0)
+    assert 0.003 < total < 15 * 0.06**2 and 0.8 * total < sum(row.share for row in table) <= total * 1.001
+    assert table == sorted(table, key=lambda row: -row.share) and picture.shape == (240, 360)
+    assert all(abs(row.x_mm) < 0.05 * row.radius_mm for row in table), "the source is above the axis"
+    with pytest.raises(LensError, match="use a prescription"):
+        ghost_table(make_lens(), 10.0)
