@@ -120,7 +120,7 @@ class Veil:
 
 def veil_of(lens: Lens, cleanliness: str) -> Veil:
     """The veil of a lens of one of `CLEANLINESS`. Without a prescription, it has typical surfaces in its pupil."""
-    state, nm = CLEANLINESS[cleanliness], lens.reference_wavelength_nm
+    state, nm = CLEANLINESS[cleanliness], float(lens.nearest_nm(lens.reference_wavelength_nm))
     steps, levers_mm = _surfaces(lens)
     lobes = [Lobe((2 * np.pi * step * state.roughness_nm / nm) ** 2, -2.0, lever_mm, ROUGH_KNEE, ROUGH_SLOPE)
              for step, lever_mm in zip(steps, levers_mm, strict=True)]
