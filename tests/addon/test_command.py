@@ -253,7 +253,7 @@ def test_another_lens_can_be_applied_to_a_saved_picture(blend, tmp_path):
                           "--glare-index", 4, "--report", tmp_path / "report.json")
     assert completed.returncode == 0 and "takes a sensor of 18.3 x 13.7 mm" in completed.stdout, completed.stderr
     report = json.loads((tmp_path / "report.json").read_text())
-    assert report["radiance"] == str(radiance) and 0.01 < report["stray_light"]["shares"]["veil"] < 0.06
+    assert report["radiance"] == str(radiance) and 0.03 < report["stray_light"]["shares"]["veil"] < 0.2
     listed = {line for line in completed.stdout.splitlines() if line.startswith(str(tmp_path))}
     assert listed == {str(path) for path in (tmp_path / "out").iterdir()}, "no raw file without a camera"
     assert read_exr(tmp_path / "out" / "Scene_0001_irradiance.exr").lens_name == "nikkor-28mm"

@@ -12,6 +12,7 @@ from lensfield.addon.job import refilter
 from lensfield.engine import ImageError, InputError, Options, load_lens
 from lensfield.engine.pictures.spectral_exr import read_exr, read_parts, read_with_planes, write_exr
 from lensfield.engine.runtime import scratch
+from lensfield.engine.stray.options import StrayOptions
 from noise import assert_means
 from small_scenes import WAVELENGTHS_NM, material, wall
 
@@ -97,11 +98,12 @@ def test_reapplying_the_lens_of_the_render_gives_the_same_files(window, tmp_path
 
 
 def test_a_picture_too_large_for_memory_gives_the_same_files(window, tmp_path, monkeypatch):
-    original, folders, in_file = rendered(window, tmp_path, "edmund-54852", depth="off"), [], scratch._in_file
+    options = {"depth": "off", "stray": StrayOptions("veil")}
+    original, folders, in_file = rendered(window, tmp_path, "edmund-54852", **options), [], scratch._in_file
     monkeypatch.setattr(scratch, "_in_file", lambda shape, folder: folders.append(folder) or in_file(shape, folder))
     monkeypatch.setattr(scratch, "available_bytes", lambda: 0)
-    applied = apply_lens(original.radiance, "edmund-54852", tmp_path / "applied", depth="off")
-    assert folders == [tmp_path / "applied"] * 2  # radiance and irradiance
+    applied = apply_lens(original.radiance, "edmund-54852", tmp_path / "applied", **options)
+    assert folders == [tmp_path / "applied"] * 3  # radiance, stray light and irradiance
     for first, second in zip(original.files, applied.files, strict=True):
         assert first.suffix == ".json" or first.read_bytes() == second.read_bytes()  # reports contain seconds
 

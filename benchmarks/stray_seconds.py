@@ -1,6 +1,6 @@
 """Processor seconds of stray light: ten lamps in a 1080p picture of 12 wavelengths.
 
-    python benchmarks/stray_figures.py [LENS]
+    python benchmarks/stray_seconds.py [LENS]
 """
 
 import sys
