@@ -81,7 +81,8 @@ def costs(lens) -> str:
     for iris in (Iris(6, 10.0), Iris(6, 10.0, 0.2)):
         add_stars(stray, lens, opening_within(iris, np.inf), FULL_HD, light)
         started.append(time.process_time())
-    return "arriving light {:.2f} s, veil {:.2f} s, stars {:.2f} s, of rounded blades {:.2f} s".format(*np.diff(started))
+    parts = zip(("arriving light", "veil", "stars", "stars of rounded blades"), np.diff(started), strict=True)
+    return ", ".join(f"{part} {seconds:.2f} s" for part, seconds in parts)
 
 
 if __name__ == "__main__":

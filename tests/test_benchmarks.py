@@ -57,3 +57,10 @@ def test_detail_makes_in_focus_light_as_sharp_as_the_lens():
                                                       printed.splitlines()[-1].split()[2:])
     assert lamps > 0.2 and mtf > 0.1
     assert sharper_lamps < 0.1 and sharper_mtf < 0.03 and rim < 1.0
+
+
+def test_stars_have_a_spike_for_each_direction_of_the_blades():
+    printed = json_output("-c", "import veil_figures as figures; from lensfield.engine import load_lens\n"
+                                "lens = load_lens('edmund-54852')\n"
+                                "print([int(figures.star_line(lens, iris).split()[4]) for iris in figures.IRISES[:3]])")
+    assert printed == [0, 10, 6]

@@ -70,7 +70,7 @@ def arrivals(radiance: SpectralImage, lens: Lens, beyond: Sources | None = None)
         parts = [np.concatenate(pair, axis=1) for pair in zip(parts, sources, strict=True)]
         radius_px = np.append(radius_px, beyond.radius_rad * lens.capture_focal_length_mm / (grid.pitch_um * 1e-3))
     x_mm, y_mm, light = np.stack(parts, axis=1)
-    return Arrivals(nm, x_mm, y_mm, light, radius_px, tuple(map(len, starts)))
+    return Arrivals(nm, x_mm, y_mm, light, radius_px, (starts[0].size, starts[1].size))
 
 
 def _sums(plane, starts):
@@ -127,7 +127,7 @@ def _of_sources(lens, wavelength_nm, sources: Sources, irradiance, grid: PixelGr
     ideal_mm = focal_mm * np.stack([right / lens.squeeze, up]) / np.maximum(towards, LEAST_COSINE)
     known_mm = ideal_mm * np.minimum(1, fields.extent_mm / np.maximum(np.hypot(*ideal_mm), np.finfo(float).tiny))
     cosine = 1 / np.sqrt(1 + np.sum(np.square(known_mm / focal_mm * [[lens.squeeze], [1]]), axis=0))
-    growth = _growth(field.landing_mm, *known_mm, STEP * focal_mm)
+    growth = _growth(field.landing_mm, known_mm[0], known_mm[1], STEP * focal_mm)
     area = focal_mm**2 / lens.squeeze / cosine**4 * growth / (grid.pitch_um * 1e-3) ** 2
     return _landed(lens, field, ideal_mm, irradiance * np.maximum(towards, 0) * area)
 

@@ -116,9 +116,9 @@ def spread_in_cells(frame: PixelGrid, light: Arrivals, share: np.ndarray, spread
     inside = tuple(slice(margin, margin + n) for n, margin in zip(shape, margins, strict=True))
     result = np.empty((len(light.light), *shape))
     for index, each in enumerate(light.light * share):
-        places = frame.index_of(light.x_mm[index], light.y_mm[index])
-        plane = _shared_out(each, *((at + 0.5) / CELL_PX + margin
-                                    for at, margin in zip(places, margins, strict=True)), wide)
+        rows, columns = ((at + 0.5) / CELL_PX + margin for at, margin in zip(
+            frame.index_of(light.x_mm[index], light.y_mm[index]), margins, strict=True))
+        plane = _shared_out(each, rows, columns, wide)
         result[index] = scipy.fft.irfft2(scipy.fft.rfft2(plane, size) * transformed, size)[inside]
     return np.maximum(result, 0)
 

@@ -14,6 +14,7 @@ from itertools import groupby
 from typing import Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..field.field_map import field_map
 from ..field.mirror_symmetry import Planes
@@ -108,10 +109,10 @@ class Veil:
     lobes: tuple[Lobe, ...]
     reference_nm: float
 
-    def share(self, wavelengths_nm: np.ndarray) -> np.ndarray:
+    def share(self, wavelengths_nm: ArrayLike) -> np.ndarray:
         """The share of a point's light that is scattered, and that its image therefore loses: array (wavelength,)."""
         relative = np.asarray(wavelengths_nm) / self.reference_nm
-        return sum(lobe.share * relative**lobe.power for lobe in self.lobes)
+        return np.sum([lobe.share * relative**lobe.power for lobe in self.lobes], axis=0)
 
     def scaled(self, factor: float) -> Self:
         """A veil of so many times the light."""
@@ -217,7 +218,7 @@ def add_veil(cube: np.ndarray, frame: PixelGrid, light: Arrivals, veil: Veil) ->
         `Veil.share`, by which the lens image must be dimmed.
     """
     shares, pitch_mm = veil.share(light.wavelengths_nm), frame.pitch_um * 1e-3
-    corners = 0.0
+    corners = np.zeros(())
     for power, lobes in groupby(veil.lobes, lambda lobe: lobe.power):
         same = list(lobes)
 
@@ -226,7 +227,7 @@ def add_veil(cube: np.ndarray, frame: PixelGrid, light: Arrivals, veil: Veil) ->
             return pitch_mm**2 * sum(lobe.spread(distance_mm) for lobe in same)
 
         relative = (light.wavelengths_nm / veil.reference_nm) ** power
-        corners = sum((spreading(frame, light, relative[:, None], spread)
-                       for spreading in (spread_in_cells, spread_from_afar)), corners)
+        for spreading in (spread_in_cells, spread_from_afar):
+            corners = corners + spreading(frame, light, relative[:, None], spread)
     Cells(frame.shape_px).add_corners(cube, corners)
     return shares

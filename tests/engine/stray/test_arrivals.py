@@ -45,9 +45,9 @@ def test_light_and_places_are_those_of_the_lens_image(make, projection):
     np.testing.assert_allclose(light.light.sum(axis=1), frame.sum(axis=(1, 2)), rtol=2e-3)
     x_mm, y_mm = image.grid.axes_mm()
     for weights, places_mm, axis_mm in ((frame.sum(axis=1), light.x_mm, x_mm), (frame.sum(axis=2), light.y_mm, y_mm)):
-        found_mm = (light.light * places_mm).sum(axis=1) / light.light.sum(axis=1)
+        middle_mm = (light.light * places_mm).sum(axis=1) / light.light.sum(axis=1)
         expected_mm = (weights * axis_mm).sum(axis=1) / weights.sum(axis=1)
-        np.testing.assert_allclose(found_mm, expected_mm, atol=0.02 * GRID.pitch_um * 1e-3)
+        np.testing.assert_allclose(middle_mm, expected_mm, atol=0.02 * GRID.pitch_um * 1e-3)
 
 
 @pytest.mark.parametrize("make", [distorted_lens, grid_lens])
@@ -71,7 +71,7 @@ def test_a_source_arrives_like_a_pixel(make):
 def test_a_source_behind_the_camera_is_dark_and_one_beyond_the_field_as_dim_as_its_pupil():
     lens = make_lens(**INFINITY)
     directions = np.array([[0.6, 0, -0.8], [np.sin(1.2), 0, np.cos(1.2)], [0, 0, 1]])
-    sources = Sources(directions, np.full(3, np.inf), np.ones((3, 2)), NM, np.zeros(3), ("behind", "beside", "ahead"))
+    sources = Sources(directions, np.full(3, np.inf), np.ones((3, 2)), NM, np.zeros(3), ("behind", "sideways", "ahead"))
     light = arrivals(SpectralImage(np.zeros((2, *GRID.shape_px)), NM, GRID), lens, sources).light[:, -3:]
     pupil_px = np.pi / 4 * (FOCAL_MM / 2 / 0.02) ** 2
     np.testing.assert_allclose(light[:, 2], pupil_px, rtol=1e-6)

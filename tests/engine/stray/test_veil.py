@@ -101,7 +101,7 @@ def test_scattered_light_is_what_images_lose_and_falls_around_them():
 
 
 def test_a_veil_is_the_sum_over_all_light():
-    """Without cells and transforms; light of the overscan counts, and that of sources beyond it."""
+    """Without cells and transforms; the overscan and sources beyond it count."""
     rng = np.random.default_rng(3)
     radiance = np.zeros(GRID.shape_px)
     for row, column in zip(rng.integers(0, 60, 12), rng.integers(0, 210, 12), strict=True):
