@@ -22,6 +22,7 @@ from ..image.pixel_grid import PixelGrid
 from ..image.spectral_image import SpectralImage
 from ..lens import Lens
 from ..rays.focus import build_system
+from ..runtime.errors import InputError
 from ..runtime.memory import MemoryBudget
 from .arrivals import Arrivals, arrivals
 from .cells import Cells, spread_from_afar, spread_in_cells
@@ -143,12 +144,22 @@ def _surfaces(lens):
 
 
 def veil_with_index(lens: Lens, frame: PixelGrid, cleanliness: str, index: float) -> Veil:
-    """The veil of a lens with this glare index on a sensor's frame, distributed as that of a cleanliness."""
+    """The veil of a lens with this glare index on a sensor's frame, distributed as that of a cleanliness.
+
+    Raises
+    ------
+    InputError
+        More than all light would be scattered.
+    """
     veil = veil_of(lens, cleanliness)
     clean, scattered = _photographed(lens, frame, veil)
     white, trap = _patches(clean.shape)
     lost = float(veil.share(veil.reference_nm)) * clean[white].mean() - scattered[white].mean()
-    return veil.scaled(index * clean[white].mean() / (scattered[trap].mean() + index * lost))
+    veil = veil.scaled(index * clean[white].mean() / (scattered[trap].mean() + index * lost))
+    if not veil.share(lens.wavelengths_nm).max() < 1:
+        raise InputError("stray light", "glare index", f"{index:.3g}",
+                         f"more than all light would be scattered by the {cleanliness} {lens.name}: reduce it")
+    return veil
 
 
 def glare_index(lens: Lens, frame: PixelGrid, veil: Veil) -> float:

@@ -7,6 +7,7 @@ from lenses import make_lens, tinted
 from lensfield.engine import simulate
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.image.spectral_image import SpectralImage
+from lensfield.engine.runtime.errors import InputError
 from lensfield.engine.stray.arrivals import arrivals
 from lensfield.engine.stray.sources import Sources
 from lensfield.engine.stray.veil import (
@@ -69,6 +70,11 @@ def test_dirt_scatters_more_and_polish_most_at_short_wavelengths(name):
     rough = Veil(tuple(lobe for lobe in new.lobes if lobe.power), new.reference_nm)
     np.testing.assert_allclose(rough.share(NM) * NM**2, rough.share(NM[1]) * NM[1]**2)
     assert 1e-4 < rough.share(550.0) < 2e-3  # 1 nm: some 1e-4 per surface of glass
+
+
+def test_no_lens_scatters_more_than_all_light():
+    with pytest.raises(InputError, match="glare index.*more than all light"):
+        veil_with_index(wide_lens(), PixelGrid((160, 240), 150.0), "dusty", 5.0)
 
 
 def test_polished_surfaces_scatter_by_their_step_of_the_index():
