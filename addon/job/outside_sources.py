@@ -4,8 +4,8 @@ The picture contains what the camera shows, so such an object is a source only b
 that the camera does not show, as Blender's lamps by default, is a source wherever it is in front of the lens. Lamps
 with light linking are not, because they light their receivers only.
 
-Rays from several places in the entrance pupil find obstacles. Glass and transparent surfaces let their share
-of the light pass, straight ahead.
+Rays from several places in the entrance pupil find obstacles. Glass and transparent surfaces let their share of the
+light pass, straight ahead.
 """
 
 from dataclasses import dataclass, replace
@@ -30,6 +30,7 @@ from .unlayered import material_of
 MOST_OUTSIDE = 256
 MOST_PARTS, PART_RAD = 64, 0.03  # of one emitter
 MOST_RAYS, MANY_OBJECTS = 4096, 256  # in larger scenes, where each ray takes longer, fewer in proportion
+PUPIL_STEP = 7  # between the places of consecutive rays: patches and places follow the same spiral
 MOST_SURFACES = 8  # that one ray may pass
 NEARLY = 1 - 1e-4  # of the distance to a patch: its own surface is not in the way
 MOST_NAMED = 3
@@ -188,7 +189,7 @@ def _mesh(instance, emission_of, sight, computed, not_mesh):
 
 
 class _Sight(View):
-    """What light in front of a lens reaches its entrance pupil.
+    """The light in front of a lens that reaches its entrance pupil.
 
     Parameters
     ----------
@@ -223,18 +224,19 @@ class _Sight(View):
         patches, towards = part.patches, self._towards(part.patches.vectors)
         light = np.cumsum(patches.irradiance)
         aimed = np.searchsorted(light, light[-1] * (np.arange(rays) + 0.5) / rays)
-        passed = np.array([self._reaches(patches.vectors[index], patches.far, self._pupil[ray % LAMP_PATCHES])
-                           for ray, index in enumerate(aimed)])
+        passed = np.array([self._reaches(patches.vectors[index], patches.far, ray) for ray, index in enumerate(aimed)])
         if not passed.any():
             return None
         middle = np.average(towards, axis=0, weights=patches.irradiance)
-        middle += np.average(towards[aimed], axis=0, weights=passed) - towards[aimed].mean(axis=0)  # of what passes
+        extent_sr = np.average(2 * np.pi * np.square(towards - middle).sum(axis=1) + patches.sr,
+                               weights=patches.irradiance)
+        middle += np.average(towards[aimed], axis=0, weights=passed) - towards[aimed].mean(axis=0)
         distance = np.inf if patches.far else np.average(np.linalg.norm(patches.vectors, axis=1)[aimed], weights=passed)
         irradiance = patches.irradiance @ (part.spectrum if part.spectrum.ndim > 1 else
                                            np.broadcast_to(part.spectrum, (len(light), part.spectrum.size)))
         return Sources((middle / np.linalg.norm(middle))[None], np.array([distance * self._unit_mm]),
                        passed.mean() * irradiance[None], np.asarray(wavelengths_nm, float),
-                       np.array([np.sqrt(patches.sr.sum() / np.pi)]), (part.name,))
+                       np.array([np.sqrt(extent_sr / np.pi)]), (part.name,))
 
     def is_cut(self, triangles):
         """Whether the capture contains some of the corners of triangles, given as vectors from the camera."""
@@ -246,8 +248,9 @@ class _Sight(View):
         towards = vectors @ self.axes.T
         return towards / np.maximum(np.linalg.norm(towards, axis=-1, keepdims=True), np.finfo(float).tiny)
 
-    def _reaches(self, vector, far, start):
-        """The share of a patch's light that reaches a place in the pupil."""
+    def _reaches(self, vector, far, ray):
+        """The share of a patch's light that reaches one of the places in the pupil."""
+        start = self._pupil[ray * PUPIL_STEP % LAMP_PATCHES]
         direction = Vector(vector if far else vector - start)
         left, share = np.inf if far else direction.length * NEARLY, 1.0
         direction.normalize()

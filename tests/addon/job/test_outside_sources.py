@@ -96,6 +96,7 @@ def test_a_glowing_square_gives_its_radiance_times_its_solid_angle(scene, tmp_pa
     sr = 4 * np.arctan2(half**2, np.sqrt(1 + 2 * half**2))
     np.testing.assert_allclose(found.irradiance.sum(axis=0), sr * radiance, rtol=5e-3)
     np.testing.assert_allclose(found.distance_mm, 1000 * distance, rtol=5e-3)
+    np.testing.assert_allclose(np.pi * np.square(found.radius_rad).sum(), sr, rtol=0.3)
 
 
 def render_in_view(scene, square, folder):
