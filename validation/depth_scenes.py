@@ -7,7 +7,7 @@ from depth_room import FOCUS_M, add_box, add_mesh, chequer, discs, facing, mater
 
 FLOOR_BEGINS_M, FLOOR_ENDS_M = 0.8, 40.0
 LAMPS_M = 0.7, 4.5, 25.0
-LAMP_PX = 3.0  # across: small compared with its blur
+LAMP_PX = 3.0  # wide: small compared with its blur, but the look at depth does not miss it
 
 
 def floor_scene(lens):
@@ -48,7 +48,7 @@ def lamp_scene(lens, pitch_mm, distance_m):
     width_mm, height_mm = lens.sensor_mm
     places_mm = np.array([(0, 0), (0.25 * width_mm, 0), (-0.2 * width_mm, 0.25 * height_mm)])
     metres = places_mm * (lens.squeeze, 1) / lens.capture_focal_length_mm * distance_m
-    radius_m = LAMP_PX / 2 * pitch_mm / lens.capture_focal_length_mm * distance_m
+    radius_m = LAMP_PX / 2 * lens.squeeze * pitch_mm / lens.capture_focal_length_mm * distance_m
     lamps = discs(scene, "Lamps", [(x, y, distance_m) for x, y in metres], radius_m, (1, 1, 1), 1.0, corners=32)
     lamps.active_material.lensfield.emission = truth_scenes.GREY
     return scene, places_mm

@@ -203,7 +203,8 @@ def lamp_figures(bench):
                  for place in ideal_mm]
         away = max(np.hypot(*(ours[:2] - true[:2])) for ours, true in spots) / width_px
         wider = max(abs(ours[2] / true[2] - 1) for ours, true in spots)
-        first = np.sqrt((width_px**2 + LAMP_PX**2) * (1 + bench.lens.squeeze**-2) / 16 + 1 / 6)
+        squeeze = bench.lens.squeeze
+        first = np.sqrt((width_px**2 + (squeeze * LAMP_PX)**2) * (1 + squeeze**-2) / 16 + 1 / 6)
         where = f"lamps {distance_m:g} m away, {width_px:.1f} px wide"
         yield Figure(f"{where}: difference of centroids, over the width", away, 0.02)
         yield Figure(f"{where}: difference of RMS radii", wider, 0.02)
