@@ -181,11 +181,14 @@ def _sheet_path(options, ending=""):
 
 
 def _plot_ghosts(options):
-    from ..engine.inspection.ghost_sheet import write_ghost_sheet
+    from ..engine.inspection.ghost_sheet import ghost_lines, write_ghost_sheet
+    from ..engine.stray.ghost_table import ghost_table
 
     check_limits("--ghosts", options.ghosts, (0, MOST_ANGLE_DEG))
-    path = _sheet_path(options, "_ghosts")
-    print(*write_ghost_sheet(chosen_lens(options), path, options.ghosts, shown_iris(options)), path, sep="\n")
+    path, lens = _sheet_path(options, "_ghosts"), chosen_lens(options)
+    table = ghost_table(lens, options.ghosts, shown_iris(options))
+    write_ghost_sheet(lens, table, path)
+    print(*ghost_lines(table), path, sep="\n")
 
 
 def _frequencies(text):
