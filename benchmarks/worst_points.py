@@ -91,9 +91,9 @@ def _around_nodes(lens, width_px):
     for place_mm in product(*(axis_mm[1:-1:EACH_NODE] for axis_mm in (lens.x_mm, lens.y_mm))):
         grid = around.shifted(*np.divide(place_mm, pitch_um * 1e-3))
         even = SpectralImage(np.ones((len(WAVELENGTHS_NM), *grid.shape_px)), WAVELENGTHS_NM, grid)
-        plain, fine = (simulate(even, lens, Options(method="pixels", psf_energy=plan.psf_energy, supersampling=times)
+        coarse, fine = (simulate(even, lens, Options(method="pixels", psf_energy=plan.psf_energy, supersampling=times)
                                 ).cube for times in (1, FINER))
-        worst = max(worst, np.abs(plain / fine - 1).max())
+        worst = max(worst, np.abs(coarse / fine - 1).max())
     return plan.uniform_light_error, float(worst)
 
 

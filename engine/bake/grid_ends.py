@@ -1,4 +1,4 @@
-"""The ends of a grid on the sensor: as far as the pictures reach, in coarse steps, up to the image circle."""
+"""The ends of a grid on the sensor: up to the frame of the pictures, in coarse steps, within the image circle."""
 
 import numpy as np
 

@@ -141,7 +141,7 @@ class TableLayout(Protocol):
     @property
     def sample_um(self) -> float: ...
 
-    def own_counts(self, pixels: float) -> dict[str, float]:
+    def extra_counts(self, pixels: float) -> dict[str, float]:
         """Amounts of the kinds of work that only such lens data require, for a plane of this many pixels: a dict with
         names of `cost.NANOSECONDS`."""
 

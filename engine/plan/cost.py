@@ -93,7 +93,7 @@ def counts(work: Workload, plan: Plan) -> dict[str, float]:
               "window sample": psfs * work.window_samples * (1 + (work.tables if tabulated else 0)),
               "table sample": turned * work.samples, "table tap": nodes * work.taps,
               "table pixel": turned * psfs * (2 * work.psf_radius_px) ** 2,
-              **work.layout.own_counts(work.pixels / work.planes.count)}
+              **work.layout.extra_counts(work.pixels / work.planes.count)}
     method_counts = plan.method.counts(work)
     slowness = DOUBLE_SLOWNESS if plan.single_range == 0 else 1.0
     return common | {name: count * (slowness if name in OF_SPECTRA else 1.0) for name, count in method_counts.items()}

@@ -37,7 +37,7 @@ class GridLayout:
         return cls(lens, lens.y_mm.size * lens.x_mm.size, lens.psf.shape[-1] * lens.psf_pitch_um,
                    lens.psf_pitch_um / refinement(lens.psf_pitch_um, pitch_um))
 
-    def own_counts(self, pixels: float) -> dict[str, float]:
+    def extra_counts(self, pixels: float) -> dict[str, float]:
         """See `TableLayout`."""
         return {"grid node": self.psfs, "grid pixel": pixels}
 

@@ -40,7 +40,7 @@ class RadialLayout:
         return cls(heights, height_um / pitch_um, lens.psf.shape[-1] * lens.psf_pitch_um,
                    lens.psf_pitch_um / refinement(lens.psf_pitch_um, pitch_um), lens.mirror_symmetric)
 
-    def own_counts(self, pixels: float) -> dict[str, float]:
+    def extra_counts(self, pixels: float) -> dict[str, float]:
         """See `TableLayout`."""
         return {}
 

@@ -267,7 +267,7 @@ def test_the_sensor_of_an_anamorphic_lens_is_not_turned(anamorphic):
     assert grid_ends_mm(anamorphic, (-3.0, -4.5, 3.0, 4.5)) == grid_ends_mm(anamorphic) == ((0, 4.68), (0, 6.24))
 
 
-def test_a_shifted_frame_reads_nodes_of_its_own(triplet, radial_on_grid):
+def test_the_nodes_of_a_shifted_frame_have_the_psfs_of_their_places(triplet, radial_on_grid):
     """Of a radial lens above the sensor: those of the same distance from the axis on the right, turned."""
     shifted = on_grid(triplet, edges_mm=(-18.0, -9.0, 18.0, 15.0))
     assert shifted.mirrored == (True, True) and shifted.x_mm[-1] == radial_on_grid.x_mm[-1]
