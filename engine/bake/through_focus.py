@@ -283,7 +283,7 @@ def _chief_crossings_mm(rays, wavelength, places_mm, depth_mm):
     chief = rays.rays(wavelength, places_mm, np.zeros((2, 1)))
     if chief.direction[2].min() < np.cos(STEEPEST):
         raise InputError("options", "height", _distance(places_mm[:, 0]), "its rays arrive from the side, where points "
-                                                                        "have no depth: set a height closer to the axis")
+                         "have no depth: set a height closer to the axis")
     return _crossing_mm(chief, depth_mm)
 
 

@@ -98,7 +98,7 @@ def farthest_corner_mm(lens: Lens, shift_mm: tuple[float, float]) -> float:
 
 
 def common_values(lens: Lens, f_number: float, iris: Iris | None, shift_mm: tuple[float, float]) -> dict[str, Any]:
-    """The fields of CompositorLens without the bokeh, whose side is that of the stop's image in the picture's height."""
+    """The fields of CompositorLens except the bokeh; `bokeh_mm` is for the picture's height."""
     focal_mm, farthest_mm = lens.capture_focal_length_mm, farthest_corner_mm(lens, shift_mm)
     bokeh_mm = entrance_pupil_diameter_mm(lens) * opening(iris, lens).reach * focal_mm * f_number / farthest_mm
     sensor, shift = ((across_mm / farthest_mm, up_mm / farthest_mm) for across_mm, up_mm in (lens.sensor_mm, shift_mm))

@@ -379,7 +379,7 @@ def opens_as_f12():
 
 
 def live():
-    """The live view through thirteen lenses, from fisheye to anamorphic, and a tilted one, agrees with the engine in the
+    """The live view through thirteen lenses, from fisheye to anamorphic, and a tilted one agrees with the engine in the
     places of three colours, in illumination, and in the discs of blurred points; switched off, it leaves Blender's own
     view."""
     yield from live_figures.make_scene()
