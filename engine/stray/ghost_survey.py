@@ -168,5 +168,7 @@ def _speed_mm(lens, coated, beam, pairs, limits_mm, rays):
 def _tilted(beam, axis):
     """The beam of a source that is moved along an axis of the cross section."""
     along = beam.axes[2] + TILT_RAD * beam.axes[axis]
-    source_mm = beam.source_mm - TILT_RAD * beam.distance_mm * beam.axes[axis]
+    source_mm = beam.source_mm
+    if np.isfinite(beam.distance_mm):
+        source_mm = source_mm - TILT_RAD * beam.distance_mm * beam.axes[axis]
     return Beam(np.stack([*beam.axes[:2], along]), source_mm, beam.distance_mm)

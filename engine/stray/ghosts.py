@@ -26,7 +26,7 @@ from .sources import Sources
 SHARE = 0.01
 RAYS = 21  # across, and up
 PIXELS, LEAST_PIXELS, MOST_PIXELS = 6000.0, 1500.0, 300000.0
-SMALLEST_LEVEL_PX = 24
+SMALLEST_LEVEL_PX = 6  # the height of the coarsest level
 OF_DIAMETER = 0.433  # pixels of this part of a disc's diameter blur as it does: they have its variance
 SQUARE_M = 1e-6  # a square mm
 

@@ -15,8 +15,8 @@
 
 static uint64_t state;
 static uint64_t hash[MOST_VARIANTS];
-#define LOOPS 13 /* spreading, footprints, turning, waves, casting, extremes, excess, spots, tracing, aiming, fitting,
-                    collecting, reading */
+#define LOOPS 15 /* spreading, footprints, turning, waves, casting, extremes, excess, spots, tracing, aiming, fitting,
+                    collecting, reading, ghosts' rays and light */
 static double worst[MOST_VARIANTS][LOOPS];
 
 static uint32_t random_bits(void)
@@ -824,6 +824,135 @@ static void try_tracing(void)
     free(shapes), free(starts), free(truth), free(sections), free(poses);
 }
 
+/* Ghosts: rays reflected at two surfaces, one by one; and the light of meshes that nothing blocks, which must be that of
+   their triangles. */
+
+typedef struct { double at[3], along[3], light, limit, stop[2 * LF_CROSSINGS]; int crossings; } ghost_ray;
+
+static double linear(const double *table, int64_t steps, double place)
+{
+    const int64_t step = (int64_t)fmin(fmax(place, 0), (double)steps - 1);
+    return table[step] + (fmin(fmax(place, 0), (double)steps) - (double)step) * (table[step + 1] - table[step]);
+}
+
+static void ghost_meets(const lf_system *s, const lf_beam *b, int64_t n, int reflecting, double before, double behind, ghost_ray *r)
+{
+    double by_x, by_y, square, along[3], back[3];
+    for (int k = 0; k < 3; k++) along[k] = r->along[k];
+    passed(s, n, r->at, r->along, before, behind, &square);
+    square *= b->per_semi_aperture[n] * b->per_semi_aperture[n];
+    change_frame(s, n, 1, r->at, along);
+    relief(s, n, r->at[0], r->at[1], &by_x, &by_y);
+    const double length = sqrt(1 + by_x * by_x + by_y * by_y), normal[3] = {-by_x / length, -by_y / length, 1 / length};
+    double cosine = 0;
+    for (int k = 0; k < 3; k++) cosine += along[k] * normal[k];
+    for (int k = 0; k < 3; k++) back[k] = along[k] - 2 * cosine * normal[k];
+    if (n == s->stop) {
+        for (int k = 0; k < 2; k++) r->stop[2 * r->crossings + k] = r->at[k] * b->per_semi_aperture[n];
+        r->crossings++;
+    } else r->limit = fmax(r->limit, square);
+    change_frame(s, n, -1, r->at, back);
+    const double share = linear(b->reflectances + n * (b->steps + 1), b->steps, before * before * (1 - cosine * cosine) * b->steps_per_unit);
+    r->light *= reflecting ? share : 1 - share;
+    for (int k = 0; reflecting && k < 3; k++) r->along[k] = back[k];
+}
+
+static void plain_ghost(const lf_system *s, const lf_beam *b, int64_t near, int64_t far, double across, double up, double *out)
+{
+    const int64_t size = 3 + s->even_terms + s->odd_terms;
+    ghost_ray r = {{0}, {0}, 1, 0, {0}, 0};
+    for (int k = 0; k < 3; k++) r.at[k] = across * b->across[k] + up * b->up[k], r.along[k] = b->along[k];
+    for (int64_t n = 0; n < far; n++) ghost_meets(s, b, n, 0, s->indices[n], s->indices[n + 1], &r), r.at[2] -= s->shapes[n * size + 2];
+    ghost_meets(s, b, far, 1, s->indices[far], s->indices[far], &r);
+    for (int64_t n = far - 1; n >= near; n--) {
+        r.at[2] += s->shapes[n * size + 2];
+        ghost_meets(s, b, n, n == near, s->indices[n + 1], s->indices[n == near ? n + 1 : n], &r);
+    }
+    for (int64_t n = near + 1; n <= s->surfaces; n++) {
+        r.at[2] -= s->shapes[(n - 1) * size + 2];
+        if (n < s->surfaces) ghost_meets(s, b, n, 0, s->indices[n], s->indices[n + 1], &r);
+    }
+    change_frame(s, s->surfaces, 1, r.at, r.along);
+    for (int k = 0; k < 2; k++) out[k] = r.at[k] - r.at[2] / r.along[2] * r.along[k];
+    out[2] = r.light, out[3] = r.limit;
+    for (int k = 0; k < 2 * LF_CROSSINGS; k++) out[4 + k] = r.stop[k < 2 * r.crossings ? k : k % 2 + 2 * (r.crossings - 1)];
+}
+
+static void try_ghost_rays(void)
+{
+    const int64_t surfaces = 3 + below(4), even = below(3), size = 3 + even, steps = 5, side = 2 + below(5), rays = side * side;
+    double *shapes = ROOM(double, surfaces * size), *poses = ROOM(double, 12 * (surfaces + 1)), *tables = ROOM(double, surfaces * (steps + 1));
+    double indices[16], per_mm[16], truth[LF_GHOST_QUANTITIES], box[4] = {-2 * unit(), 3 * unit() / (double)side, -2 * unit(), 3 * unit() / (double)side};
+    for (int64_t n = 0; n < surfaces; n++) {
+        shapes[n * size] = 0.02 * (2 * unit() - 1), shapes[n * size + 1] = 2 * unit() - 1.5, shapes[n * size + 2] = 2 + 3 * unit();
+        for (int64_t k = 3; k < size; k++) shapes[n * size + k] = 1e-5 * (2 * unit() - 1);
+        per_mm[n] = below(3) ? 0.1 + 0.1 * unit() : 0;
+    }
+    for (int64_t n = 0; n < surfaces * (steps + 1); n++) tables[n] = unit();
+    for (int64_t n = 0; n <= surfaces; n++) indices[n] = n % 2 ? 1.5 + 0.3 * unit() : 1, displace(poses + 12 * n);
+    const lf_system s = {shapes, indices, surfaces, below(surfaces), even, 0, 0, 0, below(2) ? poses : 0};
+    const int64_t far = 1 + below(surfaces - 1), pair[2] = {below(far), far}, wrong[2] = {far, far};
+    const double slope = 0.2 * (2 * unit() - 1), c = sqrt(1 - slope * slope);
+    lf_beam b = {tables, per_mm, pair, box, {1, 0, 0}, {0, c, -slope}, {0, slope, c}, {0, 0, 0}, INFINITY, 2, INFINITY, steps, 1, side, side, 0};
+    for (int v = 0; runs(v); v++) {
+        double *out = ROOM(double, LF_GHOST_QUANTITIES * rays);
+        b.surfaces = wrong;
+        expect(lf_ghost_rays(v, &s, &b, out) == LF_BAD_SIZE, "ghosts took surfaces that cannot be");
+        b.surfaces = pair;
+        expect(!lf_ghost_rays(v, &s, &b, out), "ghosts refused their sizes");
+        take_bits(v, out, LF_GHOST_QUANTITIES * rays * 8);
+        for (int64_t ray = 0; ray < rays; ray++) {
+            plain_ghost(&s, &b, pair[0], pair[1], box[0] + (double)(ray % side) * box[1], box[2] + (double)(ray / side) * box[3], truth);
+            for (int64_t k = 0; k < LF_GHOST_QUANTITIES && out[2 * rays + ray] == out[2 * rays + ray]; k++)
+                take_deviation(v, 13, fabs(out[k * rays + ray] - truth[k]), 1e4 * DOUBLE * 50);
+        }
+        free(out);
+    }
+    free(shapes), free(poses), free(tables);
+}
+
+static void try_ghost_light(void)
+{
+    const int64_t side = 2 + below(6), mesh = side * side, rows = 40 + below(30), columns = 40 + below(30), levels = 1 + below(3);
+    static const float normals[6] = {1, 0, -0.5f, 0.866f, -0.5f, -0.866f};
+    const int tame = below(3) > 0;
+    double *rays = ROOM(double, LF_GHOST_QUANTITIES * mesh), cell = unit(), pixels = 100 + 4000 * unit(), blur = 0, sum = 0;
+    for (int64_t n = 0; n < mesh; n++) {
+        rays[n] = 8 * ((double)(n % side) / (double)(side - 1) - 0.5) + (tame ? 0.3 : 9) * (unit() - 0.5);
+        rays[mesh + n] = 8 * ((double)(n / side) / (double)(side - 1) - 0.5) + (tame ? 0.3 : 9) * (unit() - 0.5);
+        rays[2 * mesh + n] = unit(), rays[3 * mesh + n] = 0.2;
+        for (int k = 4; !tame && k < LF_GHOST_QUANTITIES; k++) rays[k * mesh + n] = 3 * (unit() - 0.5);
+        if (!tame && !below(9)) rays[below(4) * mesh + n] = below(2) ? NAN : 1e300;
+    }
+    for (int64_t n = 0; n < mesh; n++)
+        if (n % side < side - 1 && n / side < side - 1) { /* its two triangles */
+            const double *a = rays + 2 * mesh + n;
+            const int left = 2 * (n % side) < side - 1;
+            sum += (a[0] + a[1] + a[side] + a[side + 1] + (left ? a[1] + a[side] : a[0] + a[side + 1])) / 6 * cell;
+        }
+    const int64_t crossings = tame ? 0 : below(LF_CROSSINGS + 1);
+    lf_meshes m = {rays, &crossings, &cell, &pixels, &blur, normals, 1, side, side, 3, !tame && below(2), 0.5f, 0, 1, 1,
+                   0.6, 0.8, 1, (double)rows / 2, (double)columns / 2, 3};
+    for (int v = 0; runs(v); v++) {
+        lf_picture pictures[3];
+        double light, *work = ROOM(double, lf_ghost_work(side, 2 * side));
+        for (int64_t k = 0; k < levels; k++) {
+            const int64_t high = ((rows - 1) >> k) + 1 + 2 * LF_GHOST_RIM, wide = ((columns - 1) >> k) + 1 + 2 * LF_GHOST_RIM;
+            pictures[k] = (lf_picture){ROOM(float, high * (wide + 8)), 1, high, wide, 0, wide + 8};
+        }
+        expect(lf_ghost_light(v, &m, pictures, 0, &light, work) == LF_BAD_SIZE, "ghosts took no pictures");
+        expect(!lf_ghost_light(v, &m, pictures, levels, &light, work), "ghosts refused their pictures");
+        take_bits(v, &light, 8);
+        for (int64_t k = 0; k < levels; k++) {
+            take_bits(v, pictures[k].values, 4 * pictures[k].rows * pictures[k].row_step);
+            free(pictures[k].values);
+        }
+        if (tame) take_deviation(v, 14, fabs(light - sum), 0.1 * sum); /* pixels of an uneven light */
+        free(work);
+    }
+    free(rays);
+}
+
 /* Fitting, of polynomials, which are to be found again. */
 
 static double chebyshev_of(int64_t n, double x)
@@ -1204,7 +1333,7 @@ int main(int argc, char **argv)
     state = argc > 2 ? strtoull(argv[2], 0, 10) : 0;
     expect(lf_abi() == LF_ABI, "the library is of another ABI");
     expect(lf_spread_work(-1, 1) == 0 && lf_spread_work(1, (int64_t)1 << 60) == 0, "sizes that cannot be have room");
-    for (int i = 0; i < rounds; i++) try_spreading(), try_footprints(), try_sections(), try_turning(), try_waves(), try_casting(), try_spots(), try_tracing(), try_fitting(),
+    for (int i = 0; i < rounds; i++) try_spreading(), try_footprints(), try_sections(), try_turning(), try_waves(), try_casting(), try_spots(), try_tracing(), try_ghost_rays(), try_ghost_light(), try_fitting(),
                                      try_collecting(), try_reading();
     int off = 0;
     for (int v = 0; runs(v); v++) {

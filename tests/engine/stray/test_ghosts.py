@@ -1,0 +1,227 @@
+"""Ghosts against hand calculation, and against plain tracing of many rays with Fresnel's equations."""
+
+from dataclasses import replace
+from unittest import mock
+
+import numpy as np
+import pytest
+
+from lensfield.engine.depth.iris import Iris, opening_within
+from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.kernels.library import NUMPY, available
+from lensfield.engine.library import prescription_of
+from lensfield.engine.prescription.prescription import Pose, Prescription, Surface
+from lensfield.engine.prescription.surfaces import distance_to, refracted, unit_normal
+from lensfield.engine.prescription.system import system_of
+from lensfield.engine.rays.rings import Rings, turned
+from lensfield.engine.runtime import threads
+from lensfield.engine.stray.ghosts import ghosts
+from lensfield.engine.stray.sources import Sources
+from loops import using
+
+NM = 550.0
+PLATE_MM, PLATE_INDEX = 3.0, 1.5
+ROUND = opening_within(Iris(0), np.inf)
+OFF_CENTRE = PixelGrid((210, 330), 20.0, centre_px=(140.25, 75.5))
+LIMITLESS = PixelGrid((1500, 1500), 200.0)
+
+
+def bare(name, f_number=None):
+    """A lens of the library without coatings."""
+    lens = prescription_of(name)
+    surfaces = tuple(replace(surface, coating="") for surface in lens.surfaces)
+    return turned(replace(lens, coating="none", surfaces=surfaces), Rings(f_number=f_number)).prescription
+
+
+def with_plate(in_front):
+    """A plano-convex singlet that reflects nothing, of focal length 50 mm at f/10, focused at infinity; with a bare
+    plane-parallel plate."""
+    plate = (Surface(thickness_mm=PLATE_MM, glass=f"{PLATE_INDEX}/1000000", coating="none", semi_aperture_mm=20.0),
+             Surface(thickness_mm=10.0, coating="none", semi_aperture_mm=20.0))
+    lens = (Surface(25.9, 2.0, "1.518/1000000", 10.0, coating="ideal"),
+            Surface(np.inf, 1.0, coating="ideal", semi_aperture_mm=10.0), Surface(np.inf, 30.0, stop=True))
+    surfaces = (*plate, *lens) if in_front else (*lens, *plate)
+    return turned(Prescription("singlet", surfaces, ("f_number", 10.0), ("angle_deg", 20.0), focus="paraxial",
+                               reference_wavelength_nm=NM)).prescription
+
+
+def source(right_deg, up_deg, *, radius_rad=0.0, irradiance=2.0, nm=(NM,)):
+    direction = np.array([np.tan(np.radians(right_deg)), np.tan(np.radians(up_deg)), 1.0])
+    return Sources(direction[None] / np.linalg.norm(direction), np.array([np.inf]), np.full((1, len(nm)), irradiance),
+                   np.array(nm), np.array([radius_rad]), ("lamp",))
+
+
+def fresnel(before, behind, cosine):
+    """Reflectance of unpolarised light."""
+    sine_square = (before / behind)**2 * (1 - cosine**2)
+    other = np.sqrt(np.maximum(1 - sine_square, 0))
+    across = (before * cosine - behind * other) / (before * cosine + behind * other)
+    along = (before * other - behind * cosine) / (before * other + behind * cosine)
+    return np.where(sine_square >= 1, 1.0, (across**2 + along**2) / 2)
+
+
+def moments(picture, grid):
+    """Centre x, y in mm of a picture's light, and its variance along x."""
+    x, y = grid.axes_mm()
+    weight = picture / picture.sum(dtype=float)
+    centre = float((weight * x).sum()), float((weight * y[:, None]).sum())
+    return *centre, float((weight * (x - centre[0])**2).sum())
+
+
+def test_ghost_of_a_plate_in_front_falls_on_the_image():
+    lens = with_plate(True)
+    found = ghosts(lens, source(4.0, 2.0), OFF_CENTRE, ROUND)
+    direction = source(4.0, 2.0).directions[0]
+    share = fresnel(1.0, PLATE_INDEX, direction[2])
+    np.testing.assert_allclose(found.light[0, 0, 0] / found.image_light[0, 0], share**2, rtol=0.01)
+    focal_mm = system_of(lens).efl_mm
+    x, y, _ = moments(found.irradiance[0], OFF_CENTRE)
+    np.testing.assert_allclose([x, y], focal_mm * direction[:2] / direction[2], atol=0.15)
+
+
+def test_ghost_of_a_plate_behind_is_as_wide_as_its_detour():
+    lens = with_plate(False)
+    system = system_of(lens)
+    grid = PixelGrid((200, 300), 10.0, centre_px=(80.0, 130.0))
+    found = ghosts(lens, source(0.0, 0.0), grid, ROUND)
+    share = fresnel(1.0, PLATE_INDEX, 1.0)
+    np.testing.assert_allclose(found.light[0, 0, 0] / found.image_light[0, 0], share**2, rtol=0.01)
+    stop_mm, to_image_mm = system.stop_semi_aperture_mm, system.exit_pupil_distance_mm
+    radius_mm = 2 * PLATE_MM / PLATE_INDEX * stop_mm / abs(to_image_mm)
+    x, y, variance = moments(found.irradiance[0], grid)
+    np.testing.assert_allclose([x, y], 0, atol=2e-3)
+    np.testing.assert_allclose(np.sqrt(4 * variance), radius_mm, rtol=0.03)
+
+
+def test_a_wide_source_widens_its_ghost():
+    lens, radius_rad = with_plate(True), 0.02
+    grid = PixelGrid((400, 400), 20.0)
+    found = ghosts(lens, source(0.0, 0.0, radius_rad=radius_rad), grid, ROUND)
+    _, _, variance = moments(found.irradiance[0], grid)
+    np.testing.assert_allclose(np.sqrt(4 * variance), system_of(lens).efl_mm * radius_rad, rtol=0.1)
+
+
+def dense_rays(lens, pair, angle_rad, count=401):
+    """Light over irradiance, in mm^2, and places of rays reflected by a pair of surfaces, from a beam in the y-z plane;
+    in plain numpy, with hard limits."""
+    system = system_of(lens)
+    media, semi_mm = system.indices_at([NM])[:, 0], system.semi_apertures_mm
+    semi_mm[lens.stop_index] = system.stop_semi_aperture_mm
+    across = np.linspace(-1.3, 1.3, count) * semi_mm[0]
+    x, up = (each.ravel() for each in np.meshgrid(across, across))
+    rays = {"at": np.stack([x, up * np.cos(angle_rad), -up * np.sin(angle_rad)]),
+            "along": np.repeat([[0.0], [np.sin(angle_rad)], [np.cos(angle_rad)]], x.size, axis=1),
+            "light": np.full(x.size, (across[1] - across[0])**2)}
+
+    def meet(number, before, behind, reflecting=False):
+        surface = lens.surfaces[number]
+        rays["at"] = at = rays["at"] + distance_to(surface, rays["at"], rays["along"]) * rays["along"]
+        normal = unit_normal(surface, at)
+        cosine = np.sum(rays["along"] * normal, axis=0)
+        share = fresnel(before, behind, np.abs(cosine))
+        rays["light"] = rays["light"] * (share if reflecting else 1 - share) * (np.hypot(at[0], at[1]) <= semi_mm[number])
+        rays["along"] = (rays["along"] - 2 * cosine * normal if reflecting
+                         else refracted(rays["along"], normal, before / behind))
+
+    def move(number, times):
+        rays["at"] = rays["at"] - np.array([[0.0], [0.0], [times * lens.surfaces[number].thickness_mm]])
+
+    near, far = pair
+    for number in range(far):
+        meet(number, media[number], media[number + 1])
+        move(number, 1)
+    meet(far, media[far], media[far + 1], reflecting=True)
+    for number in range(far - 1, near, -1):
+        move(number, -1)
+        meet(number, media[number + 1], media[number])
+    move(near, -1)
+    meet(near, media[near + 1], media[near], reflecting=True)
+    move(near, 1)
+    for number in range(near + 1, len(lens.surfaces)):
+        meet(number, media[number], media[number + 1])
+        move(number, 1)
+    place = rays["at"] - rays["at"][2] / rays["along"][2] * rays["along"]
+    return np.nan_to_num(rays["light"]), np.nan_to_num(place[:2])
+
+
+def test_light_of_all_ghosts_is_what_fresnel_leaves():
+    lens, angle_deg = bare("cooke-triplet-50mm", 5.6), 8.0
+    found = ghosts(lens, source(0.0, angle_deg), LIMITLESS, ROUND, share=0.0)
+    left, _, right, _ = LIMITLESS.edges_mm
+    light, high = np.zeros(len(found.pairs)), np.zeros(len(found.pairs))
+    with np.errstate(all="ignore"):
+        for number, pair in enumerate(found.pairs - 1):
+            rays, place = dense_rays(lens, pair, np.radians(angle_deg))
+            rays = rays * (np.abs(place) < right).all(axis=0)
+            light[number], high[number] = rays.sum(), np.sum(rays * place[1])
+    np.testing.assert_allclose(np.nansum(found.light), 2e-6 * light.sum(), rtol=0.01)
+    np.testing.assert_allclose(found.irradiance.sum(dtype=float) * 0.04e-6, np.nansum(found.light), rtol=1e-4)
+    bright = light > 0.02 * light.sum()
+    np.testing.assert_allclose(found.light[0, bright, 0], 2e-6 * light[bright], rtol=0.04)
+    np.testing.assert_allclose(moments(found.irradiance[0], LIMITLESS)[1], high.sum() / light.sum(), rtol=0.03)
+
+
+def test_rotational_symmetry_changes_nothing():
+    lens = bare("cooke-triplet-50mm", 8.0)
+    posed = replace(lens, surfaces=(replace(lens.surfaces[0], pose=Pose()), *lens.surfaces[1:]))
+    opening, grid = opening_within(Iris(7, 10.0), lens.stop_rim), PixelGrid((90, 130), 250.0, centre_px=(50.0, 44.0))
+    turned_rays, all_rays = (ghosts(each, source(9.0, 4.0), grid, opening) for each in (lens, posed))
+    np.testing.assert_allclose(all_rays.light.sum(), turned_rays.light.sum(), rtol=0.01)
+    difference = np.abs(all_rays.irradiance - turned_rays.irradiance).sum() / turned_rays.irradiance.sum()
+    assert difference < 0.03
+
+
+def test_a_moving_lamp_does_not_flicker():
+    lens = bare("zeiss-distagon-25mm", 5.6)
+    opening, grid = opening_within(Iris(6), lens.stop_rim), PixelGrid((180, 270), 133.0)
+    pictures = [ghosts(lens, source(8.0 + 0.05 * step, 5.0), grid, opening).irradiance for step in range(12)]
+    changes = [np.abs(after - before).sum() / before.sum() for before, after in zip(pictures, pictures[1:], strict=False)]
+    jumps = [abs(after.sum() / before.sum() - 1) for before, after in zip(pictures, pictures[1:], strict=False)]
+    assert max(changes) < 2 * np.median(changes)
+    assert max(jumps) < 0.01
+
+
+def test_neglected_light_is_within_its_share_and_reported():
+    lens, grid = bare("zeiss-distagon-25mm", 5.6), PixelGrid((180, 270), 133.0)
+    everything, most = (ghosts(lens, source(8.0, 5.0), grid, ROUND, share) for share in (0.0, 0.1))
+    drawn = np.nansum(most.light)
+    assert np.isnan(most.light).sum() > np.isnan(everything.light).sum()
+    assert 0.02 < most.neglected.sum() / (drawn + most.neglected.sum()) < 0.11
+    np.testing.assert_allclose(drawn + most.neglected.sum(), np.nansum(everything.light), rtol=0.02)
+
+
+@pytest.mark.skipif(len(available()) < 2, reason="no library of the loops: no compiler")
+def test_all_loops_and_any_threads_draw_the_same_ghosts():
+    lens = bare("cooke-triplet-50mm", 8.0)
+    opening, grid = opening_within(Iris(7, 11.0, 0.3), lens.stop_rim), PixelGrid((27, 41), 888.0, centre_px=(10.0, 17.0))
+    results = {}
+    for name in available():
+        with using(name):
+            results[name] = ghosts(lens, source(9.0, 4.0, nm=(450.0, 600.0)), grid, opening, share=0.3)
+    compiled = [results[name] for name in available()[1:]]
+    with mock.patch.object(threads, "thread_count", lambda: 1):
+        compiled.append(ghosts(lens, source(9.0, 4.0, nm=(450.0, 600.0)), grid, opening, share=0.3))
+    for other in compiled[1:]:
+        np.testing.assert_array_equal(other.irradiance, compiled[0].irradiance)
+    np.testing.assert_allclose(results[NUMPY].irradiance, compiled[0].irradiance, rtol=1e-4,
+                               atol=1e-5 * compiled[0].irradiance.max())
+
+
+def test_a_lens_without_coatings_has_no_ghosts():
+    lens = replace(bare("cooke-triplet-50mm"), coating="ideal")
+    found = ghosts(lens, source(9.0, 4.0), OFF_CENTRE, ROUND)
+    assert not found.irradiance.any() and not len(found.pairs)
+
+
+def test_light_from_behind_makes_no_ghosts():
+    lens = bare("cooke-triplet-50mm")
+    behind = replace(source(9.0, 4.0), directions=-source(9.0, 4.0).directions)
+    assert not ghosts(lens, behind, OFF_CENTRE, ROUND).irradiance.any()
+
+
+def test_a_near_lamp_lights_as_its_distance_says():
+    lens = bare("cooke-triplet-50mm", 8.0)
+    grid = PixelGrid((90, 130), 250.0)
+    far, near = (ghosts(lens, replace(source(3.0, 2.0), distance_mm=np.array([distance_mm])), grid, ROUND)
+                 for distance_mm in (np.inf, 1e7))
+    np.testing.assert_allclose(near.irradiance, far.irradiance, atol=0.01 * far.irradiance.max())
