@@ -25,7 +25,7 @@ def fitting_pitch_um(lens: Lens | Pinhole, frame_px: tuple[int, int]) -> float:
     return 1e3 * float(np.divide(turned_sensor_mm(lens, frame_px)[::-1], frame_px).min())
 
 
-def turned_sensor_mm(lens: Lens, frame_px: tuple[int, int]) -> tuple[float, float]:
+def turned_sensor_mm(lens: Lens | Pinhole, frame_px: tuple[int, int]) -> tuple[float, float]:
     """Width and height of a lens's sensor, turned with the frame as `fitting_pitch_um` does."""
     width_mm, height_mm = lens.sensor_mm
     rows, columns = frame_px

@@ -27,7 +27,7 @@ class Oven:
     def __init__(self):
         self.requests, self.opened, self.entered, self.error = [], Event(), Event(), None
 
-    def load_lens(self, name, rings, quality, progress, wavelengths_nm):
+    def load_lens(self, name, rings, quality, progress, wavelengths_nm, edges_mm):
         self.requests.append((name, rings.f_number, wavelengths_nm))
         while not self.opened.wait(0.01):
             progress(0.4, "Summing up PSFs")
