@@ -16,6 +16,7 @@ COMPILED = "engine.kernels"
 """The loops, which the radial field calls."""
 OTHER_GEOMETRY = {
     "engine.image.pixel_grid": "the corner of a grid",
+    "engine.image.directions": "the projection of a panoramic capture",
     "engine.field.lens_correction": "the farthest pixel, the unit of radii in raw files",
     "engine.field.psf_samples": "circles around the chief ray",
     "engine.field.in_capture": "the projection of a panoramic capture",
@@ -23,6 +24,10 @@ OTHER_GEOMETRY = {
     "engine.depth.slabs": "the projection of a panoramic capture; distances from the frame",
     "engine.depth.iris": "blades around the stop",
     "engine.field.ray_blur": "the radius of places in the stop",
+    "engine.stray.ghost_beams": "the plane of a source and the axis of a rotationally symmetric lens",
+    "engine.stray.ghost_survey": "that plane, and the slope of the light's edge",
+    "engine.stray.ghost_table": "the field of the point whose ghosts are listed",
+    "engine.stray.ghosts": "the plane of a source and the axis of a rotationally symmetric lens",
     "engine.stray.arrivals": "the distance of sources beyond the field",
     "engine.stray.star": "the edges of the stop, and distances from a lamp",
     "engine.stray.veil": "the marginal ray at surfaces, and distances from scattered light",
