@@ -167,6 +167,18 @@ def test_facts_known_before_the_bake_match_the_baked_lens(name, rings):
     assert facts.focus_mm == pytest.approx(lens.object_distance_mm + lens.entrance_pupil_mm)
 
 
+def test_a_shift_requests_only_lenses_on_a_grid_again(scene, oven):
+    first = lens_worker.lens_request(scene)
+    assert first.known.wait(LAST_RESORT_S) and first.facts.radial
+    scene.camera.data.shift_y = 0.3
+    assert lens_worker.lens_request(scene) is first
+    scene.lensfield.tilt_deg = 2.0, 0.0
+    tilted = lens_worker.lens_request(scene)
+    assert tilted.known.wait(LAST_RESORT_S) and lens_worker.lens_request(scene) is tilted
+    scene.camera.data.shift_y = 0.0
+    assert lens_worker.lens_request(scene) is not tilted
+
+
 def test_quality_at_hand_rises_once_the_lens_is_baked(scene, oven):
     assert lens_worker.quality_at_hand(scene) == "preview"
     oven.opened.set()
