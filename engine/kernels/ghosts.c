@@ -147,17 +147,17 @@ int OF_VARIANT(lf_ghost_rays)(const lf_system *s, const lf_beam *b, double *out)
 typedef struct {
     double x, y; /* in pixels of the first level */
     float values[QUANTITIES];
-    double light, area; /* of the triangles around it */
+    double own, light, area; /* light of its ray; light and area of the triangles around it */
 } corner;
 
 typedef struct { /* a triangle at one level */
-    double x[3], y[3], twice_area, longest;
+    double x[3], y[3], twice_area, longest, light;
     const float *values[3];
     float per_limit, per_stop[LF_CROSSINGS]; /* one over the change across a pixel, or between points */
     int cut; /* whether anything may block its light */
 } triangle;
 
-typedef struct { const lf_meshes *mesh; const lf_picture *out; int crossings; float part; double scale, sum; } canvas;
+typedef struct { const lf_meshes *mesh; const lf_picture *out; int crossings; float part; double scale, per_light, sum; } canvas;
 
 INLINE double larger(double a, double b) { return a > b ? a : b; }
 INLINE double smaller(double a, double b) { return a < b ? a : b; }
@@ -219,14 +219,14 @@ INLINE void across(eight_floats place, float foot, eight_floats *weights, eight_
     weights[2] = third, weights[1] = place - shift, weights[0] = 1 - weights[1] - third;
 }
 
-/* A triangle narrower than a pixel, as points along its longest side, which is from corner 0 to 1. */
+/* A triangle narrower than a pixel, as points along its longest side, which is from corner 0 to 1. They have the light of
+   its own rays: areas next to each other may differ widely here. */
 static APART void draw_points(canvas *c, const triangle *t)
 {
     const int64_t count = t->longest < MOST_POINTS - 1 ? 1 + (int64_t)t->longest : MOST_POINTS;
     const double side_x = t->x[1] - t->x[0], side_y = t->y[1] - t->y[0];
     const double along = (t->x[2] - t->x[0]) * side_x + (t->y[2] - t->y[0]) * side_y;
     const float foot = (float)smaller(larger(along / larger(side_x * side_x + side_y * side_y, 1e-30), 0), 1);
-    const double light = magnitude(t->twice_area) / 2 + LEAST_PX2 * c->scale * c->scale;
     eight_floats weights[3], height;
     double heights = 0;
     for (int64_t n = 0; n < count; n++) across(all(((float)n + 0.5f) / (float)count), foot, weights, &height), heights += height[0];
@@ -234,9 +234,9 @@ static APART void draw_points(canvas *c, const triangle *t)
         eight_floats place, values[QUANTITIES];
         for (int k = 0; k < 8; k++) place[k] = ((float)(first + k) + 0.5f) / (float)count;
         across(place, foot, weights, &height);
-        for (int q = 0; q < 2 + 2 * c->crossings; q++)
+        for (int q = 1; q < 2 + 2 * c->crossings; q++)
             values[q] = t->values[0][q] * weights[0] + t->values[1][q] * weights[1] + t->values[2][q] * weights[2];
-        eight_floats value = values[0] * height * (c->part * (float)(light / heights));
+        eight_floats value = height * (c->part * (float)(t->light / heights));
         if (t->cut) value *= open_part(c, t, values);
         for (int k = 0; k < 8 && first + k < count; k++)
             add_point(c, t->x[0] * weights[0][k] + t->x[1] * weights[1][k] + t->x[2] * weights[2][k],
@@ -349,6 +349,7 @@ static void draw(canvas *c, const corner *const *at)
         return;
     t.twice_area = (t.x[1] - t.x[0]) * (t.y[2] - t.y[0]) - (t.x[2] - t.x[0]) * (t.y[1] - t.y[0]);
     t.longest = __builtin_sqrt(sides[apex]) * scale;
+    t.light = (at[0]->own + at[1]->own + at[2]->own) / 3 * c->per_light;
     if (!is_lit(c, &t)) return;
     if (magnitude(t.twice_area) < t.longest) draw_points(c, &t);
     else draw_pixels(c, &t);
@@ -365,7 +366,8 @@ static APART void laid_out(const lf_meshes *m, int64_t pair, int64_t columns, co
         const double x = left ? -in[0] : in[0], y = in[plane];
         to->x = m->centre_column + (x * m->cosine - y * m->sine) * m->px_per_mm;
         to->y = m->centre_row - (x * m->sine + y * m->cosine) * m->px_per_mm;
-        to->values[0] = (float)in[2 * plane], to->values[1] = (float)in[3 * plane];
+        to->own = in[2 * plane];
+        to->values[0] = (float)to->own, to->values[1] = (float)in[3 * plane];
         for (int k = 0; k < LF_CROSSINGS; k++) {
             const double stop_x = (left ? -1 : 1) * in[(4 + 2 * k) * plane], stop_y = in[(5 + 2 * k) * plane];
             to->values[2 + 2 * k] = (float)(stop_x * m->cosine - stop_y * m->sine);
@@ -445,7 +447,8 @@ int OF_VARIANT(lf_ghost_light)(const lf_meshes *m, const lf_picture *levels, int
         for (int k = 0; k < 2; k++) {
             const float part = k ? coarser : 1 - coarser;
             if (!(part > 0)) continue;
-            canvas c = {m, levels + level + k, (int)m->crossings[pair], part, scale / (1 + k), 0};
+            canvas c = {m, levels + level + k, (int)m->crossings[pair], part, scale / (1 + k), 0, 0};
+            c.per_light = m->cells[pair] / 2 * m->irradiance * (m->px_per_mm * c.scale) * (m->px_per_mm * c.scale);
             draw_mesh(&c, columns, corners);
             light[pair] += c.sum / (c.scale * c.scale * m->px_per_mm * m->px_per_mm);
         }

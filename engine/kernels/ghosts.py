@@ -14,7 +14,7 @@ from .tracing import TracedSurfaces
 
 BEAM, MESHES, PICTURE = (STRUCTURES[name] for name in ("beam", "meshes", "picture"))
 QUANTITIES, CROSSINGS, RIM = NUMBERS["GHOST_QUANTITIES"], NUMBERS["CROSSINGS"], NUMBERS["GHOST_RIM"]
-SLACK = 8
+SLACK = 8  # floats behind each row
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,8 +138,8 @@ def ghost_rays(surfaces: TracedSurfaces, coated: Coated, per_semi_aperture: np.n
     source = np.where(np.isfinite(beam.source_mm), beam.source_mm, 0)
     request = BEAM(address(reflectances, np.float64, (count, steps + 1)), address(per_mm, np.float64, (count,)),
                    address(pairs, np.int64, (len(boxes), 2)), address(boxes, np.float64, (len(boxes), 4)),
-                   *(tuple(axis) for axis in beam.axes), tuple(source), beam.distance_mm, coated.steps_per_unit, farthest,
-                   steps, len(boxes), *shape, int(np.isfinite(beam.distance_mm)))
+                   *(tuple(axis) for axis in beam.axes), tuple(source), beam.distance_mm, coated.steps_per_unit,
+                   farthest, steps, len(boxes), *shape, int(np.isfinite(beam.distance_mm)))
     out = np.empty((len(boxes), QUANTITIES, *shape))
     check(loops.lf_ghost_rays(variant, byref(system), byref(request), address(out, np.float64)))
     return out

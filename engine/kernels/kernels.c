@@ -264,7 +264,7 @@ int lf_ghost_rays(int variant, const lf_system *s, const lf_beam *b, double *out
 int64_t lf_ghost_work(int64_t rows, int64_t columns)
 {
     if (!within(rows, 2, 1 << 10) || !within(columns, 2, 1 << 11)) return 0;
-    return 8 * rows * columns; /* corners of ghosts.c */
+    return 9 * rows * columns; /* corners of ghosts.c */
 }
 
 int lf_ghost_light(int variant, const lf_meshes *m, const lf_picture *levels, int64_t count, double *light, double *work)

@@ -17,6 +17,7 @@ class _Canvas:
     crossings: int
     part: float
     scale: float
+    per_light: float
 
 
 def numpy_draw_ghosts(meshes, blades, centre_px, px_per_mm, levels) -> np.ndarray:
@@ -25,7 +26,7 @@ def numpy_draw_ghosts(meshes, blades, centre_px, px_per_mm, levels) -> np.ndarra
     frame_px = [n - 2 * RIM for n in levels[0].shape[1:]]
     for pair in range(len(light)):
         place, values = _laid_out(meshes, pair, centre_px, px_per_mm)
-        corners = _triangles(values)
+        corners, own = _triangles(values), values[0].astype(float)
         area = _irradiated(meshes, pair, blades, place, values, corners, px_per_mm, frame_px)
         over, level = max(area / meshes.pixels[pair], meshes.blur[pair]), 0
         while over >= 4 and level + 1 < len(levels):
@@ -33,8 +34,10 @@ def numpy_draw_ghosts(meshes, blades, centre_px, px_per_mm, levels) -> np.ndarra
         coarser = (over - 1) / 3 if level + 1 < len(levels) and over > 1 else 0.0
         for number, part in ((level, 1 - coarser), (level + 1, coarser)):
             if part > 0:
-                canvas = _Canvas(blades, levels[number][0], int(meshes.crossings[pair]), part, 0.5**number)
-                drawn = sum(_drawn(canvas, place[:, *each], values[:, *each].astype(float)) for each in corners)
+                canvas = _Canvas(blades, levels[number][0], int(meshes.crossings[pair]), part, 0.5**number,
+                                 meshes.cells_mm2[pair] / 2 * meshes.irradiance * (px_per_mm * 0.5**number)**2)
+                drawn = sum(_drawn(canvas, place[:, *each], values[:, *each].astype(float), own[each].mean())
+                            for each in corners)
                 light[pair] += drawn / (canvas.scale * px_per_mm)**2
     return light
 
@@ -47,7 +50,8 @@ def _laid_out(meshes, pair, centre_px, px_per_mm):
         left[[0, 4, 6, 8]] *= -1
         rays = np.concatenate([left, rays], axis=2)
     cosine, sine = np.cos(meshes.azimuth_rad), np.sin(meshes.azimuth_rad)
-    turned = [np.stack([x * cosine - y * sine, x * sine + y * cosine]) for x, y in (rays[n:n + 2] for n in (0, 4, 6, 8))]
+    turned = [np.stack([x * cosine - y * sine, x * sine + y * cosine])
+              for x, y in (rays[n:n + 2] for n in (0, 4, 6, 8))]
     place = np.stack([centre_px[1] + turned[0][0] * px_per_mm, centre_px[0] - turned[0][1] * px_per_mm])
     reached = (np.abs(place) < FARTHEST_PX).all(axis=0) & (rays[2] >= 0)
     return place, np.concatenate([[np.where(reached, rays[2], -1), rays[3]], *turned[1:]]).astype(np.float32)
@@ -85,8 +89,9 @@ def _twice_area(place):
     return (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
 
 
-def _drawn(canvas, place, values):
-    """Draw a triangle, (2, corner) and (quantity, corner), and return its light on the frame."""
+def _drawn(canvas, place, values, own):
+    """Draw a triangle, (2, corner) and (quantity, corner), with the mean light `own` of its rays; returns its light on
+    the frame."""
     sides = [np.hypot(*(place[:, (k + 1) % 3] - place[:, (k + 2) % 3])) for k in range(3)]
     order = [(int(np.argmax(sides)) + 1 + k) % 3 for k in range(3)]
     place, values = (place[:, order] + 0.5) * canvas.scale - 0.5 + RIM, values[:, order]
@@ -98,7 +103,9 @@ def _drawn(canvas, place, values):
     changes = np.ptp(values[1:2 + 2 * canvas.crossings], axis=1)
     per = per_px / np.maximum([changes[0], *changes[1:].reshape(-1, 2).max(axis=1)], 1e-9 * per_px)
     narrow = abs(_twice_area(place)) < longest
-    return (_points if narrow else _pixels)(canvas, place, values, per, longest)
+    if narrow:
+        return _points(canvas, place, values, per, longest, own * canvas.per_light)
+    return _pixels(canvas, place, values, per)
 
 
 def _open_part(canvas, values, per):
@@ -114,7 +121,7 @@ def _open_part(canvas, values, per):
     return np.clip(distance + 0.5, 0, 1)
 
 
-def _points(canvas, place, values, per, longest):
+def _points(canvas, place, values, per, longest, light):
     """A narrow triangle, whose longest side is from corner 0 to 1, as points along it."""
     count = int(min(longest + 1, MOST_POINTS))
     side = place[:, 1] - place[:, 0]
@@ -123,8 +130,7 @@ def _points(canvas, place, values, per, longest):
     height = np.minimum(along / max(foot, 1e-6), (1 - along) / max(1 - foot, 1e-6))
     third = np.minimum(height, 1) / 2
     weights = np.stack([1 - along + third * foot - third, along - third * foot, third])
-    light = (abs(_twice_area(place)) / 2 + LEAST_PX2 * canvas.scale**2) / height.sum() * height * canvas.part
-    light = light * (values @ weights)[0] * _open_part(canvas, values @ weights, per)
+    light = light / height.sum() * height * canvas.part * _open_part(canvas, values @ weights, per)
     x, y = place @ weights
     rows, columns = canvas.picture.shape
     inside = (x >= 0) & (y >= 0) & (x < columns - 1) & (y < rows - 1)
@@ -137,7 +143,7 @@ def _points(canvas, place, values, per, longest):
     return light.sum()
 
 
-def _pixels(canvas, place, values, per, _longest):
+def _pixels(canvas, place, values, per):
     """The pixels whose middles are in a triangle."""
     rows, columns = canvas.picture.shape
     first, end = (int(np.ceil(np.clip(each, 0, rows))) for each in (place[1].min(), place[1].max()))
@@ -149,7 +155,8 @@ def _pixels(canvas, place, values, per, _longest):
         for a, b in ((0, 1), (1, 2), (2, 0)):
             a, b = (a, b) if place[1, a] < place[1, b] else (b, a)
             if place[1, a] <= row < place[1, b]:
-                ends.append(place[0, a] + (row - place[1, a]) * ((place[0, b] - place[0, a]) / (place[1, b] - place[1, a])))
+                per_row = (place[0, b] - place[0, a]) / (place[1, b] - place[1, a])
+                ends.append(place[0, a] + (row - place[1, a]) * per_row)
         left, right = (int(np.ceil(np.clip(each, 0, columns))) for each in (min(ends), max(ends)))
         at = np.stack([np.arange(left, right) - place[0, 0], np.full(right - left, row - place[1, 0])])
         here = values[:, :1] + rises @ at

@@ -24,7 +24,8 @@ def boxes_of(lens: GhostLens, limits_mm: np.ndarray, side: int) -> tuple[np.ndar
     """First places and steps of grids of `side` rays, or half of it across for radial lenses; and their shape."""
     columns = (side + 1) // 2 if lens.radial else side
     left, right, lower, upper = limits_mm.T
-    return np.stack([left, (right - left) / (columns - 1), lower, (upper - lower) / (side - 1)], axis=1), (side, columns)
+    boxes = np.stack([left, (right - left) / (columns - 1), lower, (upper - lower) / (side - 1)], axis=1)
+    return boxes, (side, columns)
 
 
 class _Passage:

@@ -9,7 +9,7 @@ from ..kernels.ghosts import Beam, Coated
 from .ghost_beams import GhostLens, entrance_mm
 from .ghost_rays import boxes_of, trace_ghosts
 
-FIRST, NEXT = 25, 17  # rays across, and up
+FIRST, NEXT, DIRECT = 25, 17, 65  # rays across, and up: of the two searches, and of light that is not reflected
 LEAST_SQUARE = 9.0  # of the closest ray to an opening, over the opening's square: beyond it the search ends
 MARGIN = 0.5  # cells of the second search, for what its rays and wavelengths do not show
 TILT_RAD = 1e-4  # for derivatives with respect to a source's direction
@@ -63,7 +63,7 @@ def survey(lens: GhostLens, grid: PixelGrid, coated: list[Coated], beam: Beam, a
 
 
 def brightest(light: np.ndarray, share: float) -> np.ndarray:
-    """Which ghosts, of any shape, are not among the faintest ones that have at most this share of the light together."""
+    """Which ghosts, an array of any shape, are not among the faintest ones with at most this share of the light."""
     order = np.argsort(light, axis=None, kind="stable")
     faint = np.cumsum(light.ravel()[order]) <= share * light.sum()
     bright = np.zeros(light.size, bool)
@@ -95,8 +95,8 @@ def direct_light_mm2(lens: GhostLens, coated: Coated, beam: Beam) -> float:
     """Light that reaches the sensor's plane without reflection, over irradiance in front of the lens."""
     limits_mm, none = entrance_mm(lens, beam)[None], np.array([[-1, -1]])
     limits_mm, _ = _searched(lens, coated, beam, none, limits_mm, FIRST)
-    _, rays = _searched(lens, coated, beam, none, limits_mm, FIRST)
-    boxes, shape = boxes_of(lens, limits_mm, FIRST)
+    rays = trace_ghosts(lens, coated, beam, none, limits_mm, DIRECT, LEAST_SQUARE)
+    boxes, shape = boxes_of(lens, limits_mm, DIRECT)
     return float(np.sum(np.nan_to_num(rays[:, 2]) * lit_share(open_square(lens, rays)) * cells_mm2(lens, boxes, shape)))
 
 
@@ -118,7 +118,8 @@ def _span(square):
 
     If none is, the place of the least one, around which rays between two places may pass.
     """
-    passes = square < np.where(square.min(axis=1) < 1, 1, np.minimum(square.min(axis=1), LEAST_SQUARE) * (1 + 1e-9))[:, None]
+    least = square.min(axis=1, keepdims=True)
+    passes = (square < 1) | ((square == least) & (least < LEAST_SQUARE))
     count, pair = square.shape[1], np.arange(len(square))
     ends = []
     for passing, sign in ((passes, -1), (passes[:, ::-1], 1)):
@@ -127,7 +128,8 @@ def _span(square):
         beyond = np.clip(end + sign, 0, count - 1)
         inner, outer = square[pair, end], square[pair, beyond]
         with np.errstate(invalid="ignore"):
-            part = np.where(np.isfinite(outer) & (outer > 1) & (inner < 1), (1 - inner) / np.maximum(outer - inner, 1e-9), 1.0)
+            crossing = (1 - inner) / np.maximum(outer - inner, 1e-9)
+        part = np.where((outer > 1) & np.isfinite(outer) & (inner < 1), crossing, 1.0)
         ends.append(end + sign * part)
     lost = ~passes.any(axis=1)
     return np.where(lost, 0, ends[0]), np.where(lost, 0, ends[1])

@@ -2,8 +2,8 @@
 
 Rays are traced on a grid across the light that enters the lens, through all surfaces up to the farther of the two, back
 to the nearer one, and on to the sensor, and carry what Fresnel's law or the coatings leave of their light. The cells
-between them are drawn as triangles, whose light is spread over their area (M. Hullin, E. Eisemann, H.-P. Seidel, S. Lee,
-"Physically-based real-time lens flare rendering", 2011). Positions in the stop and heights on the surfaces are
+between them are drawn as triangles, whose light is spread over their area (M. Hullin, E. Eisemann, H.-P. Seidel and
+S. Lee, "Physically-based real-time lens flare rendering", 2011). Positions in the stop and heights on the surfaces are
 interpolated between the rays, so that blades and rims cut ghosts at every pixel. Large and faint ghosts are drawn in
 larger pixels, and enlarged.
 """
@@ -23,11 +23,11 @@ from .ghost_rays import boxes_of, trace_ghosts
 from .ghost_survey import brightest, direct_light_mm2, survey
 from .sources import Sources
 
-SHARE = 0.01
+SHARE = 0.01  # of the light that may be neglected
 RAYS = 21  # across, and up
-PIXELS, LEAST_PIXELS, MOST_PIXELS = 6000.0, 1500.0, 300000.0
+PIXELS, LEAST_PIXELS, MOST_PIXELS = 6000.0, 1500.0, 300000.0  # of a ghost: on average, and limits
 SMALLEST_LEVEL_PX = 6  # the height of the coarsest level
-OF_DIAMETER = 0.433  # pixels of this part of a disc's diameter blur as it does: they have its variance
+OF_DIAMETER = 0.388  # pixels of this part of a disc's diameter blur a point as it does: their kernel has its variance
 SQUARE_M = 1e-6  # a square mm
 
 
@@ -61,7 +61,8 @@ class Ghosts:
     image_light: np.ndarray
 
 
-def ghosts(prescription: Prescription, sources: Sources, grid: PixelGrid, opening: Opening, share: float = SHARE) -> Ghosts:
+def ghosts(prescription: Prescription, sources: Sources, grid: PixelGrid, opening: Opening,
+           share: float = SHARE) -> Ghosts:
     """Compute the ghosts of all pairs of surfaces.
 
     Parameters
@@ -158,7 +159,7 @@ def _fine_rays(lens, coated, nm, found, chosen):
     rays = trace_ghosts(lens, coated, found.beam, pairs, found.limits_mm[chosen], RAYS)
     rays[:, 2] *= lens.glass_transmittance(np.array([nm]), pairs)[:, :, None]
     around = np.pad(rays[:, 3], ((0, 0), (1, 1), (1, 1)), "reflect")
-    rays[:, 3] -= sum(np.diff(each, 2, axis=axis) for each, axis in ((around[:, 1:-1], 2), (around[:, :, 1:-1], 1))) / 12
+    rays[:, 3] -= (np.diff(around[:, 1:-1], 2, axis=2) + np.diff(around[:, :, 1:-1], 2, axis=1)) / 12
     boxes, _ = boxes_of(lens, found.limits_mm[chosen], RAYS)
     return rays, boxes[:, 1] * boxes[:, 3]
 
