@@ -134,8 +134,8 @@ class Substitution:
 
     def emission_at(self, block, wavelengths_nm):
         """Spectral emission of a substituted material, lamp or world, towards the camera: array (wavelength,), without
-        negative light. For a material and a world it is radiance; for a lamp, it is relative to its power. None if nodes
-        compute it.
+        negative light. For a material and a world it is radiance; for a lamp, it is relative to its power. None if
+        nodes compute it.
 
         Parameters
         ----------

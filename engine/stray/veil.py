@@ -30,7 +30,7 @@ from .cells import Cells, spread_from_afar, spread_in_cells
 ROUGH_KNEE, ROUGH_SLOPE = 0.01, -1.5  # of polish
 DUST_KNEE, DUST_SLOPE = 0.03, -2.5  # of particles of some 20 um
 HAZE_KNEE, HAZE_SLOPE = 0.3, -3.0  # of droplets of some um
-DIFFUSE_KNEE, DIFFUSE_SLOPE = 0.5, -4.0  # cos^4, from a barrel half a picture's diagonal in front of the sensor
+DIFFUSE_KNEE, DIFFUSE_SLOPE = 0.5, -4.0  # cos^4, from a barrel as far from the sensor as the field reaches
 TYPICAL_STEPS = (0.6,) * 12  # steps of the index in a lens without a prescription
 LEAST_STEP = 0.2  # of the index at a surface that air can reach
 TRAP_AREA = 0.05  # of the chart
@@ -129,7 +129,7 @@ def veil_of(lens: Lens, cleanliness: str) -> Veil:
     in_air = levers_mm[steps > LEAST_STEP]
     lobes += [Lobe(2 * state.dust, 0.0, lever_mm, DUST_KNEE, DUST_SLOPE) for lever_mm in in_air[[0, -1]]]
     lobes += [Lobe(2 * state.haze, 0.0, lever_mm, HAZE_KNEE, HAZE_SLOPE) for lever_mm in in_air if state.haze]
-    lobes.append(Lobe(state.barrel, 0.0, float(np.hypot(*lens.sensor_mm)), DIFFUSE_KNEE, DIFFUSE_SLOPE, np.inf))
+    lobes.append(Lobe(state.barrel, 0.0, 2 * field_map(lens).extent_mm, DIFFUSE_KNEE, DIFFUSE_SLOPE, np.inf))
     return Veil(tuple(lobes), nm)
 
 
