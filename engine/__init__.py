@@ -17,18 +17,21 @@ if TYPE_CHECKING:
     from .rays.rings import Rings
     from .runtime.errors import CameraError, ImageError, InputError, LensError
     from .simulation.channel_cache import ChannelCache
+    from .simulation.lens_image import lens_image
     from .simulation.photograph import photograph
     from .simulation.report import Report
     from .simulation.simulate import simulate
+    from .stray.options import StrayOptions
 
 __all__ = ["CameraError", "ChannelCache", "ImageError", "InputError", "Lens", "LensError", "Options", "ReadingOptions",
-           "Report", "Rings", "SpectralImage", "load_camera", "load_lens", "photograph", "read_prescription",
-           "simulate"]
+           "Report", "Rings", "SpectralImage", "StrayOptions", "lens_image", "load_camera", "load_lens", "photograph",
+           "read_prescription", "simulate"]
 
 _MODULES = {"CameraError": "runtime.errors", "ChannelCache": "simulation.channel_cache", "ImageError": "runtime.errors",
             "InputError": "runtime.errors", "Lens": "lens", "LensError": "runtime.errors", "Options": "plan.options",
             "ReadingOptions": "prescription.readers", "Report": "simulation.report", "Rings": "rays.rings",
-            "SpectralImage": "image.spectral_image", "load_camera": "library.bodies", "load_lens": "library",
+            "SpectralImage": "image.spectral_image", "StrayOptions": "stray.options",
+            "lens_image": "simulation.lens_image", "load_camera": "library.bodies", "load_lens": "library",
             "photograph": "simulation.photograph",
             "read_prescription": "prescription.readers", "simulate": "simulation.simulate"}
 

@@ -37,6 +37,7 @@ from lensfield.engine.runtime.build_identity import build_identity
 from lensfield.engine.runtime.files import atomic_path
 from lensfield.engine.runtime.values import digest_of
 from lensfield.engine.spectral.colour import encode_srgb
+from lensfield.engine.stray.options import OFF, StrayOptions
 from traced_lens_truth import Figure, frame_of, places_mm
 
 LENSES = "kodak-petzval-100mm", "angenieux-50mm", "nikkor-58mm-f1.4", "cooke-42mm-2x"
@@ -77,7 +78,7 @@ class Bench:
         begin_s = time.process_time()
         with tempfile.TemporaryDirectory() as folder, quiet(1):  # suppresses Blender's messages about saved passes
             result = addon.render_through_lens(scene, lens=self.lens, wavelengths_nm=wavelengths_nm,
-                                               output_folder=folder, depth=depth)
+                                               output_folder=folder, depth=depth, stray=StrayOptions(OFF))
             cube = read_exr(result.irradiance).cube.astype(float)
         return cube, time.process_time() - begin_s
 

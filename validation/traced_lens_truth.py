@@ -22,6 +22,7 @@ from lensfield.commands.terminal import quiet
 from lensfield.engine import Options, load_lens
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.pictures.spectral_exr import read_exr
+from lensfield.engine.stray.options import OFF, StrayOptions
 from traced_lens import photograph
 
 WAVELENGTH_NM = 562.0
@@ -75,7 +76,8 @@ class Bench:
         with tempfile.TemporaryDirectory() as folder:
             with quiet(1):  # suppresses Blender's messages about saved passes
                 result = addon.render_through_lens(scene, lens=self.lens, wavelengths_nm=[WAVELENGTH_NM],
-                                                   output_folder=folder, options=options, depth=depth)
+                                                   output_folder=folder, options=options, depth=depth,
+                                                   stray=StrayOptions(OFF))
             return read_exr(result.irradiance).cube[0].astype(float)
 
     def traced(self, scene, shape_px, samples, seed=0, part=None):
