@@ -1,10 +1,15 @@
 """The loop `lf_ghost_light` in numpy: for machines without a library, and the reference for its tests."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .declarations import NUMBERS
+
+if TYPE_CHECKING:
+    from .ghosts import Blades, Meshes
 
 RIM = NUMBERS["GHOST_RIM"]
 FARTHEST_PX, LEAST_PX2, MOST_POINTS, DIAGONAL = 1e6, 1e-12, 2048, 1.4  # as in ghosts.c
@@ -12,7 +17,7 @@ FARTHEST_PX, LEAST_PX2, MOST_POINTS, DIAGONAL = 1e6, 1e-12, 2048, 1.4  # as in g
 
 @dataclass(frozen=True, eq=False)
 class _Canvas:
-    blades: object
+    blades: "Blades"
     picture: np.ndarray
     crossings: int
     part: float
@@ -20,7 +25,8 @@ class _Canvas:
     per_light: float
 
 
-def numpy_draw_ghosts(meshes, blades, centre_px, px_per_mm, levels) -> np.ndarray:
+def numpy_draw_ghosts(meshes: "Meshes", blades: "Blades", centre_px: tuple[float, float], px_per_mm: float,
+                      levels: Sequence[np.ndarray]) -> np.ndarray:
     """As `draw_ghosts`."""
     light = np.zeros(len(meshes.rays))
     frame_px = [n - 2 * RIM for n in levels[0].shape[1:]]
