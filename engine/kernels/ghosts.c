@@ -141,6 +141,7 @@ int OF_VARIANT(lf_ghost_rays)(const lf_system *s, const lf_beam *b, double *out)
 #define FARTHEST_PX 1e6
 #define LEAST_PX2 1e-12 /* added to areas: rays that meet in a point */
 #define MOST_POINTS 2048
+#define SHARED_FROM 3 /* up to 4 times its pixels, a mesh is shared with the next level */
 #define DIAGONAL 1.4 /* of a cell, over its side */
 #define QUANTITIES (2 + 2 * LF_CROSSINGS) /* light, limit, and positions in the stop */
 
@@ -442,7 +443,8 @@ int OF_VARIANT(lf_ghost_light)(const lf_meshes *m, const lf_picture *levels, int
         double over = larger(area / m->pixels[pair], m->blur[pair]), scale = 1;
         int64_t level = 0;
         for (; over >= 4 && level + 1 < count; level++) over /= 4, scale /= 2;
-        const float coarser = level + 1 < count && over > 1 ? (float)((over - 1) / 3) : 0;
+        const double blurred = (m->blur[pair] * scale * scale - 1) / 3; /* gives the blur its variance */
+        const float coarser = level + 1 < count ? (float)larger(larger(blurred, over - SHARED_FROM), 0) : 0;
         light[pair] = 0;
         for (int k = 0; k < 2; k++) {
             const float part = k ? coarser : 1 - coarser;

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from .ghosts import Blades, Meshes
 
 RIM = NUMBERS["GHOST_RIM"]
-FARTHEST_PX, LEAST_PX2, MOST_POINTS, DIAGONAL = 1e6, 1e-12, 2048, 1.4  # as in ghosts.c
+FARTHEST_PX, LEAST_PX2, MOST_POINTS, DIAGONAL, SHARED_FROM = 1e6, 1e-12, 2048, 1.4, 3  # as in ghosts.c
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,8 @@ def numpy_draw_ghosts(meshes: "Meshes", blades: "Blades", centre_px: tuple[float
         over, level = max(area / meshes.pixels[pair], meshes.blur[pair]), 0
         while over >= 4 and level + 1 < len(levels):
             over, level = over / 4, level + 1
-        coarser = (over - 1) / 3 if level + 1 < len(levels) and over > 1 else 0.0
+        blurred = (meshes.blur[pair] / 4**level - 1) / 3
+        coarser = max(blurred, over - SHARED_FROM, 0.0) if level + 1 < len(levels) else 0.0
         for number, part in ((level, 1 - coarser), (level + 1, coarser)):
             if part > 0:
                 canvas = _Canvas(blades, levels[number][0], int(meshes.crossings[pair]), part, 0.5**number,
