@@ -34,7 +34,7 @@
 #                  Xvfb, and ImageMagick's import); it installs the zip for Blender 5.1 and later: for others, add
 #                  GENERATION=blender4.5 (4.5 and 5.0) or GENERATION=python3.14 (of a distribution, on Python 3.14);
 #                  STEPS="install escape" runs only these steps; screenshots are in build/ui-test
-# make test-bake   compare baking with Optiland and rayoptics, in .venv-bake (2 GB)
+# make test-bake   compare baking with Optiland and rayoptics, and ghosts with batoid, in .venv-bake (2 GB)
 # make test-sensor  run a small part of make validate-sensor, and compare it with docs/camera.md, in .venv-sensor; and
 #                  validate raw files with Adobe's DNG SDK
 # make test-farm   run the tests of Open Job Description and Dask, in .venv-farm
@@ -183,7 +183,8 @@ ui-test: $(READY)
 
 test-bake: $(BAKE_READY) kernels
 	$(BAKE)/bin/python -m pytest -q tests/engine/bake/test_witness.py tests/engine/bake/test_second_witness.py \
-	    tests/engine/bake/test_displaced_witness.py tests/engine/bake/test_depth_witness.py
+	    tests/engine/bake/test_displaced_witness.py tests/engine/bake/test_depth_witness.py \
+	    tests/engine/stray/test_ghost_witness.py
 
 test-sensor: $(SENSOR)/.ready
 	$(SENSOR)/bin/python -m pytest -q tests/engine/sensor/test_emva.py

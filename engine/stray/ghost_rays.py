@@ -11,13 +11,16 @@ from .ghost_beams import GhostLens
 def trace_ghosts(lens: GhostLens, coated: Coated, beam: Beam, pairs: np.ndarray, limits_mm: np.ndarray, side: int,
                  farthest: float = np.inf) -> np.ndarray:
     """Trace `side` x `side` rays within limits (pair, 4) of the cross section; for radial lenses only the half of them
-    from the middle to the right. Returns as `ghost_rays`."""
+    from the middle to the right. Returns as `ghost_rays`, with positions from the middle of the picture."""
     boxes, shape = boxes_of(lens, limits_mm, side)
     if running() != NUMPY:
-        return ghost_rays(lens.surfaces, coated, lens.per_semi_aperture, beam, pairs, boxes, shape, farthest)
-    with np.errstate(all="ignore"):
-        rays = [_traced(lens, coated, beam, pair, box, shape, farthest) for pair, box in zip(pairs, boxes, strict=True)]
-    return np.reshape(rays, (len(pairs), QUANTITIES, *shape))
+        rays = ghost_rays(lens.surfaces, coated, lens.per_semi_aperture, beam, pairs, boxes, shape, farthest)
+    else:
+        with np.errstate(all="ignore"):
+            rays = np.reshape([_traced(lens, coated, beam, pair, box, shape, farthest)
+                               for pair, box in zip(pairs, boxes, strict=True)], (len(pairs), QUANTITIES, *shape))
+    rays[:, :2] -= lens.view.origin_mm[:, None, None]
+    return rays
 
 
 def boxes_of(lens: GhostLens, limits_mm: np.ndarray, side: int) -> tuple[np.ndarray, tuple[int, int]]:

@@ -7,6 +7,7 @@ from unittest import mock
 import numpy as np
 import pytest
 
+from fresnel import fresnel
 from lensfield.engine.depth.iris import Iris, opening_within
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.kernels.library import NUMPY, available
@@ -52,15 +53,6 @@ def source(right_deg, up_deg, *, radius_rad=0.0, irradiance=2.0, nm=(NM,)):
                    np.array(nm), np.array([radius_rad]), ("lamp",))
 
 
-def fresnel(before, behind, cosine):
-    """Reflectance of unpolarised light."""
-    sine_square = (before / behind)**2 * (1 - cosine**2)
-    other = np.sqrt(np.maximum(1 - sine_square, 0))
-    across = (before * cosine - behind * other) / (before * cosine + behind * other)
-    along = (before * other - behind * cosine) / (before * other + behind * cosine)
-    return np.where(sine_square >= 1, 1.0, (across**2 + along**2) / 2)
-
-
 def moments(picture, grid):
     """Centre x, y in mm of a picture's light, and its variance along x."""
     x, y = grid.axes_mm()
@@ -78,6 +70,12 @@ def test_ghost_of_a_plate_in_front_falls_on_the_image():
     focal_mm = system_of(lens).efl_mm
     x, y, _ = moments(found.irradiance[0], OFF_CENTRE)
     np.testing.assert_allclose([x, y], focal_mm * direction[:2] / direction[2], atol=0.15)
+
+
+def test_ghosts_are_in_their_places_on_a_tilted_sensor():
+    lens = turned(with_plate(True), Rings(tilt_deg=(2.0, -1.0))).prescription
+    found = ghosts(lens, source(0.0, 0.0), OFF_CENTRE, ROUND)
+    np.testing.assert_allclose(moments(found.irradiance[0], OFF_CENTRE)[:2], 0, atol=0.02)
 
 
 def test_ghost_of_a_plate_behind_is_as_wide_as_its_detour():
