@@ -10,6 +10,7 @@ from .ghost_beams import GhostLens, entrance_mm
 from .ghost_rays import boxes_of, trace_ghosts
 
 FIRST, NEXT, DIRECT = 25, 17, 65  # rays across, and up: of the two searches, and of light that is not reflected
+FIRST_CROOKED = 49  # of the first search without symmetry: the fronts of anamorphic lenses are many pupils wide
 LEAST_SQUARE = 9.0  # of the closest ray to an opening, over the opening's square: beyond it the search ends
 MARGIN = 0.5  # cells of the second search, for what its rays and wavelengths do not show
 TILT_RAD = 1e-4  # for derivatives with respect to a source's direction
@@ -48,7 +49,8 @@ def survey(lens: GhostLens, grid: PixelGrid, coated: list[Coated], beam: Beam, a
     this share of the light, at all of them."""
     pairs, middle = lens.pairs, len(coated) // 2
     everywhere_mm = np.tile(entrance_mm(lens, beam), (len(pairs), 1))
-    closer_mm, rays = _searched(lens, coated[middle], beam, pairs, everywhere_mm, FIRST)
+    first = FIRST if lens.radial else FIRST_CROOKED
+    closer_mm, rays = _searched(lens, coated[middle], beam, pairs, everywhere_mm, first)
     light_mm2 = np.repeat(_light_mm2(lens, grid, rays, everywhere_mm, azimuth_rad)[:, None], len(coated), axis=1)
     bright = np.flatnonzero(brightest(light_mm2[:, middle], share))
     found = [_searched(lens, each, beam, pairs[bright], closer_mm[bright], NEXT) for each in coated]
