@@ -68,6 +68,13 @@ class System(FirstOrder):
         return sizes
 
     @property
+    def all_semi_apertures_mm(self) -> np.ndarray:
+        """Semi-aperture of each surface, including the stop's: array (surface,), inf for unlimited ones."""
+        sizes = self.semi_apertures_mm
+        sizes[self.prescription.stop_index] = self.stop_semi_aperture_mm
+        return sizes
+
+    @property
     def exit_pupil_distance_mm(self) -> float:
         """From the image plane to the exit pupil, positive along the light."""
         return self.exit_pupil_mm - self.prescription.surfaces[-1].thickness_mm
@@ -133,10 +140,13 @@ class System(FirstOrder):
 
     def glass_transmittance(self, wavelengths_nm: Sequence[float] | np.ndarray) -> np.ndarray:
         """T of the bulk glass along the axis: array (wavelength,), without losses of model glasses."""
+        return np.exp(-self.optical_depths(wavelengths_nm).sum(axis=0))
+
+    def optical_depths(self, wavelengths_nm: Sequence[float] | np.ndarray) -> np.ndarray:
+        """Absorption times thickness, on the axis, of the medium behind each surface: array (surface, wavelength)."""
         nm = np.asarray(wavelengths_nm, dtype=float)
-        depth = sum(4 * np.pi * glass.extinction_at(nm) * abs(surface.thickness_mm) / (nm * 1e-6)
-                    for glass, surface in zip(self.glasses, self.prescription.surfaces, strict=True))
-        return np.exp(-depth)
+        return np.stack([4 * np.pi * glass.extinction_at(nm) * abs(surface.thickness_mm) / (nm * 1e-6)
+                         for glass, surface in zip(self.glasses, self.prescription.surfaces, strict=True)])
 
 
 @lru_cache(maxsize=MOST_SYSTEMS)

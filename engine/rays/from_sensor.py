@@ -12,7 +12,7 @@ import numpy as np
 from ..prescription.prescription import Prescription
 from .fields import view_of
 from .focus import build_system
-from .sensor_aim import Bins, Cells, aim_bins, aim_cells, all_semi_apertures_mm
+from .sensor_aim import Bins, Cells, aim_bins, aim_cells
 from .trace import traced_surfaces
 from .transmission import coating_transmittance
 
@@ -132,7 +132,7 @@ def lens_from_sensor(prescription: Prescription, wavelength_nm: float, edges_mm:
         curvature_per_mm=np.array([-1 / surface.radius_mm for surface in surfaces]),
         conic=np.array([surface.conic for surface in surfaces]),
         terms=terms, first_power=first_power, power_step=power_step,
-        semi_aperture_mm=all_semi_apertures_mm(system)[::-1],
+        semi_aperture_mm=system.all_semi_apertures_mm[::-1],
         index_ratio=(indices[1:] / indices[:-1])[::-1],
         absorption_per_mm=4 * np.pi * extinction / (wavelength_nm * 1e-6),
         coating_transmittance=float(coating_transmittance(system, [wavelength_nm])[0]),

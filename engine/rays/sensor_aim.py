@@ -72,13 +72,6 @@ class Cells:
     high_mm: np.ndarray
 
 
-def all_semi_apertures_mm(system: System) -> np.ndarray:
-    """Semi-aperture of each surface, including the stop's: array (surface,), inf if unlimited."""
-    semi_mm = system.semi_apertures_mm
-    semi_mm[system.prescription.stop_index] = system.stop_semi_aperture_mm
-    return semi_mm
-
-
 def aim_bins(system: System, indices: np.ndarray, farthest_mm: float) -> Bins:
     """Search the rectangles of a rotationally symmetric lens.
 
@@ -176,7 +169,7 @@ def _passing(system, indices):
     """Function of a sensor point (x, y) and of points (x, y, z), arrays (row, column), in the frame of the sensor:
     whether the ray from the first through the others passes."""
     sensor_first, indices = _sensor_as_stop(system.prescription), np.append(indices, indices[-1]).reshape(-1, 1, 1, 1)
-    axes, semi_mm = sensor_axes(system.prescription), all_semi_apertures_mm(system)
+    axes, semi_mm = sensor_axes(system.prescription), system.all_semi_apertures_mm
 
     def passes(place_mm, points_mm):
         points_mm = np.stack(np.broadcast_arrays(*points_mm))

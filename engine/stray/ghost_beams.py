@@ -69,19 +69,15 @@ class GhostLens:
         """T of the glass that the light of each pair passes, along the axis: array (pair, wavelength)."""
         gaps = np.arange(len(self.system.glasses))
         times = 1 + 2 * ((gaps >= pairs[:, :1]) & (gaps < pairs[:, 1:]))
-        depths = [4 * np.pi * glass.extinction_at(wavelengths_nm) * abs(surface.thickness_mm) / (wavelengths_nm * 1e-6)
-                  for glass, surface in zip(self.system.glasses, self.system.prescription.surfaces, strict=True)]
-        return np.exp(-times @ np.stack(depths))
+        return np.exp(-times @ self.system.optical_depths(wavelengths_nm))
 
 
 def ghost_lens(system: System, opening: Opening, wavelengths_nm: np.ndarray) -> GhostLens:
     """Prepare a lens; its pairs are those of surfaces that reflect at any of the wavelengths."""
-    sizes_mm = system.semi_apertures_mm
-    sizes_mm[system.prescription.stop_index] = system.stop_semi_aperture_mm
     reflecting = np.flatnonzero(system.reflectances(wavelengths_nm, [0.0]).max(axis=(1, 2)) > 0)
     near, far = np.triu_indices(len(reflecting), 1)
-    return GhostLens(system, view_of(system), traced_surfaces(system.prescription), opening, 1 / sizes_mm,
-                     np.stack([reflecting[near], reflecting[far]], axis=1))
+    return GhostLens(system, view_of(system), traced_surfaces(system.prescription), opening,
+                     1 / system.all_semi_apertures_mm, np.stack([reflecting[near], reflecting[far]], axis=1))
 
 
 def beam_of(lens: GhostLens, direction: np.ndarray, distance_mm: float) -> tuple[Beam, float]:
