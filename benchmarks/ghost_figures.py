@@ -19,7 +19,7 @@ from lensfield.engine.depth.iris import Iris, opening_within
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.library import prescription_of
 from lensfield.engine.rays.rings import Rings, turned
-from lensfield.engine.stray.ghosts import Ghosts, ghosts
+from lensfield.engine.stray.ghosts import Ghosts, direct_light, ghosts
 from lensfield.engine.stray.sources import Sources
 
 LENSES = "cooke-triplet-50mm", "pentax-macro-200mm", "arri-master-prime-100mm"
@@ -36,21 +36,23 @@ def lamps() -> Sources:
                    tuple(f"lamp {number}" for number in range(1, LAMPS + 1)))
 
 
-def traced(name: str) -> tuple[Ghosts, float]:
-    """The ghosts of the lamps through a lens, and processor seconds."""
+def traced(name: str) -> tuple[Ghosts, np.ndarray, float]:
+    """The ghosts of the lamps through a lens, the light of their images, and processor seconds of the ghosts."""
     design = prescription_of(name)
     bare = replace(design, coating="none", surfaces=tuple(replace(each, coating="") for each in design.surfaces))
     lens = turned(bare, Rings(f_number=F_NUMBER)).prescription
     grid = PixelGrid(HD, FULL_FRAME_MM / HD[1] * 1e3)
     before = time.process_time()
-    found = ghosts(lens, lamps(), grid, opening_within(Iris(BLADES), lens.stop_rim))
-    return found, time.process_time() - before
+    opening = opening_within(Iris(BLADES), lens.stop_rim)
+    found = ghosts(lens, lamps(), grid, opening)
+    seconds = time.process_time() - before
+    return found, direct_light(lens, lamps(), opening), seconds
 
 
 def line(name: str) -> str:
     """A lens's line of the table."""
-    found, seconds = traced(name)
-    drawn, image = np.nansum(found.light), found.image_light.sum()
+    found, images, seconds = traced(name)
+    drawn, image = np.nansum(found.light), images.sum()
     count = np.count_nonzero(np.isfinite(found.light[:, :, 0]))
     return (f"{name:<26}{seconds:8.1f} s{len(found.pairs):7d}{count:8d}"
             f"{100 * drawn / (drawn + found.neglected.sum()):9.2f} %{100 * drawn / image:9.3f} %")

@@ -48,8 +48,6 @@ class Ghosts:
         W nm^-1 of each ghost on the frame; NaN for neglected ones.
     neglected : array (source, wavelength)
         W nm^-1 of the ghosts that are not drawn, from few rays.
-    image_light : array (source, wavelength)
-        W nm^-1 of the light that reaches the sensor's plane without reflection.
     """
 
     irradiance: np.ndarray
@@ -58,7 +56,6 @@ class Ghosts:
     pairs: np.ndarray
     light: np.ndarray
     neglected: np.ndarray
-    image_light: np.ndarray
 
 
 def ghosts(prescription: Prescription, sources: Sources, grid: PixelGrid, opening: Opening,
@@ -110,7 +107,21 @@ def ghosts(prescription: Prescription, sources: Sources, grid: PixelGrid, openin
     with thread_pool() as pool:
         list(pool.map(draw, range(len(nm))))
     return Ghosts(irradiance, nm, sources.names, lens.pairs + 1, light,
-                  np.where(drawn[..., None], 0, estimates).sum(axis=1), _image_light(lens, coated, sources))
+                  np.where(drawn[..., None], 0, estimates).sum(axis=1))
+
+
+def direct_light(prescription: Prescription, sources: Sources, opening: Opening) -> np.ndarray:
+    """Light that reaches the sensor's plane without reflection, in W nm^-1: array (source, wavelength).
+
+    Parameters and errors are as for `ghosts`.
+    """
+    nm, none = sources.wavelengths_nm, np.array([[-1, -1]])
+    lens = ghost_lens(system_of(prescription), opening, nm)
+    coated, light_mm2 = lens.coated(nm), np.zeros((len(sources), len(nm)))
+    for number in np.flatnonzero(enters(lens, sources)):
+        beam, _ = beam_of(lens, sources.directions[number], float(sources.distance_mm[number]))
+        light_mm2[number] = [direct_light_mm2(lens, each, beam) for each in coated]
+    return SQUARE_M * sources.irradiance * light_mm2 * lens.glass_transmittance(nm, none)
 
 
 def _surveys(lens, frame, coated, sources, share):
@@ -162,16 +173,6 @@ def _fine_rays(lens, coated, nm, found, chosen):
     rays[:, 3] -= (np.diff(around[:, 1:-1], 2, axis=2) + np.diff(around[:, :, 1:-1], 2, axis=1)) / 12
     boxes, _ = boxes_of(lens, found.limits_mm[chosen], RAYS)
     return rays, boxes[:, 1] * boxes[:, 3]
-
-
-def _image_light(lens, coated, sources):
-    """`Ghosts.image_light`."""
-    nm, none = sources.wavelengths_nm, np.array([[-1, -1]])
-    light_mm2 = np.zeros((len(sources), len(nm)))
-    for number in np.flatnonzero(enters(lens, sources)):
-        beam, _ = beam_of(lens, sources.directions[number], float(sources.distance_mm[number]))
-        light_mm2[number] = [direct_light_mm2(lens, each, beam) for each in coated]
-    return SQUARE_M * sources.irradiance * light_mm2 * lens.glass_transmittance(nm, none)
 
 
 def _pixels(light):

@@ -17,7 +17,7 @@ from lensfield.engine.prescription.surfaces import distance_to, refracted, unit_
 from lensfield.engine.prescription.system import system_of
 from lensfield.engine.rays.rings import Rings, turned
 from lensfield.engine.runtime import threads
-from lensfield.engine.stray.ghosts import ghosts
+from lensfield.engine.stray.ghosts import direct_light, ghosts
 from lensfield.engine.stray.sources import Sources
 from loops import using
 
@@ -66,7 +66,8 @@ def test_ghost_of_a_plate_in_front_falls_on_the_image():
     found = ghosts(lens, source(4.0, 2.0), OFF_CENTRE, ROUND)
     direction = source(4.0, 2.0).directions[0]
     share = fresnel(1.0, PLATE_INDEX, direction[2])
-    np.testing.assert_allclose(found.light[0, 0, 0] / found.image_light[0, 0], share**2, rtol=0.01)
+    image_light = direct_light(lens, source(4.0, 2.0), ROUND)
+    np.testing.assert_allclose(found.light[0, 0, 0] / image_light[0, 0], share**2, rtol=0.01)
     focal_mm = system_of(lens).efl_mm
     x, y, _ = moments(found.irradiance[0], OFF_CENTRE)
     np.testing.assert_allclose([x, y], focal_mm * direction[:2] / direction[2], atol=0.15)
@@ -84,7 +85,8 @@ def test_ghost_of_a_plate_behind_is_as_wide_as_its_detour():
     grid = PixelGrid((200, 300), 10.0, centre_px=(80.0, 130.0))
     found = ghosts(lens, source(0.0, 0.0), grid, ROUND)
     share = fresnel(1.0, PLATE_INDEX, 1.0)
-    np.testing.assert_allclose(found.light[0, 0, 0] / found.image_light[0, 0], share**2, rtol=0.01)
+    image_light = direct_light(lens, source(0.0, 0.0), ROUND)
+    np.testing.assert_allclose(found.light[0, 0, 0] / image_light[0, 0], share**2, rtol=0.01)
     stop_mm, to_image_mm = system.stop_semi_aperture_mm, system.exit_pupil_distance_mm
     radius_mm = 2 * PLATE_MM / PLATE_INDEX * stop_mm / abs(to_image_mm)
     x, y, variance = moments(found.irradiance[0], grid)
