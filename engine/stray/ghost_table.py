@@ -86,7 +86,7 @@ def ghost_table(lens: Lens, angle_deg: float, iris: Iris | None = None, rows: in
         raise LensError(lens.name, "ghosts", "none", word)
     grid, source = _grid(lens), _source(angle_deg, nm)
     found = _ghosts_of(lens, lens.prescription, source, grid, iris)
-    light = np.nansum(found.light, axis=(0, 2)) / _image_light_w(lens, nm)
+    light = np.nansum(found.light, axis=(0, 2)) / _image_light_w(lens)
     strongest = [index for index in np.argsort(-light, kind="stable")[:rows] if light[index]]
     table = [_row(lens, found.pairs[index], float(light[index]), source, grid, iris) for index in strongest]
     return GhostTable(angle_deg, table, float(light.sum()), found.irradiance.mean(axis=0))
@@ -96,10 +96,10 @@ def _ghosts_of(lens, prescription, source, grid, iris):
     return ghosts(prescription, source, grid, opening(iris, lens))
 
 
-def _image_light_w(lens, wavelengths_nm):
+def _image_light_w(lens):
     """Light through the entrance pupil to the image of a source of unit irradiance on the axis, of all wavelengths."""
     pupil_m2 = np.pi / 4 * np.prod(entrance_pupil_size_mm(lens)) * 1e-6
-    return pupil_m2 * sum(lens.at_wavelength(nm).transmittance for nm in wavelengths_nm)
+    return pupil_m2 * lens.transmittance.sum()
 
 
 def _grid(lens):

@@ -142,18 +142,16 @@ class _Scene:
     def inside_light(self):
         """Irradiance of the frame's own light, summed over its pixels: array (wavelength,)."""
         frame = self.radiance.frame().cube.sum(axis=(1, 2), dtype=np.float64)
-        transmittance = np.array([self.lens.at_wavelength(nm).transmittance for nm in self.wavelengths_nm])
-        return irradiance_per_radiance(transmittance, self.lens.f_number_effective) * np.maximum(frame, 0)
+        return irradiance_per_radiance(self._transmittance, self.lens.f_number_effective) * np.maximum(frame, 0)
 
     @cached_property
     def all_light(self):
         """As `inside_light`, with the light of sources outside the picture through the entrance pupil."""
         if self.outside is None:
             return self.inside_light
-        transmittance = np.array([self.lens.at_wavelength(nm).transmittance for nm in self.wavelengths_nm])
         facing = self.outside.irradiance * np.maximum(self.outside.directions[:, 2:], 0)
         pupil_px = np.pi / 4 * np.prod(entrance_pupil_size_mm(self.lens)) / self._pixel_mm2
-        return self.inside_light + facing.sum(axis=0) * transmittance * pupil_px
+        return self.inside_light + facing.sum(axis=0) * self._transmittance * pupil_px
 
     @cached_property
     def arrivals(self) -> Arrivals:
@@ -166,6 +164,10 @@ class _Scene:
         if options.glare_index:
             return veil_with_index(self.lens, frame, options.cleanliness, options.glare_index / 100)
         return veil_of(self.lens, options.cleanliness)
+
+    @cached_property
+    def _transmittance(self):
+        return np.array([self.lens.at_wavelength(nm).transmittance for nm in self.wavelengths_nm])
 
     @property
     def _pixel_mm2(self):
