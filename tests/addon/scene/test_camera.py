@@ -26,6 +26,7 @@ from lensfield.engine.image.projection import PLANE
 from lensfield.engine.image.sampling import Sampling
 from lensfield.engine.pictures.spectral_exr import read_exr
 from lensfield.engine.plan.choose import make_plan
+from lensfield.engine.stray.options import StrayOptions
 from small_scenes import material, render, set_world, wall
 from varied_lenses import varied_lens
 
@@ -90,7 +91,7 @@ def test_beads_in_the_object_plane_land_at_the_real_chief_ray_height(scene, tmp_
 def test_uniform_world_gives_the_irradiance_of_equation_2_across_the_frame(scene, tmp_path):
     set_world(scene)
     scene.world.lensfield.emission = "380:1, 780:1"
-    image = read_exr(render(scene, tmp_path, [WAVELENGTH_NM]).irradiance)
+    image = read_exr(render(scene, tmp_path, [WAVELENGTH_NM], stray=StrayOptions("off")).irradiance)
     on_axis = np.pi * LENS.transmittance[COLUMN] * (1 / 400) / (4 * LENS.f_number_effective**2)
     rows, columns = np.mgrid[:image.cube.shape[1], :image.cube.shape[2]]
     real_mm = np.hypot(rows - image.centre_px[0], columns - image.centre_px[1]) * image.pitch_um * 1e-3
