@@ -16,6 +16,7 @@ from mathutils import Vector
 
 from ...engine.image.directions import directions, holds, solid_angles_sr
 from ...engine.lens.entrance_pupil import entrance_pupil_size_mm
+from ...engine.runtime.errors import listed
 from ...engine.stray.merging import grouped, merged_sources
 from ...engine.stray.sources import Sources, widths_nm
 from ..scene.depth import View
@@ -282,5 +283,4 @@ def _none(wavelengths_nm):
 
 
 def _line(why, names):
-    shown = ", ".join(list(names)[:MOST_NAMED]) + f" and {len(names) - MOST_NAMED} more" * (len(names) > MOST_NAMED)
-    return f"no stray light from {shown}: {why}"
+    return f"no stray light from {listed(names, MOST_NAMED)}: {why}"

@@ -3,7 +3,7 @@
 import errno
 import os
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any, Self
@@ -43,6 +43,13 @@ def shown(value: Any, most: int = 40) -> str:
         begin = (most - 3) // 2
         text = f"{text[:begin]}...{text[begin + 3 - most:]}"
     return printable(" ".join(text.splitlines()))
+
+
+def listed(names: Iterable[str], most: int) -> str:
+    """Names as messages list them: "a, b and 3 more" if there are more than `most`."""
+    names = list(names)
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
 
 
 def printable(text: str) -> str:

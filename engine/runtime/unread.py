@@ -3,7 +3,7 @@
 from collections.abc import Collection, Iterable, Iterator
 from typing import Any
 
-from .errors import shown
+from .errors import listed, shown
 
 MOST_NAMED = 12  # words in a note
 
@@ -17,8 +17,7 @@ def unread_note(names: Collection[str]) -> str:
     """The note about names that a reader does not use; empty without any."""
     if not names:
         return ""
-    more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
-    return f"Not used from the file: {', '.join(shown(name) for name in list(names)[:MOST_NAMED])}{more}."
+    return f"Not used from the file: {listed(map(shown, names), MOST_NAMED)}."
 
 
 def json_names(value: Any, harmless: Collection[str] = ()) -> Iterator[str]:

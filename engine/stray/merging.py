@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..runtime.errors import listed
 from .sources import Sources, widths_nm
 
 MOST_NAMED = 3
@@ -82,8 +83,7 @@ def _merged(sources, group, light):
     length = np.linalg.norm(vector)
     nearness = np.average(1 / sources.distance_mm[group], weights=light)
     variance = 2 * max(1 - length**2, 0) + np.average(np.square(sources.radius_rad[group]), weights=light)
-    names = list(dict.fromkeys(sources.names[index] for index in group))
-    name = ", ".join(names[:MOST_NAMED]) + f" and {len(names) - MOST_NAMED} more" * (len(names) > MOST_NAMED)
+    name = listed(dict.fromkeys(sources.names[index] for index in group), MOST_NAMED)
     return replace(sources, directions=(vector / max(length, np.finfo(float).tiny))[None],
                    distance_mm=np.array([1 / nearness if nearness else np.inf]),
                    irradiance=sources.irradiance[group].sum(axis=0)[None],
