@@ -28,7 +28,7 @@ LABEL_LENGTH = 63  # Blender's limit
 WIDTH = 240  # of the node, like Render Layers, so that its label is readable
 LENS_IMAGE = re.compile(r"(.*?)(-?\d+)_lens_image\.exr")
 SWITCHED = {"Image": "lens_image", "Depth": "depth", "Stray Light": "stray_light"}
-"""Outputs that show a frame's files, or else the plain render, which has no stray light."""
+"""Outputs that show a frame's files, or else the plain render, without stray light."""
 PLAIN = "Image", "Depth"  # inputs: the plain render
 PICTURES = "Image", "Stray Light"  # in colour
 STILLS = {"Relative Illumination": "relative_illumination", "STMap Distort": "stmap_distort",

@@ -97,7 +97,7 @@ def _set_pixels(node, name, pixels):
 
 
 def _build(group, look_up):
-    """Create the nodes of a group; `look_up` creates those of the tables."""
+    """Create the nodes of a group; `look_up` creates the nodes for the tables."""
     given, results = group.nodes.new("NodeGroupInput"), group.nodes.new("NodeGroupOutput")
     picture, depth, focus, f_stop, *_ = given.outputs
     longer_px, per_sensor = _size(group, picture)

@@ -55,7 +55,7 @@ class Coating:
         Refractive index and thickness in nm of each layer, from the medium of lower index, usually air, to the other.
         () for bare glass.
     measured : MeasuredReflectance or None
-        It replaces the layers. What it does not reflect gets through.
+        It replaces the layers. The rest of the light gets through.
 
     Raises
     ------

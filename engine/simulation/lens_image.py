@@ -91,7 +91,7 @@ def lens_image(radiance: SpectralImage, lens: Lens, options: Options, stray: Str
     Returns
     -------
     SpectralImage, SpectralImage or None
-        Irradiance of the sensor's frame, and the stray light in it; None if there is none.
+        Irradiance of the sensor's frame, and the stray light in it; None without any.
 
     Raises
     ------
@@ -108,8 +108,8 @@ def lens_image(radiance: SpectralImage, lens: Lens, options: Options, stray: Str
     report.add(_facts(added, irradiance))
     if added.cube is None:
         return irradiance, None
-    for plane, kept, of_stray in zip(irradiance.cube, added.kept, added.cube, strict=True):
-        plane *= np.float32(kept)
+    for plane, share, of_stray in zip(irradiance.cube, added.remaining, added.cube, strict=True):
+        plane *= np.float32(share)
         plane += of_stray
     return irradiance, replace(irradiance, cube=added.cube)
 

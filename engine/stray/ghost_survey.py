@@ -12,7 +12,7 @@ from .ghost_rays import boxes_of, trace_ghosts
 FIRST, NEXT, DIRECT = 25, 17, 65  # rays across, and up: of the two searches, and of light that is not reflected
 FIRST_CROOKED = 49  # of the first search without symmetry: the fronts of anamorphic lenses are many pupils wide
 LEAST_SQUARE = 9.0  # of the closest ray to an opening, over the opening's square: beyond it the search ends
-MARGIN = 0.5  # cells of the second search, for what its rays and wavelengths do not show
+MARGIN = 0.5  # cells of the second search, for light between its rays and wavelengths
 TILT_RAD = 1e-4  # for derivatives with respect to a source's direction
 
 

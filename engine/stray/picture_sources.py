@@ -44,8 +44,8 @@ def picture_sources(radiance: SpectralImage, focal_mm: float, layers: LayeredRad
     Returns
     -------
     Sources
-        A flat picture's are at infinity, and the others at the mean inverse distance of their light. Without light,
-        there are none.
+        A flat picture's are at infinity, and the others at the mean inverse distance of their light. Empty for a
+        black picture.
     float
         The average angle between the light and the direction of its source, in rad.
     """

@@ -1,4 +1,4 @@
-"""Sources of stray light: what is bright in front of a lens, in the picture or beyond its edges."""
+"""Sources of stray light: bright places in front of a lens, in the picture or beyond its edges."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -36,7 +36,7 @@ class StrayLight:
     ----------
     cube : float32 array (wavelength, row, column) or None
         Irradiance of the sensor's frame, W m^-2 nm^-1; None if no part was computed.
-    kept : array (wavelength,)
+    remaining : array (wavelength,)
         Share of the lens image's light that its own place keeps: the rest is in the cube.
     sums : dict of str: float
         Sum over the cube of each part that was computed.
@@ -53,7 +53,7 @@ class StrayLight:
     """
 
     cube: np.ndarray | None
-    kept: np.ndarray
+    remaining: np.ndarray
     sums: Mapping[str, float] = field(default_factory=dict)
     predicted: Mapping[str, float] = field(default_factory=dict)
     sources: int = 0
@@ -225,7 +225,7 @@ def _veil_share(scene):
 
 def _add_veil(result, scene):
     lost = add_veil(result.cube, scene.radiance.grid.frame(), scene.arrivals, scene.veil)
-    return replace(result, kept=result.kept - lost)
+    return replace(result, remaining=result.remaining - lost)
 
 
 def _star_share(scene):
@@ -234,7 +234,7 @@ def _star_share(scene):
 
 def _add_star(result, scene):
     lost = add_stars(result.cube, scene.lens, scene.opening, scene.radiance.grid.frame(), scene.arrivals)
-    return replace(result, kept=result.kept - lost)
+    return replace(result, remaining=result.remaining - lost)
 
 
 @dataclass(frozen=True)

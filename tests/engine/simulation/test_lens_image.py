@@ -109,7 +109,7 @@ def lamp(lens):
     return SpectralImage(cube, NM, pitch_um=lens.sensor_mm[0] / 60 * 1e3, focal_mm=lens.capture_focal_length_mm)
 
 
-def test_lamps_have_ghosts_by_the_lenss_own_surfaces():
+def test_the_surfaces_of_a_lens_cause_ghosts_of_lamps():
     """Six bare surfaces of indices of about 1.62 reflect 5.6 % each, and 15 pairs less than 0.056^2 each."""
     lens, report = varied_lens("cooke-triplet-50mm"), Report()
     image, stray = lens_image(lamp(lens), lens, OPTIONS, StrayOptions("ghosts"), report=report)
