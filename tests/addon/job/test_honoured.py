@@ -13,6 +13,7 @@ from lensfield.engine import ImageError, Options
 from lensfield.engine.pictures.spectral_exr import read_exr, read_parts
 from lensfield.engine.spectral.spectra import white_density
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
+from lensfield.engine.stray.options import StrayOptions
 from noise import assert_means, surely_apart
 from small_scenes import WAVELENGTHS_NM, light, material, render, set_region, set_world, wall
 
@@ -62,7 +63,8 @@ def test_a_clamped_light_keeps_its_colour(scene, tmp_path, tint, tier):
     """
     set_world(scene, tint, 20.0)
     scene.cycles.sample_clamp_direct = 5.0
-    result = render(scene, tmp_path, np.linspace(400, 700, 21), spectral=SpectralOptions(tier))
+    result = render(scene, tmp_path, np.linspace(400, 700, 21), spectral=SpectralOptions(tier), coating="ideal",
+                    stray=StrayOptions("off"))
     pixel = lens_image(result)[:, 18, 24]
     np.testing.assert_allclose(pixel / pixel.sum(), np.array(tint) / np.sum(tint), atol=0.03)
     assert pixel.mean() == pytest.approx(5.0, rel=0.25)  # the means of three wavelengths and of three colours differ
@@ -224,7 +226,8 @@ def test_the_render_region_shows_the_right_part_of_the_scene(scene, tmp_path, le
     from pixel to pixel: 5 sqrt(2) 0.29 / sqrt(16) / 20 = 2.6 %.
     """
     slanting_light(scene)
-    arguments = dict(lens=lens, wavelengths_nm=[550.0], options=Options(accuracy=0.001), lens_quality="preview")
+    arguments = dict(lens=lens, wavelengths_nm=[550.0], options=Options(accuracy=0.001), lens_quality="preview",
+                     stray=StrayOptions("off"))
     full = addon.render_through_lens(scene, output_folder=tmp_path / "whole", **arguments)
     set_region(scene, **BORDER)
     part = addon.render_through_lens(scene, output_folder=tmp_path / "part", **arguments)
