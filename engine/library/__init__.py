@@ -102,12 +102,12 @@ def load_lens(source: LensSource, rings: Rings = AT_REST, quality: str = "standa
     """
     if isinstance(source, Prescription):
         return baked_lens(source, rings, quality, progress, wavelengths_nm, edges_mm)
-    package = package_path(source)
-    if package and (rings == AT_REST or not has_rings(source)):
-        if rings != AT_REST:
-            raise LensError(source, "focus and f-number", "fixed",
-                            "a package is baked for one of each: omit them, or give the lens's prescription")
-        return _package_lens(package, source)
+    package, fixed = package_path(source), not has_rings(source)
+    if package and fixed and rings != AT_REST:
+        raise LensError(source, "focus and f-number", "fixed",
+                        "a package is baked for one of each: omit them, or give the lens's prescription")
+    if package and (fixed or replace(rings, coating=None) == AT_REST):
+        return _package_lens(package, source, rings)
     prescription = prescription_of(source)
     try:
         return baked_lens(prescription, rings, quality, progress, wavelengths_nm, edges_mm)
@@ -115,12 +115,12 @@ def load_lens(source: LensSource, rings: Rings = AT_REST, quality: str = "standa
         raise error.at(source) from None
 
 
-def _package_lens(package, name_or_path):
-    """The lens in a package, with its prescription if that is also bundled."""
+def _package_lens(package, name_or_path, rings):
+    """The lens in a package, with its prescription and this coating if the prescription is also bundled."""
     lens = read_package(package)
     if not has_rings(name_or_path):
         return lens
-    return with_prescription(lens, turned(prescription_of(name_or_path)).prescription)
+    return with_prescription(lens, turned(prescription_of(name_or_path), rings).prescription)
 
 
 def fits_all_frames(source: LensSource, rings: Rings = AT_REST) -> bool:
