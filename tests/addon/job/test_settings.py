@@ -19,6 +19,7 @@ from lensfield.engine.pictures.spectral_exr import read_exr
 from lensfield.engine.plan.options import DEFAULT_ACCURACY
 from lensfield.engine.simulation import channel_cache
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
+from lensfield.engine.stray.options import StrayOptions
 from places import SAMPLE_SCENE
 from small_scenes import WAVELENGTHS_NM, light, material, render, set_world, wall
 
@@ -120,12 +121,12 @@ def test_a_render_meets_its_requested_accuracy(scene, tmp_path):
 def test_later_renders_share_the_lens_and_give_the_same_results(scene, tmp_path, monkeypatch, options):
     shared_cache.cache_clear()
     lit_scene(scene)
-    first = render(scene, tmp_path / "first", options=options)
+    first = render(scene, tmp_path / "first", options=options, stray=StrayOptions("off"))
     created = []
     monkeypatch.setattr(channel_cache, "Channel", lambda *arguments, **_: created.append(arguments))
-    again = render(scene, tmp_path / "again", options=options)
+    again = render(scene, tmp_path / "again", options=options, stray=StrayOptions("off"))
     set_world(scene, strength=0.3)
-    other = render(scene, tmp_path / "other", options=options)
+    other = render(scene, tmp_path / "other", options=options, stray=StrayOptions("off"))
     assert not created
     monkeypatch.undo()
     assert np.array_equal(read_exr(again.irradiance).cube, read_exr(first.irradiance).cube)
