@@ -78,7 +78,7 @@ def outside_sources(scene, job, substitution, capture, sky=None):
     rays = MOST_RAYS * MANY_OBJECTS // (max(objects, MANY_OBJECTS) * max(len(parts), 1))
     rays = int(np.clip(rays, 1, LAMP_PATCHES))
     sources = [sight.source(part, rays, job.wavelengths_nm) for part in parts]
-    merged, _ = merged_sources(Sources.together([_none(job.wavelengths_nm), *filter(None, sources)]), MOST_OUTSIDE)
+    merged = merged_sources(Sources.together([_none(job.wavelengths_nm), *filter(None, sources)]), MOST_OUTSIDE)
     return merged, tuple(_line(why, names) for why, names in uncounted.items() if names)
 
 
@@ -216,7 +216,7 @@ class _Sight(View):
         if emitter.shown:
             counted &= ~holds(self._capture, towards)
         emitter, towards = emitter.chosen(counted), towards[counted]
-        for group in grouped(towards, patches.irradiance[counted], MOST_PARTS, PART_RAD)[0]:
+        for group in grouped(towards, patches.irradiance[counted], MOST_PARTS, PART_RAD):
             yield emitter.chosen(group)
 
     def source(self, part, rays, wavelengths_nm):

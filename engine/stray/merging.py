@@ -10,36 +10,21 @@ from .sources import Sources, widths_nm
 MOST_NAMED = 3
 
 
-def merged_sources(sources: Sources, most: int, spread_rad: float = 0.0) -> tuple[Sources, float]:
-    """Merge neighbouring sources, without loss of light.
-
-    Parameters
-    ----------
-    sources : Sources
-    most : int
-        Largest number of remaining sources.
-    spread_rad : float
-        Sources are merged if their light is on average this close to the direction of the merged one.
-
-    Returns
-    -------
-    Sources
-        Brightest first, those without light left out.
-    float
-        The average angle between the light and the direction of its merged source, in rad.
-    """
+def merged_sources(sources: Sources, most: int) -> Sources:
+    """Merge neighbouring sources until at most `most` remain, without loss of light: brightest first, and those without
+    light left out."""
     light = sources.irradiance @ widths_nm(sources.wavelengths_nm)
-    groups, spread = grouped(sources.directions, light, most, spread_rad)
-    parts = [_merged(sources, group, light[group]) for group in groups]
-    return Sources.together([sources.chosen(np.zeros(0, int)), *parts]), spread
+    parts = [_merged(sources, group, light[group]) for group in grouped(sources.directions, light, most)]
+    return Sources.together([sources.chosen(np.zeros(0, int)), *parts])
 
 
 def grouped(directions: np.ndarray, light: np.ndarray, most: int, spread_rad: float = 0.0
-            ) -> tuple[list[np.ndarray], float]:
+            ) -> list[np.ndarray]:
     """Divide directions (source, 3) with this light (source,) into groups of neighbours: arrays of their indices,
-    brightest first, and the average angle between the light and its group's direction.
+    brightest first.
 
-    The group whose light is farthest from its mean direction is halved, until the number or the spread is reached.
+    The group whose light is farthest from its mean direction is halved, until the number is reached, or light is on
+    average within `spread_rad` of its group's direction.
     """
     total = light.sum()
     groups = [np.flatnonzero(light > 0)] * bool(total > 0)
@@ -48,11 +33,11 @@ def grouped(directions: np.ndarray, light: np.ndarray, most: int, spread_rad: fl
         widest = int(np.argmax(spreads))
         group = groups.pop(widest)
         if not spreads.pop(widest):
-            return _sorted([*groups, group], light), 0.0
+            return _sorted([*groups, group], light)
         for half in _halves(directions[group], group):
             groups.append(half)
             spreads.append(_spread(directions, light, half))
-    return _sorted(groups, light), float(sum(spreads) / total) if groups else 0.0
+    return _sorted(groups, light)
 
 
 def _sorted(groups, light):

@@ -1,14 +1,16 @@
-"""Sources of stray light in a picture: its lamps, and the parts of its windows and skies.
+"""Sources of stray light in a picture: its lamps, and the parts of its windows, grounds and skies.
 
-The picture is halved again and again, where its light is farthest from the middle of its part. Each part becomes a
-source in the light-weighted mean direction of its pixels. No light is neglected, so a lamp that moves by less than a
-pixel moves its source by as much, and the sum of all sources does not jump when the parts change.
+What is much brighter than the mean is a lamp: each connected bright spot. A large one is shared out among the nodes of
+a grid, between which its light is divided linearly, and so is the ground: all other light. Each source is in the mean
+direction of its light. No light is neglected, and everything is continuous, so sources do not flicker: a lamp that
+moves by less than a pixel moves its source by as much, also while its light passes from one node to the next.
 """
 
-import heapq
-from dataclasses import replace
+import itertools
+from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
 from ..image.directions import directions, places_of, solid_angles_sr
 from ..image.layers import LayeredRadiance
@@ -16,15 +18,16 @@ from ..image.nonfinite import clamp_fireflies
 from ..image.spectral_image import SpectralImage
 from .sources import Sources, widths_nm
 
-MOST_SOURCES = 64
-SPREAD_RAD = 0.01
+LAMP = 8.0  # times the mean radiance: lamps begin there, and above twice this all light is a lamp's
+MOST_LAMPS = 20
+SMALL_RAD = 0.01  # root mean square: larger lamps are shared out
+LAMP_NODES, GROUND_NODES = (6, 8), (3, 4)  # down, and across
 MOST_CELLS = 1024  # along a side of the picture: the smallest parts of larger pictures are cells of several pixels
 STRIP_ROWS = 64
 DARK = 1e-12  # of the light: rounding in sums over empty parts
 
 
-def picture_sources(radiance: SpectralImage, focal_mm: float, layers: LayeredRadiance | None = None,
-                    most: int = MOST_SOURCES, spread_rad: float = SPREAD_RAD) -> tuple[Sources, float]:
+def picture_sources(radiance: SpectralImage, focal_mm: float, layers: LayeredRadiance | None = None) -> Sources:
     """The sources in a picture, brightest first; together they give all of its irradiance at the entrance pupil.
 
     Parameters
@@ -36,18 +39,12 @@ def picture_sources(radiance: SpectralImage, focal_mm: float, layers: LayeredRad
     layers : LayeredRadiance, optional
         The same light in layers, which have its distances. Their grid may extend beyond the radiance's, whose edges
         limit the sources.
-    most : int
-        Largest number of sources.
-    spread_rad : float
-        The picture is divided until its light is on average this close to its source's direction.
 
     Returns
     -------
     Sources
         A flat picture's are at infinity, and the others at the mean inverse distance of their light. Empty for a
         black picture.
-    float
-        The average angle between the light and the direction of its source, in rad.
     """
     grid = replace(radiance.grid, focal_mm=radiance.focal_mm or radiance.grid.focal_mm or focal_mm)
     widths, seen = widths_nm(radiance.wavelengths_nm), _within(layers, radiance) if layers else radiance
@@ -55,31 +52,26 @@ def picture_sources(radiance: SpectralImage, focal_mm: float, layers: LayeredRad
     nearness = _composed(seen, lambda cube, depth_mm: np.tensordot(widths, cube, axes=1) / depth_mm)
     cells = _Cells(grid)
     moments = cells.moments(light, nearness)
-    parts, spread = _parts(moments[:4], most, spread_rad)
-    labels = np.full(moments.shape[1:], -1)
-    for index, (top, bottom, left, right) in enumerate(parts):
-        labels[top:bottom, left:right] = index
+    parts = _parts(moments, cells.solid_angles_sr)
 
-    def summed(plane):
-        return np.bincount(labels[labels >= 0], plane[labels >= 0], minlength=len(parts))
+    def summed(planes):
+        return np.array([part.sum(planes) for part in parts])
 
-    irradiance = np.array([np.maximum(summed(cells.irradiance(_composed(seen, lambda cube, _, k=k: cube[k]))), 0)
-                           for k in range(widths.size)]).reshape(widths.size, len(parts)).T
-    return _sources(grid, radiance.wavelengths_nm, irradiance, np.array([summed(moment) for moment in moments])), spread
+    irradiance = np.array([summed(cells.irradiance(_composed(seen, lambda cube, _, k=k: cube[k])))
+                           for k in range(widths.size)])
+    return _sources(grid, radiance.wavelengths_nm, irradiance.T, summed(moments).reshape(-1, len(moments)).T)
 
 
 def _sources(grid, wavelengths_nm, irradiance, moments):
     """The Sources of parts, from their moments: array (moment, part), as in `_Cells.moments`."""
     light, vectors, nearness = moments[0], moments[1:4].T, moments[4]
-    length = np.linalg.norm(vectors, axis=-1)
-    variance = np.maximum(1 - np.square(length / light), 0)
-    pixel_sr = solid_angles_sr(grid, *grid.centre_px)
+    radius_rad = np.sqrt(2 * _variance(moments) + solid_angles_sr(grid, *grid.centre_px) / np.pi)
     with np.errstate(divide="ignore"):
         distance_mm = np.where(nearness > 0, light / nearness, np.inf)
-    towards = vectors / length[:, None]
+    towards = vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
     names = tuple(f"picture at {row:.0f}, {column:.0f} px"
                   for row, column in zip(*_frame_places(grid, towards), strict=True))
-    return Sources(towards, distance_mm, irradiance, wavelengths_nm, np.sqrt(2 * variance + pixel_sr / np.pi), names)
+    return Sources(towards, distance_mm, irradiance, wavelengths_nm, radius_rad, names)
 
 
 def _frame_places(grid, towards):
@@ -98,6 +90,11 @@ class _Cells:
     def __init__(self, grid):
         self._grid, self._size = grid, -(-max(grid.shape_px) // MOST_CELLS)
         self._sr = np.concatenate([solid_angles_sr(grid, *indices) for indices in self._strips()]).astype(np.float32)
+
+    @property
+    def solid_angles_sr(self):
+        """Array (row, column)."""
+        return self._merged(self._sr)
 
     def irradiance(self, plane):
         """Irradiance from cells, from a plane of radiance: array (row, column)."""
@@ -149,49 +146,85 @@ def _composed(radiance, light_of):
     return plane
 
 
-def _parts(moments, most, spread_rad):
-    """Divide cells into parts of at most this mean spread: a list of (top, bottom, left, right), brightest first, and
-    the spread.
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """A share of the light of some cells.
+
+    Attributes
+    ----------
+    place : (slice, slice)
+    share : array (row, column)
+    """
+
+    place: tuple[slice, slice]
+    share: np.ndarray
+
+    def sum(self, planes):
+        """Sums of planes (..., row, column) over the part."""
+        return np.sum(planes[(..., *self.place)] * self.share, axis=(-2, -1))
+
+
+def _parts(moments, cells_sr):
+    """Share out the light of cells among parts, brightest first.
 
     Parameters
     ----------
-    moments : array (4, row, column)
-        Irradiance, and its product with each component of the direction.
-    most : int
-    spread_rad : float
+    moments : array (moment, row, column)
+        As `_Cells.moments`.
+    cells_sr : array (row, column)
     """
-    table = np.pad(moments.cumsum(axis=1).cumsum(axis=2), ((0, 0), (1, 0), (1, 0)))
-    total = table[0, -1, -1]
-    heap, done = [_weighed(table, (0, moments.shape[1], 0, moments.shape[2]))] * bool(total > 0), []
-    while heap and len(heap) + len(done) < most:
-        if -sum(each[0] for each in heap) <= spread_rad * total:
-            break
-        _, light, box = heapq.heappop(heap)
-        halves = _halves(box)
-        if not halves:
-            done.append((0.0, light, box))
-        for half in halves:
-            weighed = _weighed(table, half)
-            if weighed[1] > DARK * total:
-                heapq.heappush(heap, weighed)
-    parts = sorted(heap + done, key=lambda each: (-each[1], each[2]))
-    return [box for _, _, box in parts], float(-sum(each[0] for each in parts) / total) if parts else 0.0
+    light = moments[0]
+    total = light.sum()
+    if not total > 0:
+        return []
+    level = np.maximum(LAMP * total / cells_sr.sum() * cells_sr, np.finfo(float).tiny)
+    lamps = _sorted(_lamps(moments, np.clip(light / level - 1, 0, 1)), light)[:MOST_LAMPS]
+    rest = np.ones(light.shape)
+    for lamp in lamps:
+        rest[lamp.place] -= lamp.share
+    ground = _Part(tuple(slice(0, size) for size in light.shape), np.maximum(rest, 0))
+    parts = [*lamps, *_shared_out(ground, GROUND_NODES, light.shape)]
+    return _sorted((part for part in parts if part.sum(light) > DARK * total), light)
 
 
-def _weighed(table, box):
-    """(minus light times spread, light, box) of a part, from sums over all cells above and to the left."""
-    top, bottom, left, right = box
-    light, *vector = table[:, bottom, right] - table[:, top, right] - table[:, bottom, left] + table[:, top, left]
-    if light <= 0:
-        return 0.0, 0.0, box
-    return -light * float(np.sqrt(max(1 - np.square(vector).sum() / light**2, 0))), float(light), box
+def _sorted(parts, light):
+    return sorted(parts, key=lambda part: -part.sum(light))
 
 
-def _halves(box):
-    """The two halves of a part along its longer side; none of a cell."""
-    top, bottom, left, right = box
-    if bottom - top >= right - left:
-        middle = (top + bottom) // 2
-        return [(top, middle, left, right), (middle, bottom, left, right)] if middle > top else []
-    middle = (left + right) // 2
-    return [(top, bottom, left, middle), (top, bottom, middle, right)]
+def _lamps(moments, bright):
+    """The parts of the brightest spots, from the share of each cell's light that is a lamp's."""
+    labels, count = scipy.ndimage.label(bright > 0, np.ones((3, 3)))
+    places = scipy.ndimage.find_objects(labels)
+    light = np.bincount(labels.ravel(), (bright * moments[0]).ravel(), count + 1)[1:]
+    for number in np.argsort(-light, kind="stable")[:MOST_LAMPS]:
+        place = places[number]
+        spot = _Part(place, np.where(labels[place] == number + 1, bright[place], 0.0))
+        if _variance(spot.sum(moments)) > SMALL_RAD**2:
+            yield from _shared_out(spot, LAMP_NODES, labels.shape)
+        else:
+            yield spot
+
+
+def _shared_out(part, nodes, shape):
+    """Divide a part's light linearly between the nodes of a grid over all cells."""
+    axes = (_near_nodes(*each) for each in zip(part.place, nodes, shape, strict=True))
+    for (rows, down), (columns, across) in itertools.product(*axes):
+        first_row, first_column = (each.start for each in part.place)
+        within = (slice(rows.start - first_row, rows.stop - first_row),
+                  slice(columns.start - first_column, columns.stop - first_column))
+        yield _Part((rows, columns), part.share[within] * np.multiply.outer(down, across))
+
+
+def _near_nodes(place, nodes, size):
+    """The weights of nodes along an axis, with their places, which are in this place."""
+    steps = np.arange(place.start, place.stop) * ((nodes - 1) / max(1, size - 1))
+    for node in range(nodes):
+        weight = np.maximum(1 - np.abs(steps - node), 0)
+        near = np.flatnonzero(weight)
+        if near.size:
+            yield slice(place.start + near[0], place.start + near[-1] + 1), weight[near]
+
+
+def _variance(moments):
+    """Of the direction of light, from moments as in `_Cells.moments`."""
+    return np.maximum(1 - np.sum(np.square(moments[1:4]), axis=0) / np.square(moments[0]), 0)

@@ -279,7 +279,10 @@ class _Spikes:
         return np.where(np.abs(place) < self.reach_px, np.interp(place, self.places, self.table), far)
 
     def _outside(self, radius):
-        return self.weight / (radius * radius * radius) * np.clip(radius - self.window_px + 0.5, 0, 1)
+        """The mean of 1 / r^3 outside the window over a ring as wide as a pixel."""
+        outer = radius + 0.5
+        inner = np.minimum(np.maximum(radius - 0.5, self.window_px), outer)
+        return self.weight * (outer - inner) / (outer * inner * radius)
 
 
 def _box_means(x, width, boxes, integral):

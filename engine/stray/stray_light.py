@@ -24,7 +24,7 @@ from .sources import Sources
 from .star import add_stars, star_share
 from .veil import Veil, add_veil, veil_of, veil_with_index
 
-MOST_SOURCES, SPREAD_RAD = 32, 0.003  # of ghosts
+MOST_SOURCES = 32  # of ghosts
 MOST_PAIRS = 10
 
 
@@ -202,11 +202,10 @@ def _ghosts_share(scene):
 
 
 def _add_ghosts(result, scene):
-    sources, _ = picture_sources(scene.radiance, scene.lens.capture_focal_length_mm, scene.layers,
-                                 MOST_SOURCES, SPREAD_RAD)
+    sources = picture_sources(scene.radiance, scene.lens.capture_focal_length_mm, scene.layers)
     if scene.outside is not None:
         sources = Sources.together([sources, scene.outside])
-    sources, _ = merged_sources(sources, MOST_SOURCES, SPREAD_RAD)
+    sources = merged_sources(sources, MOST_SOURCES)
     if not len(sources):
         return result
     found = ghosts(scene.lens.prescription, sources, scene.radiance.grid, scene.opening, scene.options.neglected)

@@ -110,7 +110,7 @@ def render_in_view(scene, square, folder):
 def irradiance_inside(folder, scene):
     """Irradiance at the entrance pupil from the picture, at the first wavelength, and from outside."""
     result = render(scene, folder, **QUICK)
-    inside, _ = picture_sources(read_exr(result.radiance), 1.0)
+    inside = picture_sources(read_exr(result.radiance), 1.0)
     return total(inside), total(read_sources(result.radiance))
 
 
