@@ -1,7 +1,7 @@
 """Sources of stray light in a picture: its lamps, and the parts of its windows, grounds and skies.
 
-What is much brighter than the mean is a lamp: each connected bright spot. A large one is shared out among the nodes of
-a grid, between which its light is divided linearly, and so is the ground: all other light. Each source is in the mean
+A connected spot much brighter than the mean is a lamp. A large one is shared out among the nodes of a grid, between
+which its light is divided linearly, and so is the ground, which is all other light. Each source is in the mean
 direction of its light. No light is neglected, and everything is continuous, so sources do not flicker: a lamp that
 moves by less than a pixel moves its source by as much, also while its light passes from one node to the next.
 """
