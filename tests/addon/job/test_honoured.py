@@ -186,12 +186,13 @@ BORDER = dict(left=8.5 / 48, right=36.5 / 48, bottom=12.5 / 36, top=30.5 / 36)  
 def test_the_render_region_equals_the_full_picture_and_the_rest_is_black(scene, tmp_path, lens):
     """Including its rim, where distortion and blur add light from outside; and no larger area is captured."""
     glowing_wall(scene, 1.0, TINT).location.z = -0.5
-    arguments = dict(lens=lens, wavelengths_nm=WAVELENGTHS_NM, options=Options(accuracy=0.001), lens_quality="preview")
+    arguments = dict(lens=lens, wavelengths_nm=WAVELENGTHS_NM, options=Options(accuracy=0.001), lens_quality="preview",
+                     stray=StrayOptions("off"))
     full = addon.render_through_lens(scene, output_folder=tmp_path / "whole", **arguments)
     set_region(scene, **BORDER)
     part = addon.render_through_lens(scene, output_folder=tmp_path / "part", **arguments)
     again = addon.apply_lens(part.radiance, lens=lens, output_folder=tmp_path / "again", options=arguments["options"],
-                             lens_quality="preview")
+                             lens_quality="preview", stray=arguments["stray"])
     expected = lens_image(full)
     for result in (part, again):
         picture = lens_image(result)
