@@ -15,6 +15,7 @@ from .geometry import ROUNDING, FieldEnd, GridGeometry
 
 COARSEST_PX = 16  # largest step of a mesh
 MESH_ERROR_PX = 5e-4  # of positions between its points
+ALONG_FIELD = 256  # points at least, along its longer side: errors of up to about 1e-5 of the light between them
 
 
 class GridIdealImage(IdealImage):
@@ -39,11 +40,12 @@ class GridIdealImage(IdealImage):
         self._per_radiance = irradiance_per_radiance(transmittance, lens.f_number_effective)
 
     def compiled_geometry(self) -> MeshGeometry:
-        """The geometry on a mesh that is fine enough for linear interpolation."""
+        """The geometry on a mesh that is fine enough for linear interpolation of positions and of light."""
         coarse = self._mesh(COARSEST_PX)[..., :2]
         bends = [np.abs(np.diff(coarse, 2, axis=axis)).max() for axis in (0, 1)]
         step = COARSEST_PX * np.sqrt(8 * MESH_ERROR_PX / max(sum(bends), np.finfo(float).tiny))
-        step = int(np.clip(step, 1, COARSEST_PX))
+        field_px = max(np.ptp(self._of_lens.x_mm), np.ptp(self._of_lens.y_mm)) / (self._planes.picture.pitch_um * 1e-3)
+        step = int(np.clip(min(step, field_px / ALONG_FIELD), 1, COARSEST_PX))
         return MeshGeometry.of(self._mesh(step), step)
 
     def footprints(self, x_mm: np.ndarray, y_mm: np.ndarray) -> tuple[Footprints, np.ndarray]:

@@ -102,8 +102,9 @@ class PicturePsfs:
         """Largest relative error of a pixel under uniform radiance, from a few wavelengths."""
         some = np.unique(np.linspace(0, len(self._optics) - 1, UNIFORM_WAVELENGTHS).round().astype(int))
         radius_px, _ = self.reach(self._most_energy)
+        nodes = PlaneNodes.of(self._lens, self._grid.within_reach(radius_px))
         return max(unevenness(NodePsfs(self._optics[index], self._grid.pitch_um,
-                                       lambda psfs: psfs.trimmed(self._most_energy, radius_px)), self._nodes)
+                                       lambda psfs: psfs.trimmed(self._most_energy, radius_px)), nodes)
                    for index in some)
 
     @staticmethod

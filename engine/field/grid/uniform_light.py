@@ -13,7 +13,7 @@ from .node_psfs import NodePsfs, PlacedPsfs
 from .nodes import PlaneNodes
 
 ALONG_PX = 192  # of the picture of uniform light, along the longer side of the field
-KINK = 1 / 8  # largest mean over a pixel minus the value in its middle, relative to a change of slope in it
+MISSED = 1.2  # limit of the true worst error over the computed one: for other wavelengths, and for changes of flux
 
 
 def picture_illumination(optics: MonochromaticGrid, geometry: GridGeometry) -> tuple[np.ndarray, PixelGrid]:
@@ -46,9 +46,10 @@ def unevenness(psfs: NodePsfs, nodes: PlaneNodes) -> float:
 
     All light of a pixel has the PSF of its centre. Between nodes, PSFs change linearly along rows and columns. This
     does not matter there, because each pixel gains as much from the one before as it loses to the next one. It does
-    across a row of nodes, where the change has a kink: a sample at a fraction f of a pixel moves f (1 - f) / 2 times
-    its change too little to the next pixel. In the pixel with the kink, the mean change also differs from the one in
-    its middle, by up to KINK times the kink.
+    across a row of nodes, where the change has a kink. If the row is between two pixels, a sample at a fraction f of a
+    pixel moves f (1 - f) / 2 times its change too little to the next pixel. If the row is in the middle of a pixel, the
+    mean change over the pixel is not the one in its middle: the pixel whose middle is a distance d < 1/2 from a
+    sample receives (1/2 - d)^2 / 2 times the change too little. Both are limits of the error of rows elsewhere.
 
     Parameters
     ----------
@@ -59,46 +60,40 @@ def unevenness(psfs: NodePsfs, nodes: PlaneNodes) -> float:
     """
     rows, columns = (np.unique(axis.indices) for axis in (nodes.rows, nodes.columns))
     batches = [[_profiles(samples) for _, samples in psfs.samples(row, columns)] for row in rows]
-    pitch_mm = nodes.grid.pitch_um * 1e-3
-    error = 0.0
-    for number, axis in enumerate((nodes.rows, nodes.columns)):
-        kinks = 0.0
-        for scale, kind in ((1, 0), (KINK, 1)):
-            profiles = np.stack([np.concatenate([batch[number][kind] for batch in row]) for row in batches])
-            kinks = kinks + scale * _kinks(nodes.at_nodes(profiles), axis, number, pitch_mm)
-        error = error + _largest_in_cells(kinks)
-    return float(np.max(error))
+    most = least = 0.0
+    for number in range(2):
+        profiles = np.stack([np.concatenate([batch[number] for batch in row]) for row in batches])
+        errors = _kinks(nodes.at_nodes(profiles), nodes, number)
+        most, least = most + errors.max(axis=-1), least + errors.min(axis=-1)
+    return MISSED * float(max(np.max(most), -np.min(least)))
 
 
 def _profiles(samples):
-    """For both axes, arrays (PSF, pixel): light times f (1 - f) / 2, and light, along the axis."""
+    """For both axes, errors per change of a PSF from pixel to pixel: arrays (PSF, half a pixel), alternately for nodes
+    in the middle of a pixel and between two pixels."""
     def along(position_px):
-        pixel = np.floor(position_px).astype(int) + samples.radius_px
-        f, size = position_px - np.floor(position_px), 2 * samples.radius_px + 1
-
-        def binned(weight, pixel):
-            return np.stack([np.bincount(pixel, psf * weight, size) for psf in samples.samples])
-
-        return binned(f * (1 - f) / 2, pixel)[:, :-1], binned(1 - f, pixel) + binned(f, pixel + 1)
+        before, nearest = np.floor(position_px), np.round(position_px)
+        f, distance_px = position_px - before, np.abs(position_px - nearest)
+        halves = np.concatenate([2 * before + 1, 2 * nearest]).astype(int) + 2 * samples.radius_px
+        errors = np.concatenate([f * (1 - f) / 2, -(0.5 - distance_px) ** 2 / 2])
+        return np.stack([np.bincount(halves, np.tile(psf, 2) * errors, 4 * samples.radius_px + 1)
+                         for psf in samples.samples])
 
     return along(samples.v_px), along(samples.u_px)
 
 
-def _kinks(profiles, axis, number, pitch_mm):
-    """Largest change of slope at each node, in light per pixel, of (row, column, pixel) along an axis of nodes: array
-    (row, column)."""
+def _kinks(profiles, nodes, number):
+    """Changes of slope at each node, per pixel, of (row, column, half a pixel) along an axis of nodes: an array of this
+    shape. Nodes beyond the pixels do not count."""
+    x_mm, y_mm = nodes.grid.axes_mm()
+    axis, at_mm = ((nodes.rows, -y_mm), (nodes.columns, x_mm))[number]
     profiles = np.moveaxis(profiles, number, 0)
     profiles = np.where(axis.flipped[:, None, None], profiles[..., ::-1], profiles)
-    steps_px = np.diff(axis.places_mm) / pitch_mm
+    steps_px = np.diff(axis.places_mm) / (nodes.grid.pitch_um * 1e-3)
     slopes = np.diff(profiles, axis=0) / steps_px[:, None, None]
-    slopes = np.pad(slopes, ((1, 1), (0, 0), (0, 0)))  # PSFs are constant beyond the nodes
-    return np.moveaxis(np.abs(np.diff(slopes, axis=0)).max(axis=-1), 0, number)
-
-
-def _largest_in_cells(kinks):
-    """The largest of (row, column) at the corners of each cell between nodes."""
-    along = np.maximum(kinks[1:], kinks[:-1])
-    return np.maximum(along[:, 1:], along[:, :-1])
+    kinks = np.diff(slopes, axis=0, prepend=0, append=0)  # PSFs are constant beyond the nodes
+    kinks[(axis.places_mm <= at_mm[0]) | (axis.places_mm >= at_mm[-1])] = 0
+    return np.moveaxis(kinks, 0, number)
 
 
 def _weights(axis, at_mm):

@@ -177,7 +177,7 @@ def test_uniform_light_is_as_even_as_promised(pitch_um):
     plain, fine = (simulate(wall, lens, Options(method="pixels", psf_energy=1.0, supersampling=times)).cube
                    for times in (1, 8))
     error = np.abs(plain / fine - 1).max()
-    assert 1e-5 < error <= bound < 0.03
+    assert 1e-5 < error <= bound < 2 * error
 
 
 @pytest.mark.parametrize("factor, options", [(1, {"method": "paper"}), (1, {"azimuths": 8})])
@@ -280,11 +280,12 @@ def test_compiled_loops_agree_with_numpy(lens, facts, out_of_field):
     np.testing.assert_allclose(results[1], expected, rtol=0, atol=2e-3 * max(expected.max(), 1e-6))
 
 
+@pytest.mark.parametrize("make", [comatic_grid, make_grid_lens], ids=["distorted", "without distortion"])
 @pytest.mark.parametrize("shape", [(1, 1), (40, 70), (540, 960)])
-def test_positions_on_the_mesh_are_accurate_to_a_thousandth_of_a_pixel(shape):
-    lens = comatic_grid(17, 17)
-    grid = PixelGrid(shape, 3e3 / max(shape), (0.3 * shape[0], 0.6 * shape[1]))
-    ideal = field_map(lens).at_wavelength(550.0).ideal_image(
+def test_positions_and_light_on_the_mesh_are_accurate(shape, make):
+    lens = make(rows=17, columns=17, relative_illumination=lambda nm, x, y: 1 / (1 + 0.1 * x**2 + 0.2 * y**2))
+    grid, field = PixelGrid(shape, 3e3 / max(shape), (0.3 * shape[0], 0.6 * shape[1])), field_map(lens)
+    ideal = field.at_wavelength(550.0).ideal_image(
         grid, Planes(grid, False), vignette=True, precision="float32", memory=MemoryBudget(0))
     geometry = ideal.compiled_geometry()
     step, mesh = geometry._structure.mesh_step, geometry._mesh
@@ -298,6 +299,8 @@ def test_positions_on_the_mesh_are_accurate_to_a_thousandth_of_a_pixel(shape):
     between = ((1 - down) * ((1 - on) * mesh[row, column] + on * mesh[row, column + 1])
                + down * ((1 - on) * mesh[row + 1, column] + on * mesh[row + 1, column + 1]))
     x_mm, y_mm = grid.position_mm(*(at * step))
-    source_mm = field_map(lens).at_wavelength(550.0).source_mm(x_mm, y_mm, grid)
+    source_mm = field.at_wavelength(550.0).source_mm(x_mm, y_mm, grid)
     exact = np.stack([-source_mm[1], source_mm[0]], axis=1) / (grid.pitch_um * 1e-3)
     assert np.abs(between[:, :2] - exact).max() < 1e-3
+    light = between[:, 4] / field.at_wavelength(550.0).relative_flux(x_mm, y_mm)
+    np.testing.assert_allclose(light, light[0], rtol=3e-5)
