@@ -32,7 +32,7 @@ ACCURACIES = 0.1, 0.01, 0.001
 WIDTHS_PX, UNIFORM_PX, UNIFORM_ACCURACY = (192, 640, 1920), 16, 1e-3
 MOST = 2.0  # limit of the bound relative to the worst error
 LOOKED_AT, CLIMBERS, CLIMBS, STEP_PX = 600, 10, 3, 2
-NODE_PX, EACH_NODE, FINER = 15, 2, 8  # pixels around a node; one in two nodes; parts of a pixel
+NODE_PX, EACH_NODE, FINER = 9, 2, 8  # pixels around a node; one in two nodes; parts of a pixel
 PARTS_PX = 0, 0.5  # from the middle of a pixel to the node, in both directions
 
 
@@ -86,11 +86,11 @@ def uniform_bound_and_worst(name: str, width_px: int) -> tuple[float, float]:
 
 def _around_nodes(lens, width_px):
     pitch_um, worst = 1e3 * lens.sensor_mm[0] / width_px, 0.0
-    moved_mm = np.abs(lens.source_mm - np.stack(np.meshgrid(lens.x_mm, lens.y_mm), axis=-1)).max()
-    around_px = NODE_PX + int(np.ceil((lens.psf.shape[-1] * lens.psf_pitch_um + 1e3 * moved_mm) / pitch_um))
-    around = replace(PixelGrid.around_frame((NODE_PX, NODE_PX), pitch_um, (around_px,) * 2), squeeze=lens.squeeze)
     complete = PixelGrid((round(width_px * lens.sensor_mm[1] / lens.sensor_mm[0]), width_px), pitch_um)
     plan = make_plan(Options(accuracy=UNIFORM_ACCURACY), lens, Sampling(complete, WAVELENGTHS_NM))
+    moved_mm = np.abs(lens.source_mm - np.stack(np.meshgrid(lens.x_mm, lens.y_mm), axis=-1)).max()
+    around_px = plan.psf_radius_px + NODE_PX + int(np.ceil(1e3 * moved_mm / pitch_um))
+    around = replace(PixelGrid.around_frame((NODE_PX, NODE_PX), pitch_um, (around_px,) * 2), squeeze=lens.squeeze)
     for *place_mm, part_px in product(*(axis_mm[1:-1:EACH_NODE] for axis_mm in (lens.x_mm, lens.y_mm)), PARTS_PX):
         grid = around.shifted(*np.divide(place_mm, pitch_um * 1e-3) + part_px)
         even = SpectralImage(np.ones((len(WAVELENGTHS_NM), *grid.shape_px)), WAVELENGTHS_NM, grid)
