@@ -11,6 +11,7 @@ from .ghost_rays import boxes_of, trace_ghosts
 
 FIRST, NEXT, DIRECT = 25, 17, 65  # rays across, and up: of the two searches, and of light that is not reflected
 FIRST_CROOKED = 49  # of the first search without symmetry: the fronts of anamorphic lenses are many pupils wide
+AGAIN_CROOKED = 2 * NEXT - 1  # of a search twice as wide as its result: strips of light are partly between the rays
 LEAST_SQUARE = 9.0  # of the closest ray to an opening, over the opening's square: beyond it the search ends
 MARGIN = 0.5  # cells of the second search, for light between its rays and wavelengths
 TILT_RAD = 1e-4  # for derivatives with respect to a source's direction
@@ -53,12 +54,16 @@ def survey(lens: GhostLens, grid: PixelGrid, coated: list[Coated], beam: Beam, a
     closer_mm, rays = _searched(lens, coated[middle], beam, pairs, everywhere_mm, first)
     light_mm2 = np.repeat(_light_mm2(lens, grid, rays, everywhere_mm, azimuth_rad)[:, None], len(coated), axis=1)
     bright = np.flatnonzero(brightest(light_mm2[:, middle], share))
-    found = [_searched(lens, each, beam, pairs[bright], closer_mm[bright], NEXT) for each in coated]
+    closer_mm = closer_mm[bright]
+    if not lens.radial:
+        wide_mm = _widened(lens, closer_mm, 0.5)
+        closer_mm, _ = _searched(lens, coated[middle], beam, pairs[bright], wide_mm, AGAIN_CROOKED)
+    found = [_searched(lens, each, beam, pairs[bright], closer_mm, NEXT) for each in coated]
     for number, (_, rays) in enumerate(found):
-        light_mm2[bright, number] = _light_mm2(lens, grid, rays, closer_mm[bright], azimuth_rad)
+        light_mm2[bright, number] = _light_mm2(lens, grid, rays, closer_mm, azimuth_rad)
     speed_mm = np.zeros(len(bright))
     if radius_rad > 0:
-        speed_mm = _speed_mm(lens, coated[middle], beam, pairs[bright], closer_mm[bright], found[middle][1])
+        speed_mm = _speed_mm(lens, coated[middle], beam, pairs[bright], closer_mm, found[middle][1])
     ends = np.stack([limits_mm for limits_mm, _ in found])
     limits_mm = np.where([True, False, True, False], ends.min(axis=0), ends.max(axis=0))
     return Survey(beam, azimuth_rad, light_mm2, bright, _widened(lens, limits_mm, MARGIN / (NEXT - 1)), speed_mm)
