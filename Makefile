@@ -19,9 +19,9 @@
 #                  job, from the scene to the lens image, compared with a plain render (fifteen minutes)
 # make bench-all   make bench, then the paper's method at equal error, supersampling, the cost of a scene, and the noise
 #                  and bias of passes with few samples (an hour)
-# make validate    compare the Cornell box with Mitsuba 3, and lenses with rays traced through them (ten minutes), also
-#                  in depth (an hour); and depth with Optiland's rays through ../shared/data/prescriptions, or
-#                  PRESCRIPTIONS=FOLDER (ten minutes)
+# make validate    compare the Cornell box and a ghost with Mitsuba 3, and lenses with rays traced through them (ten
+#                  minutes), also in depth (an hour); and depth with Optiland's rays through
+#                  ../shared/data/prescriptions, or PRESCRIPTIONS=FOLDER (ten minutes)
 # make validate-sensor  evaluate simulated flat fields and dark frames of five cameras with emva1288, and write the
 #                  figures and photon transfer curves of docs/camera.md (three minutes)
 # make validate-raw  take pictures of the sample scene with three cameras, have their raw files judged by LibRaw,
@@ -153,6 +153,7 @@ bench-all: bench
 
 validate: $(VALIDATE)/.ready $(BAKE_READY) kernels
 	$(VALIDATE)/bin/python -W ignore validation/cornell_truth.py build/validation
+	$(VALIDATE)/bin/python -W ignore validation/ghosts_against_mitsuba.py
 	$(VALIDATE)/bin/python -W ignore validation/traced_lens_truth.py
 	$(VALIDATE)/bin/python -W ignore validation/depth_truth.py build/validation/depth
 	$(BAKE)/bin/python -W ignore validation/depth_second_truth.py $(PRESCRIPTIONS)

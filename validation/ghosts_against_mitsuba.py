@@ -39,7 +39,8 @@ MOST_SEGMENTS = 14  # of a path with four reflections, from the lamp to the came
 PLANE_MM, LAMP_MM = 1000.0, 20.0  # half width of the plane; distance of the lamp from the stop
 CLEARANCE_MM = 0.05  # of the cylinder between the surfaces: more than the offset of Mitsuba's rays
 SIGMAS = 5
-LIMITS = {"direct light": 0.002, "light of the ghost": 0.01, "irradiance of six regions, over the frame's mean": 0.05}
+LIMITS = {"light without reflection": 0.002, "light of the ghost": 0.01,
+          "irradiance of six regions, over the frame's mean": 0.05}
 
 mitsuba.set_variant("scalar_rgb")  # works without LLVM, and treats its three channels as numbers, not colours
 To = mitsuba.ScalarTransform4f
@@ -109,7 +110,8 @@ def cap(vertex_mm, radius_mm):
     glass = {"type": "dielectric", "int_ior": INDEX, "ext_ior": 1.0, "specular_reflectance": raw(*REMAINING)}
     pole = To().rotate([1, 0, 0], 180 if radius_mm > 0 else 0)
     share = np.arcsin(RIM_MM / abs(radius_mm)) / np.pi  # of the way from pole to pole
-    return {"type": "sphere", "radius": abs(radius_mm), "to_world": To().translate([0, 0, vertex_mm + radius_mm]) @ pole,
+    middle = To().translate([0, 0, vertex_mm + radius_mm])
+    return {"type": "sphere", "radius": abs(radius_mm), "to_world": middle @ pole,
             "bsdf": masked(glass, [[1.0], [0.0]], To().scale([1, 0.5 / share, 1]))}
 
 
@@ -148,28 +150,25 @@ def region_means(pictures):
     return pictures.reshape(*pictures.shape[:-2], rows, REGION_PX, columns, REGION_PX).mean(axis=(-3, -1))
 
 
-def met(what, ours, theirs):
-    """Print the largest difference of values from those of each seed (seed, ...), relative to their mean, its noise and
+def met(what, limit, ours, theirs):
+    """Print the largest difference of values from those of all seeds (seed, ...), over their mean, with its noise and
     its limit; returns whether the limit is met."""
     truth = theirs.mean(axis=0)
     noise = theirs.std(axis=0, ddof=1) / np.sqrt(len(theirs))
     worst, noise = (np.max(np.abs(part)) / truth.mean() for part in (ours - truth, noise))
-    print(f"{what}: {100 * worst:.2f} %, noise {100 * SIGMAS * noise:.2f} %, limit {100 * LIMITS[what]:g} %"
-          f"{'' if worst <= LIMITS[what] else '   MISSED'}")
-    return worst <= LIMITS[what]
+    print(f"{what}: {worst:.2%}, noise {SIGMAS * noise:.2%}, limit {limit:.1%}{'' if worst <= limit else '   MISSED'}")
+    return worst <= limit
 
 
 def main():
     """Compare the pictures, and return the exit status."""
-    lens = singlet()
+    lens, pixel_m2 = singlet(), (FRAME.pitch_um * 1e-6)**2
     (light, ours), theirs = by_lensfield(lens), by_mitsuba(lens)
-    pixel_m2 = (FRAME.pitch_um * 1e-6)**2
-    direct, ghost, four = np.moveaxis(theirs.sum(axis=(2, 3)) * pixel_m2, 1, 0)
-    print(f"The ghost has {ghost.mean() / direct.mean():.3%} of the direct light; four reflections, which are not "
+    direct, ghost, four = theirs.sum(axis=(2, 3)).T * pixel_m2
+    print(f"\nThe ghost has {ghost.mean() / direct.mean():.2%} of the light without reflection; four reflections, not "
           f"compared, have {four.mean() / ghost.mean():.2%} of the ghost's")
-    names = iter(LIMITS)
-    return int(not all([met(next(names), light, direct), met(next(names), ours.sum() * pixel_m2, ghost),
-                        met(next(names), region_means(ours), region_means(theirs[:, 1]))]))
+    figures = (light, direct), (ours.sum() * pixel_m2, ghost), (region_means(ours), region_means(theirs[:, 1]))
+    return int(not all([met(*limit, *figure) for limit, figure in zip(LIMITS.items(), figures, strict=True)]))
 
 
 if __name__ == "__main__":
