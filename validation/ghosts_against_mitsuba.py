@@ -6,7 +6,7 @@ Masks reduce two spheres to the surfaces of a biconvex lens, in a black mount be
 comes from the right and from below, so that stop and mount cut opposite sides of it, and the frame is not centred on
 the axis. The light falls on a faintly scattering plane, and a pinhole camera in front of it takes the picture. Red,
 green and blue keep different shares of the light at each reflection: one render separates light by its number of
-reflections, and the ghost has no noise from the direct light.
+reflections, so noise of the direct light does not affect the ghost.
 
 Each figure is printed with its limit and with five standard errors of Mitsuba's noise, from ten seeds. The exit status
 is 1 if a figure exceeds its limit. The render takes two processor minutes.
@@ -151,8 +151,8 @@ def region_means(pictures):
 
 
 def met(what, limit, ours, theirs):
-    """Print the largest difference of values from those of all seeds (seed, ...), over their mean, with its noise and
-    its limit; returns whether the limit is met."""
+    """Print the largest difference of values from the mean of all seeds (seed, ...), over its average, with the noise
+    and the limit; returns whether the limit is met."""
     truth = theirs.mean(axis=0)
     noise = theirs.std(axis=0, ddof=1) / np.sqrt(len(theirs))
     worst, noise = (np.max(np.abs(part)) / truth.mean() for part in (ours - truth, noise))
