@@ -290,7 +290,18 @@ def alike(one, other):
 
 def node_label():
     """The label of the Lensfield node in the compositor; None without such a node."""
+    labels = [node.label for node in _lensfield_nodes()]
+    return labels[0] if labels else None
+
+
+def link_output(name):
+    """Connect an output of the Lensfield node to the compositor's picture."""
+    node, = _lensfield_nodes()
+    link, = node.outputs["Image"].links
+    node.id_data.links.new(node.outputs[name], link.to_socket)
+
+
+def _lensfield_nodes():
     scene = bpy.context.scene
     tree = scene.compositing_node_group if hasattr(scene, "compositing_node_group") else scene.node_tree
-    labels = [node.label for node in tree.nodes if node.bl_idname == "CompositorNodeGroup"] if tree else []
-    return labels[0] if labels else None
+    return [node for node in tree.nodes if node.bl_idname == "CompositorNodeGroup"] if tree else []

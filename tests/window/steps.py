@@ -25,6 +25,7 @@ from hands import (
     in_a_pass,
     lens_image_path,
     lens_request,
+    link_output,
     main_window,
     newest_window,
     node_label,
@@ -280,6 +281,31 @@ def camera():
     settings.camera = "NONE"
     again = yield from render()
     assert alike(light, again) and not raw.exists()
+
+
+def stray():
+    """Stray light from its section of the panel: in the lens image, and from the socket of the compositor's node."""
+    yield from open_sample()
+    settings = bpy.context.scene.lensfield
+    settings.lens, settings.coating = "cooke-triplet-50mm", "NONE"
+    settings.stray_light = "OFF"
+    without = yield from render()
+    settings.stray_light, settings.stray_parts, settings.cleanliness = "PARTS", {"GHOSTS", "VEIL", "STAR"}, "DUSTY"
+    shown = show_section("_draw_stray")
+    yield DRAW_S
+    shoot("section")
+    lens_image = yield from render()
+    shown()
+    shoot("rendered")
+    assert "strongest ghosts" in "".join(session().last_render.lines)
+    stray = pixels(lens_image_path().with_name(lens_image_path().name.replace("lens_image", "stray_light")))
+    lens_alone = (lens_image - stray)[..., :3]
+    remaining = lens_alone.sum() / without[..., :3].sum()
+    assert 0.9 < remaining < 1 and np.allclose(lens_alone, remaining * without[..., :3], rtol=0.01, atol=1e-3)
+    assert 0.02 < stray[..., :3].sum() / lens_alone.sum() < 0.3
+    link_output("Stray Light")
+    assert alike((yield from render_in_blender()), stray)
+    shoot("graded")
 
 
 def preview():
