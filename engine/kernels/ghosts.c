@@ -8,21 +8,20 @@ typedef int32_t eight_ints __attribute__((vector_size(32), aligned(4), may_alias
 
 typedef struct {
     ray ray;
-    eight_doubles light, limit; /* the part of the light that is left; the largest square of height over semi-aperture */
-    eight_doubles stop_x[LF_CROSSINGS], stop_y[LF_CROSSINGS];
+    doubles light, limit; /* the part of the light that is left; the largest square of height over semi-aperture */
+    doubles stop_x[LF_CROSSINGS], stop_y[LF_CROSSINGS];
     int crossings, lives; /* lives: whether any ray does */
 } passage;
 
 /* The reflectance of a surface for light with this (n sin)^2, by linear interpolation. */
-INLINE eight_doubles reflectance(const lf_beam *b, int64_t n, eight_doubles square)
+INLINE doubles reflectance(const lf_beam *b, int64_t n, doubles square)
 {
     const double *table = b->reflectances + n * (b->steps + 1);
-    eight_doubles place = square * b->steps_per_unit, here, next;
+    doubles place = square * b->steps_per_unit, here, next;
     place = chosen(place > 0, place, even(0)); /* NaN: 0 */
     place = chosen(place < (double)b->steps, place, even((double)b->steps));
-    const eight_ints step = __builtin_convertvector(place, eight_ints);
-    for (int k = 0; k < 8; k++) {
-        const int first = step[k] < b->steps ? step[k] : (int)b->steps - 1;
+    for (int k = 0; k < RAYS; k++) {
+        const int64_t first = place[k] < (double)b->steps ? (int64_t)place[k] : b->steps - 1;
         here[k] = table[first], next[k] = table[first + 1], place[k] -= (double)first;
     }
     return here + place * (next - here);
@@ -37,7 +36,7 @@ static void meet(const lf_system *s, const lf_beam *b, int64_t n, int reflecting
     r->position = moved(r->position, distance_to(s, n, r), r->direction);
     const triple at = r->position;
     const double per_mm = b->per_semi_aperture[n];
-    const eight_doubles square = (at.x * at.x + at.y * at.y) * (per_mm * per_mm);
+    const doubles square = (at.x * at.x + at.y * at.y) * (per_mm * per_mm);
     if (n == s->stop) {
         const int k = p->crossings < LF_CROSSINGS ? p->crossings++ : LF_CROSSINGS - 1;
         p->stop_x[k] = at.x * per_mm, p->stop_y[k] = at.y * per_mm;
@@ -45,8 +44,8 @@ static void meet(const lf_system *s, const lf_beam *b, int64_t n, int reflecting
         p->limit = chosen(square > p->limit, square, p->limit);
     }
     const triple normal = normal_at(s, n, at);
-    const eight_doubles cosine = product(r->direction, normal);
-    const eight_doubles share = reflectance(b, n, (before * before) * (1 - cosine * cosine));
+    const doubles cosine = product(r->direction, normal);
+    const doubles share = reflectance(b, n, (before * before) * (1 - cosine * cosine));
     if (reflecting) {
         r->direction = moved(r->direction, -2 * cosine, normal);
         p->light *= share;
@@ -55,7 +54,7 @@ static void meet(const lf_system *s, const lf_beam *b, int64_t n, int reflecting
         p->light *= 1 - share;
     }
     leave(s, n, r);
-    const eight_longs lives = (r->direction.z * heading > 0) & (square < b->farthest);
+    const longs lives = (r->direction.z * heading > 0) & (square < b->farthest);
     p->light = chosen(lives, p->light, even(__builtin_nan("")));
     r->position.x = chosen(lives, r->position.x, even(__builtin_nan(""))); /* ends all iterations */
     p->lives = any(lives);
@@ -93,7 +92,7 @@ static APART void through(const lf_system *s, const lf_beam *b, int64_t near, in
 }
 
 /* Starts rays at places of the beam's cross section through the first vertex. */
-static APART void started(const lf_beam *b, eight_doubles across, eight_doubles up, passage *p)
+static APART void started(const lf_beam *b, doubles across, doubles up, passage *p)
 {
     ray *r = &p->ray;
     r->position = (triple){across * b->across[0] + up * b->up[0], across * b->across[1] + up * b->up[1],
@@ -103,7 +102,7 @@ static APART void started(const lf_beam *b, eight_doubles across, eight_doubles 
     for (int k = 0; k < LF_CROSSINGS; k++) p->stop_x[k] = p->stop_y[k] = even(0);
     if (!b->finite) return;
     const triple from = {r->position.x - b->source[0], r->position.y - b->source[1], r->position.z - b->source[2]};
-    const eight_doubles square = product(from, from), length = root(square);
+    const doubles square = product(from, from), length = root(square);
     p->light = b->distance * b->distance / square * (product(from, r->direction) / length);
     r->direction = (triple){from.x / length, from.y / length, from.z / length};
 }
@@ -114,10 +113,10 @@ int OF_VARIANT(lf_ghost_rays)(const lf_system *s, const lf_beam *b, double *out)
     const int64_t rays = b->rows * b->columns;
     for (int64_t pair = 0; pair < b->pairs; pair++) {
         const double *box = b->boxes + 4 * pair;
-        for (int64_t first = 0; first < rays; first += 8) {
+        for (int64_t first = 0; first < rays; first += RAYS) {
             const int64_t count = rays - first;
-            eight_doubles across, up;
-            for (int k = 0; k < 8; k++) {
+            doubles across, up;
+            for (int k = 0; k < RAYS; k++) {
                 const int64_t n = k < count ? first + k : rays - 1;
                 across[k] = box[0] + (double)(n % b->columns) * box[1], up[k] = box[2] + (double)(n / b->columns) * box[3];
             }
@@ -128,7 +127,7 @@ int OF_VARIANT(lf_ghost_rays)(const lf_system *s, const lf_beam *b, double *out)
             stored(to, count, p.ray.position.x), stored(to + rays, count, p.ray.position.y);
             stored(to + 2 * rays, count, p.light), stored(to + 3 * rays, count, p.limit);
             for (int k = 0; k < LF_CROSSINGS; k++) {
-                const int last = k < p.crossings ? k : p.crossings ? p.crossings - 1 : 0;
+                const int last = k < p.crossings ? k : p.crossings > 0 ? p.crossings - 1 : 0;
                 stored(to + (4 + 2 * k) * rays, count, p.stop_x[last]), stored(to + (5 + 2 * k) * rays, count, p.stop_y[last]);
             }
         }

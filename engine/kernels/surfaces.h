@@ -1,4 +1,4 @@
-/* Surfaces of a lens, and eight rays at once: where rays meet a surface, its normal there, and refraction. Lengths are in
+/* Surfaces of a lens, and several rays at once: where rays meet a surface, its normal there, and refraction. Lengths are in
    mm, from the vertex of a surface; as in engine/prescription/surfaces.py. */
 #ifndef LENSFIELD_SURFACES_H
 #define LENSFIELD_SURFACES_H
@@ -10,50 +10,54 @@
 #define LEAST_SQUARE 1e-24 /* mm^2: the slope of a term in r is undefined at the vertex */
 #define LEAST_ROOT 1e-6    /* a step may pass beyond the conic's end before it reaches the surface */
 
+#define RAYS (LANES / 2) /* at once, as many as doubles in a vector: compilers compare wider vectors one by one. A ray's
+                            result does not depend on the others. */
+
 #define APART __attribute__((noinline)) /* to keep the stack of each function small */
 
-typedef struct { eight_doubles x, y, z; } triple;
-typedef struct { triple position, direction; eight_doubles path; } ray;
+typedef int64_t longs __attribute__((vector_size(4 * LANES), aligned(8), may_alias));
+typedef struct { doubles x, y, z; } triple;
+typedef struct { triple position, direction; doubles path; } ray;
 
-INLINE eight_doubles even(double value) { return (eight_doubles){0} + value; }
-INLINE eight_doubles chosen(eight_longs mask, eight_doubles yes, eight_doubles no)
+INLINE doubles even(double value) { return (doubles){0} + value; }
+INLINE doubles chosen(longs mask, doubles yes, doubles no)
 {
-    return (eight_doubles)(((eight_longs)yes & mask) | ((eight_longs)no & ~mask));
+    return (doubles)(((longs)yes & mask) | ((longs)no & ~mask));
 }
-INLINE eight_doubles at_least(eight_doubles a, double least) { return chosen(a < least, even(least), a); } /* keeps NaN */
-INLINE eight_doubles size(eight_doubles a) { return (eight_doubles)((eight_longs)a & INT64_MAX); }
-INLINE eight_doubles signed_as(eight_doubles a, eight_doubles sign)
+INLINE doubles at_least(doubles a, double least) { return chosen(a < least, even(least), a); } /* keeps NaN */
+INLINE doubles size(doubles a) { return (doubles)((longs)a & INT64_MAX); }
+INLINE doubles signed_as(doubles a, doubles sign)
 {
-    return (eight_doubles)(((eight_longs)a & INT64_MAX) | ((eight_longs)sign & INT64_MIN));
+    return (doubles)(((longs)a & INT64_MAX) | ((longs)sign & INT64_MIN));
 }
-INLINE eight_doubles root(eight_doubles a)
+INLINE doubles root(doubles a)
 {
-    for (int k = 0; k < 8; k++) a[k] = __builtin_sqrt(a[k]);
+    for (int k = 0; k < RAYS; k++) a[k] = __builtin_sqrt(a[k]);
     return a;
 }
-INLINE int any(eight_longs mask)
+INLINE int any(longs mask)
 {
     int64_t all = 0;
-    for (int k = 0; k < 8; k++) all |= mask[k];
+    for (int k = 0; k < RAYS; k++) all |= mask[k];
     return all != 0;
 }
-INLINE triple moved(triple a, eight_doubles along, triple b)
+INLINE triple moved(triple a, doubles along, triple b)
 {
     return (triple){a.x + along * b.x, a.y + along * b.y, a.z + along * b.z};
 }
-INLINE triple times(eight_doubles a, triple b) { return (triple){a * b.x, a * b.y, a * b.z}; }
-INLINE eight_doubles product(triple a, triple b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+INLINE triple times(doubles a, triple b) { return (triple){a * b.x, a * b.y, a * b.z}; }
+INLINE doubles product(triple a, triple b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
 
 /* Values from `from`, the last one for lanes beyond the end. */
-INLINE eight_doubles loaded(const double *from, int64_t count)
+INLINE doubles loaded(const double *from, int64_t count)
 {
-    eight_doubles values;
-    for (int k = 0; k < 8; k++) values[k] = from[k < count ? k : count - 1];
+    doubles values;
+    for (int k = 0; k < RAYS; k++) values[k] = from[k < count ? k : count - 1];
     return values;
 }
-INLINE void stored(double *to, int64_t count, eight_doubles values)
+INLINE void stored(double *to, int64_t count, doubles values)
 {
-    for (int k = 0; k < 8 && k < count; k++) to[k] = values[k];
+    for (int k = 0; k < RAYS && k < count; k++) to[k] = values[k];
 }
 
 INLINE const double *shape_of(const lf_system *s, int64_t n) { return s->shapes + n * (3 + s->even_terms + s->odd_terms); }
@@ -70,11 +74,11 @@ INLINE int is_conic(const lf_system *s, int64_t n)
 }
 
 /* Sag of a surface of revolution, and its derivative with respect to the squared distance from the axis. */
-INLINE void sag_and_slope(const lf_system *s, int64_t n, eight_doubles square, eight_doubles *sag, eight_doubles *slope)
+INLINE void sag_and_slope(const lf_system *s, int64_t n, doubles square, doubles *sag, doubles *slope)
 {
     const double *shape = shape_of(s, n), *terms = shape + 3, *odd = terms + s->even_terms, curvature = shape[0];
-    const eight_doubles rest = root(at_least(1 - (1 + shape[1]) * (curvature * curvature) * square, LEAST_ROOT * LEAST_ROOT));
-    eight_doubles powers = even(0), change = even(0);
+    const doubles rest = root(at_least(1 - (1 + shape[1]) * (curvature * curvature) * square, LEAST_ROOT * LEAST_ROOT));
+    doubles powers = even(0), change = even(0);
     for (int64_t k = s->even_terms; k > 0; k--) {
         change = change * square + (double)k * terms[k - 1];
         powers = (powers + terms[k - 1]) * square;
@@ -82,30 +86,30 @@ INLINE void sag_and_slope(const lf_system *s, int64_t n, eight_doubles square, e
     *sag = curvature * square / (1 + rest) + powers;
     *slope = curvature / (2 * rest) + change;
     if (!s->odd_terms) return;
-    const eight_doubles off_axis = at_least(square, LEAST_SQUARE);
-    eight_doubles raised = root(off_axis);
+    const doubles off_axis = at_least(square, LEAST_SQUARE);
+    doubles raised = root(off_axis);
     for (int64_t k = 0; k < s->odd_terms; k++, raised *= off_axis) {
         *sag += odd[k] * raised;
         *slope += ((double)k + 0.5) * odd[k] * raised / off_axis;
     }
 }
 
-typedef struct { eight_doubles sag, by_x, by_y; } relief; /* sag, and its derivatives */
+typedef struct { doubles sag, by_x, by_y; } relief; /* sag, and its derivatives */
 
 /* As _biconic and _toroid of engine/prescription/surfaces.py. */
-static relief biconic(const double *shape, const double *section, int64_t terms, eight_doubles x, eight_doubles y)
+static relief biconic(const double *shape, const double *section, int64_t terms, doubles x, doubles y)
 {
     const double bend_x = section[0], bend_y = shape[0];
     const double end_x = (1 + section[1]) * (bend_x * bend_x), end_y = (1 + shape[1]) * (bend_y * bend_y);
-    const eight_doubles square_x = x * x, square_y = y * y;
-    const eight_doubles rest = root(at_least(1 - end_x * square_x - end_y * square_y, LEAST_ROOT * LEAST_ROOT));
-    eight_doubles sag = (bend_x * square_x + bend_y * square_y) / (1 + rest);
-    const eight_doubles steeper = chosen(rest > LEAST_ROOT, sag / (2 * rest * (1 + rest)), even(0));
-    eight_doubles slope_x = bend_x / (1 + rest) + steeper * end_x, slope_y = bend_y / (1 + rest) + steeper * end_y;
+    const doubles square_x = x * x, square_y = y * y;
+    const doubles rest = root(at_least(1 - end_x * square_x - end_y * square_y, LEAST_ROOT * LEAST_ROOT));
+    doubles sag = (bend_x * square_x + bend_y * square_y) / (1 + rest);
+    const doubles steeper = chosen(rest > LEAST_ROOT, sag / (2 * rest * (1 + rest)), even(0));
+    doubles slope_x = bend_x / (1 + rest) + steeper * end_x, slope_y = bend_y / (1 + rest) + steeper * end_y;
     for (int64_t k = 0; k < terms; k++) {
         const double skew = section[2 + k], power = (double)(k + 1);
-        const eight_doubles square = (1 - skew) * square_x + (1 + skew) * square_y;
-        eight_doubles raised = even(shape[3 + k]);
+        const doubles square = (1 - skew) * square_x + (1 + skew) * square_y;
+        doubles raised = even(shape[3 + k]);
         for (int64_t j = 0; j < k; j++) raised *= square;
         sag += raised * square;
         slope_x += power * (1 - skew) * raised, slope_y += power * (1 + skew) * raised;
@@ -114,15 +118,15 @@ static relief biconic(const double *shape, const double *section, int64_t terms,
 }
 
 /* Of a profile, whose sag and slope are given, turned about an axis parallel to it; by_x is across the profile. */
-static relief toroid(double bend, eight_doubles profile, eight_doubles slope, eight_doubles across)
+static relief toroid(double bend, doubles profile, doubles slope, doubles across)
 {
-    const eight_doubles there = bend / (1 - bend * profile), share = there * across;
-    const eight_doubles rest = root(at_least(1 - share * share, LEAST_ROOT * LEAST_ROOT));
-    const eight_doubles steeper = chosen(rest > LEAST_ROOT, 1 / rest, 2 / (1 + rest));
+    const doubles there = bend / (1 - bend * profile), share = there * across;
+    const doubles rest = root(at_least(1 - share * share, LEAST_ROOT * LEAST_ROOT));
+    const doubles steeper = chosen(rest > LEAST_ROOT, 1 / rest, 2 / (1 + rest));
     return (relief){profile + share * across / (1 + rest), share * steeper, slope * steeper};
 }
 
-static APART relief of_two_sections(const lf_system *s, int64_t n, eight_doubles x, eight_doubles y)
+static APART relief of_two_sections(const lf_system *s, int64_t n, doubles x, doubles y)
 {
     const double *shape = shape_of(s, n), *section = s->sections + n * (2 + s->even_terms);
     const int64_t terms = s->even_terms;
@@ -136,20 +140,20 @@ static APART relief of_two_sections(const lf_system *s, int64_t n, eight_doubles
     return (relief){turned.sag, turned.by_y, turned.by_x};
 }
 
-INLINE relief relief_of(const lf_system *s, int64_t n, eight_doubles x, eight_doubles y)
+INLINE relief relief_of(const lf_system *s, int64_t n, doubles x, doubles y)
 {
     if (kind_of(s, n) != LF_REVOLUTION) return of_two_sections(s, n, x, y);
-    eight_doubles sag, slope;
+    doubles sag, slope;
     sag_and_slope(s, n, x * x + y * y, &sag, &slope);
     return (relief){sag, 2 * slope * x, 2 * slope * y};
 }
 
 /* Sag, and its derivative along a ray. */
-INLINE void sag_along(const lf_system *s, int64_t n, int of_revolution, eight_doubles x, eight_doubles y, triple along,
-                      eight_doubles *sag, eight_doubles *rise)
+INLINE void sag_along(const lf_system *s, int64_t n, int of_revolution, doubles x, doubles y, triple along,
+                      doubles *sag, doubles *rise)
 {
     if (of_revolution) {
-        eight_doubles slope;
+        doubles slope;
         sag_and_slope(s, n, x * x + y * y, sag, &slope);
         *rise = 2 * slope * (x * along.x + y * along.y);
         return;
@@ -185,24 +189,24 @@ static void leave(const lf_system *s, int64_t n, ray *r)
 }
 
 /* Distances from the vertex plane, by Newton's method; NaN without convergence. */
-INLINE eight_doubles newton(const lf_system *s, int64_t n, int of_revolution, eight_doubles x, eight_doubles y, triple along)
+INLINE doubles newton(const lf_system *s, int64_t n, int of_revolution, doubles x, doubles y, triple along)
 {
-    eight_doubles distance = even(0), last = even(0), sag, rise;
-    eight_longs active = distance == distance;
+    doubles distance = even(0), last = even(0), sag, rise;
+    longs active = distance == distance;
     for (int step = 0; step < NEWTON_STEPS && any(active); step++) {
         sag_along(s, n, of_revolution, x + distance * along.x, y + distance * along.y, along, &sag, &rise);
-        const eight_doubles change = (sag - distance * along.z) / (rise - along.z);
+        const doubles change = (sag - distance * along.z) / (rise - along.z);
         distance = chosen(active, distance - change, distance);
         last = chosen(active, size(change), last);
         active &= last > CONVERGED_MM;
     }
     return chosen(last < GOOD_MM, distance, even(__builtin_nan("")));
 }
-static eight_doubles distance_to_asphere(const lf_system *s, int64_t n, eight_doubles x, eight_doubles y, triple along)
+static doubles distance_to_asphere(const lf_system *s, int64_t n, doubles x, doubles y, triple along)
 {
     return newton(s, n, 1, x, y, along);
 }
-static APART eight_doubles distance_to_two_sections(const lf_system *s, int64_t n, eight_doubles x, eight_doubles y, triple along)
+static APART doubles distance_to_two_sections(const lf_system *s, int64_t n, doubles x, doubles y, triple along)
 {
     return newton(s, n, 0, x, y, along);
 }
@@ -218,20 +222,20 @@ static triple normal_at(const lf_system *s, int64_t n, triple at)
         const relief here = relief_of(s, n, at.x, at.y);
         normal = (triple){-here.by_x, -here.by_y, even(1)};
     }
-    const eight_doubles length = root(product(normal, normal));
+    const doubles length = root(product(normal, normal));
     return (triple){normal.x / length, normal.y / length, normal.z / length};
 }
 
 /* The distance along a ray to a surface, in its own frame. */
-static eight_doubles distance_to(const lf_system *s, int64_t n, const ray *r)
+static doubles distance_to(const lf_system *s, int64_t n, const ray *r)
 {
     const double *shape = shape_of(s, n), curvature = shape[0];
     const triple along = r->direction;
-    const eight_doubles to_plane = -r->position.z / along.z;
-    const eight_doubles x = r->position.x + to_plane * along.x, y = r->position.y + to_plane * along.y;
+    const doubles to_plane = -r->position.z / along.z;
+    const doubles x = r->position.x + to_plane * along.x, y = r->position.y + to_plane * along.y;
     if (is_conic(s, n)) {
-        const eight_doubles b = along.z - curvature * (x * along.x + y * along.y), square = curvature * (x * x + y * y);
-        const eight_doubles under = b * b - curvature * (1 + shape[1] * (along.z * along.z)) * square;
+        const doubles b = along.z - curvature * (x * along.x + y * along.y), square = curvature * (x * x + y * y);
+        const doubles under = b * b - curvature * (1 + shape[1] * (along.z * along.z)) * square;
         return to_plane + square / (b + signed_as(root(under), along.z));
     }
     if (kind_of(s, n) == LF_REVOLUTION) return to_plane + distance_to_asphere(s, n, x, y, along);
@@ -239,9 +243,9 @@ static eight_doubles distance_to(const lf_system *s, int64_t n, const ray *r)
 }
 
 /* The direction behind a surface with this normal, by Snell's law: the ratio is of the index in front to the one behind. */
-INLINE triple refracted(triple direction, triple normal, eight_doubles cosine, double ratio)
+INLINE triple refracted(triple direction, triple normal, doubles cosine, double ratio)
 {
-    const eight_doubles after = signed_as(root(1 - ratio * ratio * (1 - cosine * cosine)), cosine);
+    const doubles after = signed_as(root(1 - ratio * ratio * (1 - cosine * cosine)), cosine);
     return moved(times(even(ratio), direction), after - ratio * cosine, normal);
 }
 #endif

@@ -1,6 +1,6 @@
 /* Tracing: rays through the surfaces of a lens, from the stop to both sides, and the search for rays that come from an
    object point or go to an image point. Lengths are in mm, from the vertex of a surface; see engine/rays/trace.py and
-   engine/rays/aiming.py. Every variant processes eight rays at once. */
+   engine/rays/aiming.py. */
 #include "surfaces.h"
 
 #define CHIEF_STEPS 4
@@ -18,15 +18,15 @@ static void refract(const lf_system *s, int64_t n, ray *r, double before, double
 /* To a surface, in its own frame, and through it. */
 static void pass(const lf_system *s, int64_t n, ray *r, double before, double behind)
 {
-    const eight_doubles distance = distance_to(s, n, r);
+    const doubles distance = distance_to(s, n, r);
     r->position = moved(r->position, distance, r->direction);
     r->path += before * distance;
     refract(s, n, r, before, behind);
 }
 
-static ray started(const lf_system *s, eight_doubles x, eight_doubles y, eight_doubles slope_x, eight_doubles slope_y)
+static ray started(const lf_system *s, doubles x, doubles y, doubles slope_x, doubles slope_y)
 {
-    const eight_doubles length = root(1 + slope_x * slope_x + slope_y * slope_y), zero = even(0);
+    const doubles length = root(1 + slope_x * slope_x + slope_y * slope_y), zero = even(0);
     ray r = {{x, y, relief_of(s, s->stop, x, y).sag}, {zero, zero, zero}, zero};
     leave(s, s->stop, &r);
     return (ray){r.position, {slope_x / length, slope_y / length, 1 / length}, zero};
@@ -73,7 +73,7 @@ static ray traced_on(const lf_system *s, const ray *from, double *squares, int64
     }
     r.position.z -= shape_of(s, s->surfaces - 1)[2];
     enter(s, s->surfaces, &r);
-    const eight_doubles to_image = -r.position.z / r.direction.z;
+    const doubles to_image = -r.position.z / r.direction.z;
     r.position = moved(r.position, to_image, r.direction);
     r.path += s->indices[s->surfaces] * to_image;
     return r;
@@ -87,7 +87,7 @@ INLINE void stored_triple(double *to, int64_t step, int64_t count, triple values
 lf_trace_loop OF_VARIANT(lf_trace);
 int OF_VARIANT(lf_trace)(const lf_system *s, const double *rays, int64_t rays_count, double *out)
 {
-    for (int64_t first = 0; first < rays_count; first += 8) {
+    for (int64_t first = 0; first < rays_count; first += RAYS) {
         const int64_t count = rays_count - first;
         const double *in = rays + first;
         double *to = out + first, *squares = to + 13 * rays_count;
@@ -104,10 +104,10 @@ int OF_VARIANT(lf_trace)(const lf_system *s, const double *rays, int64_t rays_co
     return 0;
 }
 
-typedef struct { eight_doubles x, y; } pair;
+typedef struct { doubles x, y; } pair;
 
 /* Errors of rays at their targets. */
-static pair missed(const lf_system *s, const lf_targets *t, pair target, eight_doubles x, eight_doubles y, pair slope)
+static pair missed(const lf_system *s, const lf_targets *t, pair target, doubles x, doubles y, pair slope)
 {
     const ray on_stop = started(s, x, y, slope.x, slope.y);
     if (t->kind == LF_IMAGE_HEIGHT) {
@@ -117,24 +117,24 @@ static pair missed(const lf_system *s, const lf_targets *t, pair target, eight_d
     const ray back = traced_back(s, &on_stop, 0, 0, 0);
     if (t->kind == LF_ANGLE)
         return (pair){back.direction.x, back.direction.y * target.x - back.direction.z * target.y};
-    const eight_doubles way = (t->scale + back.position.z) / back.direction.z;
+    const doubles way = (t->scale + back.position.z) / back.direction.z;
     return (pair){(back.position.x - way * back.direction.x) / -t->scale,
                   (back.position.y - way * back.direction.y - target.x) / -t->scale};
 }
 
-typedef struct { eight_doubles slope, by_slope_x, by_slope_y, by_x, by_y; } chief; /* ray, and derivatives of its error */
+typedef struct { doubles slope, by_slope_x, by_slope_y, by_x, by_y; } chief; /* ray, and derivatives of its error */
 
-static APART chief chief_rays(const lf_system *s, const lf_targets *t, pair target, eight_doubles guess)
+static APART chief chief_rays(const lf_system *s, const lf_targets *t, pair target, doubles guess)
 {
-    const eight_doubles zero = even(0);
-    eight_doubles slope = guess;
+    const doubles zero = even(0);
+    doubles slope = guess;
     for (int n = 0; n < CHIEF_STEPS; n++) {
-        const eight_doubles here = missed(s, t, target, zero, zero, (pair){zero, slope}).y;
-        const eight_doubles ahead = missed(s, t, target, zero, zero, (pair){zero, slope + SLOPE_STEP}).y;
+        const doubles here = missed(s, t, target, zero, zero, (pair){zero, slope}).y;
+        const doubles ahead = missed(s, t, target, zero, zero, (pair){zero, slope + SLOPE_STEP}).y;
         slope -= here * SLOPE_STEP / (ahead - here);
     }
     const pair middle = missed(s, t, target, zero, zero, (pair){zero, slope});
-    const eight_doubles step = even(t->step);
+    const doubles step = even(t->step);
     return (chief){slope,
                    (missed(s, t, target, zero, zero, (pair){even(SLOPE_STEP), slope}).x - middle.x) / SLOPE_STEP,
                    (missed(s, t, target, zero, zero, (pair){zero, slope + SLOPE_STEP}).y - middle.y) / SLOPE_STEP,
@@ -142,29 +142,29 @@ static APART chief chief_rays(const lf_system *s, const lf_targets *t, pair targ
                    (missed(s, t, target, zero, step, (pair){zero, slope}).y - middle.y) / t->step};
 }
 
-INLINE eight_doubles error_of(pair miss)
+INLINE doubles error_of(pair miss)
 {
-    const eight_doubles x = size(miss.x), y = size(miss.y);
+    const doubles x = size(miss.x), y = size(miss.y);
     return chosen((x > y) | (x != x), x, y); /* NaN if either is */
 }
 
 /* Broyden's method; returns the error. */
-static APART eight_doubles searched(const lf_system *s, const lf_targets *t, pair target, eight_doubles x, eight_doubles y,
-                              pair *slope, eight_doubles by_slope_x, eight_doubles by_slope_y)
+static APART doubles searched(const lf_system *s, const lf_targets *t, pair target, doubles x, doubles y,
+                              pair *slope, doubles by_slope_x, doubles by_slope_y)
 {
     pair miss = missed(s, t, target, x, y, *slope);
-    eight_doubles error = error_of(miss), xx = 1 / by_slope_x, yy = 1 / by_slope_y, xy = even(0), yx = even(0);
-    eight_longs active = error > CONVERGED;
+    doubles error = error_of(miss), xx = 1 / by_slope_x, yy = 1 / by_slope_y, xy = even(0), yx = even(0);
+    longs active = error > CONVERGED;
     for (int n = 0; n < STEPS && any(active); n++, active &= error > CONVERGED) {
         pair step = {-(xx * miss.x + xy * miss.y), -(yx * miss.x + yy * miss.y)};
-        const eight_doubles part = LONGEST_STEP / at_least(root(step.x * step.x + step.y * step.y), 1e-30);
-        const eight_doubles shorter = chosen(part > 1, even(1), part);
+        const doubles part = LONGEST_STEP / at_least(root(step.x * step.x + step.y * step.y), 1e-30);
+        const doubles shorter = chosen(part > 1, even(1), part);
         step.x *= shorter, step.y *= shorter;
         const pair next = {slope->x + step.x, slope->y + step.y}, then = missed(s, t, target, x, y, next);
         const pair rise = {then.x - miss.x, then.y - miss.y};
         const pair change = {xx * rise.x + xy * rise.y, yx * rise.x + yy * rise.y};
-        const eight_doubles along = step.x * change.x + step.y * change.y;
-        const eight_doubles per = chosen(size(along) < 1e-300, even(0), 1 / along);
+        const doubles along = step.x * change.x + step.y * change.y;
+        const doubles per = chosen(size(along) < 1e-300, even(0), 1 / along);
         const pair gain = {(step.x - change.x) * per, (step.y - change.y) * per};
         const pair row = {step.x * xx + step.y * yx, step.x * xy + step.y * yy};
         xx += gain.x * row.x, xy += gain.x * row.y, yx += gain.y * row.x, yy += gain.y * row.y;
@@ -181,12 +181,12 @@ static APART void aimed(const lf_system *s, const lf_targets *t, int64_t field, 
     const int64_t plane = t->fields * t->rays;
     const pair target = {even(t->targets[field]), even(t->targets[t->fields + field])};
     const double slope = all->slope[lane], by_slope_x = all->by_slope_x[lane], by_slope_y = all->by_slope_y[lane];
-    for (int64_t first = 0; first < t->rays; first += 8) {
+    for (int64_t first = 0; first < t->rays; first += RAYS) {
         const int64_t count = t->rays - first;
-        const eight_doubles x = loaded(t->x + first, count), y = loaded(t->y + first, count);
+        const doubles x = loaded(t->x + first, count), y = loaded(t->y + first, count);
         pair found = {-x * all->by_x[lane] / by_slope_x, slope - y * all->by_y[lane] / by_slope_y};
         double *to = out + field * t->rays + first;
-        const eight_doubles error = searched(s, t, target, x, y, &found, even(by_slope_x), even(by_slope_y));
+        const doubles error = searched(s, t, target, x, y, &found, even(by_slope_x), even(by_slope_y));
         stored(to, count, found.x), stored(to + plane, count, found.y), stored(to + 2 * plane, count, error);
     }
 }
@@ -194,11 +194,11 @@ static APART void aimed(const lf_system *s, const lf_targets *t, int64_t field, 
 lf_aim_loop OF_VARIANT(lf_aim);
 int OF_VARIANT(lf_aim)(const lf_system *s, const lf_targets *t, double *out)
 {
-    for (int64_t first = 0; first < t->fields; first += 8) {
+    for (int64_t first = 0; first < t->fields; first += RAYS) {
         const int64_t count = t->fields - first;
         const pair target = {loaded(t->targets + first, count), loaded(t->targets + t->fields + first, count)};
         const chief all = chief_rays(s, t, target, loaded(t->guess + first, count));
-        for (int lane = 0; lane < 8 && lane < count; lane++) aimed(s, t, first + lane, &all, lane, out);
+        for (int lane = 0; lane < RAYS && lane < count; lane++) aimed(s, t, first + lane, &all, lane, out);
     }
     return 0;
 }
