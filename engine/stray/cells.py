@@ -78,7 +78,7 @@ class FineCells(Cells):
 
     def add(self, factors: np.ndarray, cells: np.ndarray, pixels: np.ndarray) -> None:
         """Add values of the pixels of a mask's cells, array (cell, pixel), times a factor for each wavelength."""
-        self._fine[np.flatnonzero(cells)] += (factors[:, None] * pixels[:, None]).astype(np.float32)
+        self._fine[np.flatnonzero(cells)] += factors.astype(np.float32)[:, None] * pixels.astype(np.float32)[:, None]
 
     def add_all(self, cube: np.ndarray) -> None:
         """Add the sum to a cube."""

@@ -276,7 +276,9 @@ class _Spikes:
 
     def _integral(self, place):
         far = np.sign(place) / 2 - self.width_px / np.pi / np.where(place == 0, LEAST_PX, place)
-        return np.where(np.abs(place) < self.reach_px, np.interp(place, self.places, self.table), far)
+        near = np.abs(place) < self.reach_px
+        far[near] = np.interp(place[near], self.places, self.table)
+        return far
 
     def _outside(self, radius):
         """The mean of 1 / r^3 outside the window over a ring as wide as a pixel."""
