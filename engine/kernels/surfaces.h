@@ -1,5 +1,5 @@
-/* Surfaces of a lens, and several rays at once: where rays meet a surface, its normal there, and refraction. Lengths are in
-   mm, from the vertex of a surface; as in engine/prescription/surfaces.py. */
+/* Surfaces of a lens, and several rays at once: where rays meet a surface, its normal there, and refraction. Lengths are
+   in mm, from the vertex of a surface; as in engine/prescription/surfaces.py. */
 #ifndef LENSFIELD_SURFACES_H
 #define LENSFIELD_SURFACES_H
 #include "variant.h"
@@ -10,8 +10,9 @@
 #define LEAST_SQUARE 1e-24 /* mm^2: the slope of a term in r is undefined at the vertex */
 #define LEAST_ROOT 1e-6    /* a step may pass beyond the conic's end before it reaches the surface */
 
-#define RAYS (LANES / 2) /* at once, as many as doubles in a vector: compilers compare wider vectors one by one. A ray's
-                            result does not depend on the others. */
+/* Rays at once, each with a result that does not depend on the others: as many as doubles in a vector of the processor,
+   because gcc compares the numbers of wider vectors one by one. */
+#define RAYS (LANES / 2)
 
 #define APART __attribute__((noinline)) /* to keep the stack of each function small */
 
