@@ -5,10 +5,11 @@ to the nearer one, and on to the sensor, and carry what Fresnel's law or the coa
 between them are drawn as triangles, whose light is spread over their area (M. Hullin, E. Eisemann, H.-P. Seidel and
 S. Lee, "Physically-based real-time lens flare rendering", 2011). Positions in the stop and heights on the surfaces are
 interpolated between the rays, so that blades and rims cut ghosts at every pixel. Large and faint ghosts are drawn in
-larger pixels, and enlarged.
+larger pixels, and enlarged; faint ones have fewer rays.
 """
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -24,8 +25,8 @@ from .ghost_survey import brightest, direct_light_mm2, survey
 from .sources import Sources
 
 SHARE = 0.01  # of the light that may be neglected
-RAYS = 21  # across, and up
 PIXELS, LEAST_PIXELS, MOST_PIXELS = 6000.0, 1500.0, 300000.0  # of a ghost: on average, and limits
+RAYS, FEW_RAYS, FEW_PIXELS = 21, 13, 3000.0  # across, and up: of most ghosts; of those with up to so many pixels
 SMALLEST_LEVEL_PX = 6  # the height of the coarsest level
 OF_DIAMETER = 0.388  # pixels of this part of a disc's diameter blur a point as it does: their kernel has its variance
 SQUARE_M = 1e-6  # a square mm
@@ -87,16 +88,17 @@ def ghosts(prescription: Prescription, sources: Sources, grid: PixelGrid, openin
     estimates = _estimates(lens, sources, surveys)
     drawn = _drawn(surveys, estimates, share / 2)
     pixels = _pixels(np.where(drawn, estimates.sum(axis=2), 0))
+    by_rays = {RAYS: drawn & (pixels > FEW_PIXELS), FEW_RAYS: drawn & (pixels <= FEW_PIXELS)}
     irradiance = np.empty((len(nm), *frame.shape_px), np.float32)
     light = np.full(estimates.shape, np.nan)
     px_per_mm = 1e3 / frame.pitch_um
 
     def draw(wave):
         levels = ghost_levels(frame.shape_px, _level_count(frame.shape_px))
-        for number, found in surveys.items():
-            chosen = drawn[number, found.bright]
+        for (number, found), (side, selected) in product(surveys.items(), by_rays.items()):
+            chosen = selected[number, found.bright]
             pairs = found.bright[chosen]
-            rays, cells_mm2 = _fine_rays(lens, coated[wave], nm[wave], found, chosen)
+            rays, cells_mm2 = _fine_rays(lens, coated[wave], nm[wave], found, chosen, side)
             diameters_px = 2 * sources.radius_rad[number] * px_per_mm * found.speed_mm[chosen]
             meshes = Meshes(rays, lens.crossings(lens.pairs[pairs]), cells_mm2, pixels[number, pairs],
                             (OF_DIAMETER * diameters_px)**2, lens.radial, found.azimuth_rad,
@@ -160,18 +162,18 @@ def _drawn(surveys, estimates, share):
     return brightest(light, share)
 
 
-def _fine_rays(lens, coated, nm, found, chosen):
+def _fine_rays(lens, coated, nm, found, chosen, side):
     """The rays of some of the surveyed ghosts, and the cross section of their cells.
 
     Linear interpolation overestimates a convex quantity, on average by a twelfth of its second differences: the limits
     are smaller by this.
     """
     pairs = lens.pairs[found.bright[chosen]]
-    rays = trace_ghosts(lens, coated, found.beam, pairs, found.limits_mm[chosen], RAYS)
+    rays = trace_ghosts(lens, coated, found.beam, pairs, found.limits_mm[chosen], side)
     rays[:, 2] *= lens.glass_transmittance(np.array([nm]), pairs)[:, :, None]
     around = np.pad(rays[:, 3], ((0, 0), (1, 1), (1, 1)), "reflect")
     rays[:, 3] -= (np.diff(around[:, 1:-1], 2, axis=2) + np.diff(around[:, :, 1:-1], 2, axis=1)) / 12
-    boxes, _ = boxes_of(lens, found.limits_mm[chosen], RAYS)
+    boxes, _ = boxes_of(lens, found.limits_mm[chosen], side)
     return rays, boxes[:, 1] * boxes[:, 3]
 
 
