@@ -4,7 +4,7 @@
 
 A plan's bound must be at least the worst error, and at most twice as large. By default, a varied selection of lenses is
 tested, and one of them sampled on a grid: "NAME on a grid". A second table compares the plan's bound for uniform light
-with a picture of it: next to the axis or, on a grid, with finer pixels next to nodes.
+with a picture of it: next to the axis or, on a grid, with finer pixels around nodes.
 """
 
 import sys

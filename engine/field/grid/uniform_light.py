@@ -48,8 +48,9 @@ def unevenness(psfs: NodePsfs, nodes: PlaneNodes) -> float:
     does not matter there, because each pixel gains as much from the one before as it loses to the next one. It does
     across a row of nodes, where the change has a kink. If the row is between two pixels, a sample at a fraction f of a
     pixel moves f (1 - f) / 2 times its change too little to the next pixel. If the row is in the middle of a pixel, the
-    mean change over the pixel is not the one in its middle: the pixel whose middle is a distance d < 1/2 from a
-    sample receives (1/2 - d)^2 / 2 times the change too little. Both are limits of the error of rows elsewhere.
+    mean change over the pixel is not the one in its middle: a pixel whose middle is a distance d < 1/2 from a sample
+    receives (1/2 - d)^2 / 2 times the kink too little. Rows elsewhere in a pixel cause errors between these two. Where
+    rows and columns of nodes cross, their errors add.
 
     Parameters
     ----------
