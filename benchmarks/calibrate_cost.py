@@ -3,9 +3,9 @@
     python benchmarks/calibrate_cost.py
 
 prints NANOSECONDS and REFERENCE_S of this machine, for the default loops or the loops that LENSFIELD_KERNELS names. For
-fitted and for other cases, it prints the ratio of predicted to measured time, with the present and with the new
-constants. Only processor time is measured, so the machine may be busy. The main thread's time counts as serial work,
-and the rest as work that all threads share.
+fitted and for other cases, it prints the ratio of predicted to measured time, with the present constants, converted to
+this machine as in a plan, and with the new ones. Only processor time is measured, so the machine may be busy. The main
+thread's time counts as serial work, and the rest as work that all threads share.
 """
 
 import time
@@ -148,13 +148,20 @@ def _held(shares, took, now):
     return nnls(held, np.append(took, HOLD * now * scale))[0] / scale
 
 
+def converted(nanoseconds):
+    """Constants converted to this machine and its loops, as in `cost.seconds`."""
+    factor, slowness = cost.machine_factor(), cost.SLOWNESS.get(running(), 1.0)
+    return {name: factor * (slowness if name in cost.LOOPS else 1.0) * np.array(each)
+            for name, each in nanoseconds.items()}
+
+
 def main():
     print(machine())
     loops = NUMPY if running() == NUMPY else cost.COMPILED
     first, others = ([case for case in (measured(*each) for each in cases) if case.single or loops == NUMPY]
                      for cases in (fitted_cases(), other_cases()))
     present = cost.NANOSECONDS[loops]
-    here = fitted(first, present)
+    here, present = fitted(first, present), converted(present)
     print(f"REFERENCE_S = {cost._look() * cost.REFERENCE_S:.2g}")
     for name, (alone, shared) in here.items():
         print(f'        "{name}": ({alone:g}, {shared:g}),')
