@@ -943,9 +943,11 @@ static void try_ghost_light(void)
         }
         expect(lf_ghost_light(v, &m, pictures, 0, &light, work) == LF_BAD_SIZE, "ghosts took no pictures");
         expect(!lf_ghost_light(v, &m, pictures, levels, &light, work), "ghosts refused their pictures");
-        take_bits(v, &light, 8);
+        if (light == light) take_bits(v, &light, 8); /* the signs of NaN differ */
         for (int64_t k = 0; k < levels; k++) {
-            take_bits(v, pictures[k].values, 4 * pictures[k].rows * pictures[k].row_step);
+            const float *values = pictures[k].values;
+            for (int64_t n = 0; n < pictures[k].rows * pictures[k].row_step; n++)
+                if (values[n] == values[n]) take_bits(v, values + n, 4);
             free(pictures[k].values);
         }
         if (tame) take_deviation(v, 14, fabs(light - sum), 0.1 * sum); /* pixels of an uneven light */
