@@ -37,7 +37,7 @@ class StrayFacts(Part):
         The strongest ghosts: the surfaces that reflect, in the order in which they do, counted from 1 at the front;
         and their share of the ghosts' light.
     neglected : float
-        Upper limit of the ghosts' light that was left out, as a share of the lens image's.
+        Estimate of the ghosts' light that was left out, as a share of the lens image's.
     words : tuple of str
         What could not be computed, and the remedy.
     """
@@ -56,7 +56,7 @@ class StrayFacts(Part):
         if self.pairs:
             strongest = ", ".join(f"{first} and {second} ({share:.0%})"
                                   for first, second, share in self.pairs[:MOST_PAIRS])
-            yield f"strongest ghosts: surfaces {strongest} of their light; at most {self.neglected:.2g} is neglected"
+            yield f"strongest ghosts: surfaces {strongest} of their light; about {self.neglected:.2g} is neglected"
         if self.predicted:
             yield "stray light below the accuracy, left out: " + ", ".join(
                 f"{name} about {share:.2g}" for name, share in self.predicted.items())
