@@ -11,6 +11,12 @@ def passes(folder):
     return list(folder.glob(".lensfield/*_passes/*/*.exr"))
 
 
+def interrupted(folder):
+    """Whether a render of two frames has begun, but not ended. A frame's end deletes its passes."""
+    first, second = (folder / f"Scene_000{number}_report.json" for number in (1, 2))
+    return bool(passes(folder) or first.exists()) and not second.exists()
+
+
 def renders(folder):
     """Processes that render into a folder for a farm."""
     return [int(path.parent.name) for path in Path("/proc").glob("[0-9]*/cmdline")
