@@ -8,7 +8,8 @@
 # make -k -j2 -O ci  run what .ci/run runs after make lint: all tests, with the Blender tests on four Blenders; two
 #                  parts at once, the output of each in one piece, and all of them even if some fail
 # make test-kernels  compare the C loops with plain ones on random shapes: under sanitizers, on other processors and on
-#                  Windows, if the compilers in CONTRIBUTING.md, QEMU and Wine are installed (two minutes)
+#                  Windows, if the compilers in CONTRIBUTING.md, QEMU and Wine are installed (two minutes); ROUNDS=40
+#                  draws fewer shapes
 # make kill-test   kill a render at 50 random moments, and one of four renders that share frames, and compare the
 #                  results with those of undisturbed renders (ten minutes)
 # make fuzz        first measure small files that are designed to be expensive; then damage files of every kind, 1500
@@ -67,6 +68,7 @@ COVERAGE ?=
 
 TESTS ?= tests/addon
 COUNT ?= 1500
+ROUNDS ?= 100
 BLENDER ?= blender
 GENERATION ?= blender5.1
 STEPS ?=
@@ -108,7 +110,7 @@ kernels: $(READY)
 	@$(VENV)/bin/python engine/kernels/build.py || true  # it has reported that numpy is used instead
 
 test-kernels: $(READY) kernels
-	$(VENV)/bin/python tests/engine/kernels/drive.py
+	$(VENV)/bin/python tests/engine/kernels/drive.py $(ROUNDS)
 
 test-engine: $(READY) kernels
 	$(VENV)/bin/python -m $(if $(COVERAGE),coverage run -m )pytest -q tests --ignore=tests/addon
@@ -121,6 +123,7 @@ test-numpy: $(READY) kernels  # as on machines without the compiled loops
 	LENSFIELD_KERNELS=numpy $(VENV)/bin/python -m pytest -q tests/engine/blur tests/engine/field \
 	    tests/engine/simulation/test_simulate.py tests/engine/simulation/test_channel_cache.py
 
+ci: ROUNDS = 40
 ci: ci-5.0.1 test-engine ci-5.2.3 ci-4.5.15 ci-5.1.2 test-kernels test-numpy test-bake test-farm test-sensor  # longest first
 
 ci-5.0.1: CI_TESTS = tests/addon
