@@ -5,16 +5,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..depth.depth_range import blur_per_nearness_px, focus_in_capture
 from ..field.field_map import MonochromaticField, field_map
 from ..field.in_capture import from_capture
 from ..image.irradiance import irradiance_per_radiance
+from ..image.layers import LayeredRadiance
 from ..image.pixel_grid import PixelGrid
 from ..image.spectral_image import SpectralImage
 from ..lens import Lens
+from ..lens.entrance_pupil import focus_nearness
+from ..prescription.system import system_of
 from .sources import Sources
+from .visible_light import composed, layers_within
 
 CELL_PX = 8
 LEAST_COSINE = 0.05  # of the angle between a source and the axis: others land as far away as this
+DISC = 1 / 16  # variance along an axis of a disc of diameter 1
 STEP = 1e-4  # of the focal length: for the derivatives of the distortion
 
 
@@ -30,7 +36,7 @@ class Arrivals:
     light : array (wavelength, spot)
         Irradiance times area in pixels of the sensor, W m^-2 nm^-1: the sum of a spot's image over its pixels.
     radius_px : array (spot,)
-        Of a disc with the spot's variance.
+        Of a disc with the spot's variance, including the blur of light that is out of focus.
     cells : (int, int)
         Rows and columns of the cells of the picture, which come first; spots of sources follow.
     """
@@ -43,7 +49,8 @@ class Arrivals:
     cells: tuple[int, int]
 
 
-def arrivals(radiance: SpectralImage, lens: Lens, beyond: Sources | None = None) -> Arrivals:
+def arrivals(radiance: SpectralImage, lens: Lens, beyond: Sources | None = None,
+             layers: LayeredRadiance | None = None) -> Arrivals:
     """The light of a picture, with its overscan, in cells of CELL_PX pixels, and of sources outside it.
 
     Parameters
@@ -53,6 +60,8 @@ def arrivals(radiance: SpectralImage, lens: Lens, beyond: Sources | None = None)
     lens : Lens
     beyond : Sources, optional
         Sources that the radiance does not contain, of the same wavelengths. Those behind the camera are dark.
+    layers : LayeredRadiance, optional
+        The same light in layers, which have its depths; without them all of it is in focus.
 
     Returns
     -------
@@ -61,14 +70,21 @@ def arrivals(radiance: SpectralImage, lens: Lens, beyond: Sources | None = None)
     grid, nm = radiance.grid, np.asarray(radiance.wavelengths_nm, dtype=float)
     starts = [np.arange(0, n, CELL_PX) for n in grid.shape_px]
     (rows, columns), variance = _centroids(radiance.cube, starts)
+    in_focus = focus_in_capture(lens, grid, rows, columns)
     ideal_mm = from_capture(*grid.position_mm(rows, columns), lens, grid)
+    if layers:
+        nearness, square = _nearness(layers_within(layers, radiance), starts, in_focus)
+        ideal_mm = _seen_in_focus(lens, ideal_mm, nearness, in_focus)
+        variance = variance + _blur_variance(lens, grid, nearness, square, in_focus)
     parts = [_of_picture(lens, one, plane, grid, starts, ideal_mm)
              for one, plane in zip(nm, radiance.cube, strict=True)]
     radius_px = 2 * np.sqrt(variance).ravel()
     if beyond is not None and len(beyond):
-        sources = [_of_sources(lens, one, beyond, beyond.irradiance[:, index], grid) for index, one in enumerate(nm)]
+        ideal_mm, variance = _places_of_sources(lens, beyond, grid)
+        sources = [_of_sources(lens, one, beyond, beyond.irradiance[:, index], ideal_mm, grid)
+                   for index, one in enumerate(nm)]
         parts = [np.concatenate(pair, axis=1) for pair in zip(parts, sources, strict=True)]
-        radius_px = np.append(radius_px, beyond.radius_rad * lens.capture_focal_length_mm / (grid.pitch_um * 1e-3))
+        radius_px = np.append(radius_px, 2 * np.sqrt(variance))
     x_mm, y_mm, light = np.stack(parts, axis=1)
     return Arrivals(nm, x_mm, y_mm, light, radius_px, (starts[0].size, starts[1].size))
 
@@ -93,6 +109,42 @@ def _centroids(cube, starts):
     return places, variance / 2
 
 
+def _nearness(layers, starts, in_focus):
+    """Mean inverse depth of each cell's light, and of its square; that in focus without any.
+
+    Light counts in proportion to its pixel's, so that a dim ground does not blur a lamp in front of it.
+    """
+    light, nearness, square = (np.maximum(composed(layers, lambda cube, depth_mm, power=power: (
+        cube.sum(axis=0) * (1 / depth_mm)**power)), 0) for power in range(3))
+    total = _sums(light**2, starts)
+    return [np.divide(_sums(light * each, starts), total, where=total > 0,
+                      out=np.broadcast_to(in_focus**power, total.shape).astype(float))
+            for power, each in ((1, nearness), (2, square))]
+
+
+def _seen_in_focus(lens, ideal_mm, nearness, in_focus):
+    """Places in the ideal image where chief rays through points at these inverse depths cross the plane of focus.
+
+    The camera is in the entrance pupil of the picture's height. That of the width may be elsewhere.
+    """
+    if lens.prescription is None:
+        return ideal_mm
+    system = system_of(lens.prescription)
+    behind_mm = system.across.entrance_pupil_mm - system.entrance_pupil_mm
+    x_mm, y_mm = ideal_mm
+    return x_mm * (1 + behind_mm * in_focus) / np.maximum(1 + behind_mm * nearness, LEAST_COSINE), y_mm
+
+
+def _blur_variance(lens, grid, nearness, square, in_focus):
+    """Variance of the blur along an axis, in px^2, from means of inverse depths and of their squares.
+
+    For a squeezed picture, it is the mean of the variances along its width and its height.
+    """
+    ratio = min(lens.squeeze, 1 / lens.squeeze)**2  # of the smaller blur
+    square_px = blur_per_nearness_px(lens, grid.pitch_um)**2 * (square - 2 * in_focus * nearness + in_focus**2)
+    return DISC * (1 + ratio**2) / 2 * np.maximum(square_px, 0)
+
+
 def _of_picture(lens, wavelength_nm, plane, grid, starts, ideal_mm):
     """x_mm, y_mm and light of the cells of a plane of radiance: array (3, cell)."""
     field = field_map(lens).at_wavelength(wavelength_nm)
@@ -114,7 +166,18 @@ def _growth(landing_mm: Callable, x_mm, y_mm, step_mm):
     return np.abs(across[0] * upwards[1] - across[1] * upwards[0]) / (2 * step_mm) ** 2
 
 
-def _of_sources(lens, wavelength_nm, sources: Sources, irradiance, grid: PixelGrid):
+def _places_of_sources(lens, sources: Sources, grid):
+    """Places of sources in the ideal image: x_mm, y_mm; and their variance along an axis, in px^2."""
+    right, up, towards = sources.directions.T
+    cosine, focal_mm = np.maximum(towards, LEAST_COSINE), lens.capture_focal_length_mm
+    ideal_mm = focal_mm * np.stack([right / lens.squeeze, up]) / cosine
+    nearness, in_focus = 1 / (sources.distance_mm * cosine), focus_nearness(lens, *ideal_mm)
+    radius_px = sources.radius_rad * focal_mm / (grid.pitch_um * 1e-3)
+    variance = radius_px**2 / 4 + _blur_variance(lens, grid, nearness, nearness**2, in_focus)
+    return np.stack(_seen_in_focus(lens, ideal_mm, nearness, in_focus)), variance
+
+
+def _of_sources(lens, wavelength_nm, sources: Sources, irradiance, ideal_mm, grid: PixelGrid):
     """As `_of_picture`, of sources with this irradiance at the entrance pupil: array (3, source).
 
     A source of the radiance L and the solid angle w covers the area f^2 w / cos^3 of the ideal image, and its
@@ -123,13 +186,12 @@ def _of_sources(lens, wavelength_nm, sources: Sources, irradiance, grid: PixelGr
     """
     fields = field_map(lens)
     field, focal_mm = fields.at_wavelength(wavelength_nm), lens.capture_focal_length_mm
-    right, up, towards = sources.directions.T
-    ideal_mm = focal_mm * np.stack([right / lens.squeeze, up]) / np.maximum(towards, LEAST_COSINE)
     known_mm = ideal_mm * np.minimum(1, fields.extent_mm / np.maximum(np.hypot(*ideal_mm), np.finfo(float).tiny))
     cosine = 1 / np.sqrt(1 + np.sum(np.square(known_mm / focal_mm * [[lens.squeeze], [1]]), axis=0))
     growth = _growth(field.landing_mm, known_mm[0], known_mm[1], STEP * focal_mm)
     area = focal_mm**2 / lens.squeeze / cosine**4 * growth / (grid.pitch_um * 1e-3) ** 2
-    return _landed(lens, field, ideal_mm, irradiance * np.maximum(towards, 0) * area)
+    towards = np.maximum(sources.directions[:, 2], 0)
+    return _landed(lens, field, ideal_mm, irradiance * towards * area)
 
 
 def _landed(lens, field: MonochromaticField, ideal_mm, light):

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import scipy
+from numpy.typing import ArrayLike
 
 from ..image.pixel_grid import PixelGrid
 from .arrivals import CELL_PX, Arrivals
@@ -87,7 +88,8 @@ class FineCells(Cells):
             self.add_to(plane, self.interpolated(self.corners[index]) + fine)
 
 
-def spread_in_cells(frame: PixelGrid, light: Arrivals, share: np.ndarray, spread: Callable) -> np.ndarray:
+def spread_in_cells(frame: PixelGrid, light: Arrivals, share: np.ndarray, spread: Callable,
+                    discs: Sequence[tuple[float, ArrayLike]] = ((0.0, 1.0),)) -> np.ndarray:
     """The irradiance that light spreads over a frame, at the corners of its cells of CELL_PX pixels.
 
     Light counts up to half a frame beyond the frame; `spread_from_afar` spreads the rest.
@@ -100,6 +102,8 @@ def spread_in_cells(frame: PixelGrid, light: Arrivals, share: np.ndarray, spread
         Of each spot's light.
     spread : callable (right_px, up_px) -> array
         The share of a point's light that falls on pixels at these distances; smooth over a cell except near 0.
+    discs : sequence of (radius_px, part)
+        Discs over which parts of each spot's light, array (spot,), are spread first.
 
     Returns
     -------
@@ -113,13 +117,15 @@ def spread_in_cells(frame: PixelGrid, light: Arrivals, share: np.ndarray, spread
     kernel = np.zeros(size)
     kernel[:2 * reach[0] + 1, :2 * reach[1] + 1] = _kernel(reach, spread)
     transformed = scipy.fft.rfft2(np.roll(kernel, [-n for n in reach], axis=(0, 1)))
+    factors = [transformed * _disc(radius_px / CELL_PX, size) for radius_px, _ in discs]
     inside = tuple(slice(margin, margin + n) for n, margin in zip(shape, margins, strict=True))
     result = np.empty((len(light.light), *shape))
     for index, each in enumerate(light.light * share):
         rows, columns = ((at + 0.5) / CELL_PX + margin for at, margin in zip(
             frame.index_of(light.x_mm[index], light.y_mm[index]), margins, strict=True))
-        plane = _shared_out(each, rows, columns, wide)
-        result[index] = scipy.fft.irfft2(scipy.fft.rfft2(plane, size) * transformed, size)[inside]
+        spectrum = sum(factor * scipy.fft.rfft2(_shared_out(each * part, rows, columns, wide), size)
+                       for factor, (_, part) in zip(factors, discs, strict=True))
+        result[index] = scipy.fft.irfft2(spectrum, size)[inside]
     return np.maximum(result, 0)
 
 
@@ -149,6 +155,13 @@ def _kernel(reach, spread):
     means = spread(inner_columns, -inner_rows[:, None]).reshape(2 * near[0] + 1, CELL_PX, -1, CELL_PX).mean(axis=(1, 3))
     kernel[tuple(slice(n - m, n + m + 1) for n, m in zip(reach, near, strict=True))] = means
     return kernel
+
+
+def _disc(radius, size):
+    """The transform of an even disc of unit light, whose radius is in cells: of the shape of `scipy.fft.rfft2`."""
+    rows, columns = scipy.fft.fftfreq(size[0])[:, None], scipy.fft.rfftfreq(size[1])
+    turns = np.maximum(2 * np.pi * radius * np.hypot(rows, columns), np.finfo(float).eps)
+    return 2 * scipy.special.j1(turns) / turns
 
 
 def _shared_out(light, rows, columns, shape):

@@ -14,9 +14,9 @@ import scipy
 
 from ..image.directions import directions, places_of, solid_angles_sr
 from ..image.layers import LayeredRadiance
-from ..image.nonfinite import clamp_fireflies
 from ..image.spectral_image import SpectralImage
 from .sources import Sources, widths_nm
+from .visible_light import composed, layers_within
 
 LAMP = 8.0  # times the mean radiance: lamps begin there, and above twice this all light is a lamp's
 MOST_LAMPS = 20
@@ -47,9 +47,9 @@ def picture_sources(radiance: SpectralImage, focal_mm: float, layers: LayeredRad
         black picture.
     """
     grid = replace(radiance.grid, focal_mm=radiance.focal_mm or radiance.grid.focal_mm or focal_mm)
-    widths, seen = widths_nm(radiance.wavelengths_nm), _within(layers, radiance) if layers else radiance
-    light = _composed(seen, lambda cube, _: np.tensordot(widths, cube, axes=1))
-    nearness = _composed(seen, lambda cube, depth_mm: np.tensordot(widths, cube, axes=1) / depth_mm)
+    widths, seen = widths_nm(radiance.wavelengths_nm), layers_within(layers, radiance) if layers else radiance
+    light = composed(seen, lambda cube, _: np.tensordot(widths, cube, axes=1))
+    nearness = composed(seen, lambda cube, depth_mm: np.tensordot(widths, cube, axes=1) / depth_mm)
     cells = _Cells(grid)
     moments = cells.moments(light, nearness)
     parts = _parts(moments, cells.solid_angles_sr)
@@ -57,7 +57,7 @@ def picture_sources(radiance: SpectralImage, focal_mm: float, layers: LayeredRad
     def summed(planes):
         return np.array([part.sum(planes) for part in parts])
 
-    irradiance = np.array([summed(cells.irradiance(_composed(seen, lambda cube, _, k=k: cube[k])))
+    irradiance = np.array([summed(cells.irradiance(composed(seen, lambda cube, _, k=k: cube[k])))
                            for k in range(widths.size)])
     return _sources(grid, radiance.wavelengths_nm, irradiance.T, summed(moments).reshape(-1, len(moments)).T)
 
@@ -122,28 +122,6 @@ class _Cells:
         for axis in (-2, -1):
             planes = np.add.reduceat(planes, range(0, planes.shape[axis], self._size), axis=axis)
         return planes
-
-
-def _within(layers, radiance):
-    """The layers on a radiance's grid."""
-    return layers.cropped([more - n for more, n in zip(layers.grid.overscan_px, radiance.overscan_px, strict=True)])
-
-
-def _composed(radiance, light_of):
-    """What the pinhole sees of all layers' light: plane (row, column) of `light_of`, a linear function of a cube, with
-    NaN and infinite pixels replaced.
-
-    `light_of` also takes the depth in mm.
-    """
-    if isinstance(radiance, SpectralImage):
-        return clamp_fireflies(light_of(radiance.cube, np.inf))[0]
-    plane = np.zeros(radiance.grid.shape_px)
-    for layer in reversed(radiance.layers):
-        part = plane[layer.place]
-        part *= 1 - layer.alpha
-        depth_mm = np.where(layer.alpha > 0, layer.depth_mm, np.inf)
-        part += clamp_fireflies(light_of(layer.cube, depth_mm))[0]
-    return plane
 
 
 @dataclass(frozen=True, eq=False)

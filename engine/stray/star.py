@@ -8,9 +8,12 @@ of sinc^2, of the half width 1 / (k L), wrapped to the period pi, as both direct
 the wrapped tails of a regular polygon's edges also contains the interference of edges that share a corner, which is not
 a fringe. The edge of a rounded blade has normals of many azimuths, and W is their mean. For a circle, the sum is the
 Airy pattern's 4 pi / k^3. Divided by 4 pi^2 times the area, pi, this is the share of all light (Parseval).
+
+Out of focus, the light of an edge comes from its image in the rim of the blur. A star is spread over an even disc of
+the blur's variance instead: its spikes are as wide, and none begins in the middle.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -23,9 +26,14 @@ from .cells import FineCells, spread_in_cells
 
 MOST_SPOTS = 40  # with spikes as fine as the pixels
 HIGHLIGHT = 16  # times the light of a typical spot: others have coarse spikes
+FINE_PX = 8.0  # radius of the largest spots with fine spikes
+STEP = np.sqrt(2)  # between the radii of larger discs
+COARSE_PX = CELL_PX * np.sqrt(8 / 3)  # radius of a disc with the variance that coarse light has without the spot's
 NEAR_PX = 64  # around a spot, stars are computed for each pixel
 STEP_PX = 0.05  # of tables across spikes
 LEAST_PX = 0.05  # width of a box
+PIXEL_PX = 1 / np.sqrt(3)  # radius of a disc with a pixel's variance
+FALLOFF_PLACES, FALLOFF_CIRCLES, FAR_RADII = 160, 48, 12.0  # for light near a spot, to so many of its radii away
 SHORTEST = 1e-6  # edge, in semi-apertures
 LEAST_K = 20.0  # closer to the middle, edges interfere
 SQUARE = 2 * np.sqrt(2) / np.pi  # diffracted light outside a square relative to light outside a circle of its width
@@ -105,8 +113,9 @@ def _window_mm(lens, wavelengths_nm):
 def add_stars(cube: np.ndarray, lens: Lens, opening: Opening, frame: PixelGrid, light: Arrivals) -> np.ndarray:
     """Add the stars of all light to the irradiance of a sensor's frame.
 
-    The brightest spots have spikes as fine as the pixels. The others are spread in cells; so that stars neither appear
-    nor vanish as lamps move, only a spot's light above that of the next one is spread finely.
+    The brightest small spots have spikes as fine as the pixels. The others are spread in cells; so that stars neither
+    appear nor vanish as lamps move, only a spot's light above that of the next one is spread finely. Light of large
+    spots is shared out linearly between discs of fixed sizes.
 
     Parameters
     ----------
@@ -121,13 +130,24 @@ def add_stars(cube: np.ndarray, lens: Lens, opening: Opening, frame: PixelGrid, 
     array (wavelength,)
         `star_share`, by which the lens image must be dimmed.
     """
-    edges, share = edges_of(opening), _fine_share(light)
+    edges, (radii_px, (small, *large)) = edges_of(opening), _discs(light.radius_px, max(frame.shape_px) / 2)
+    share = small * _fine_share(light)
     cells = FineCells(len(cube), frame.shape_px)
-    cells.corners += _coarse_stars(lens, edges, frame, light, 1 - share)
+    discs = zip(np.sqrt(np.maximum(radii_px**2 - COARSE_PX**2, 0)), (small - share, *large), strict=True)
+    cells.corners += _coarse_stars(lens, edges, frame, light, list(discs))
+    light = replace(light, radius_px=np.minimum(light.radius_px, FINE_PX))
     for spots in _lamps(share, light.cells):
         _add_star(cells, lens, edges, frame, _together(light, share, spots, frame.pitch_um * 1e-3))
     cells.add_all(cube)
     return star_share(lens, opening, light.wavelengths_nm)
+
+
+def _discs(radius_px, most_px):
+    """Radii of discs, (disc,), from FINE_PX in steps of twice as much up to `most_px`; and the parts (disc, spot) of
+    spots with these radii that have the spots' variance together."""
+    wanted = np.clip(radius_px, FINE_PX, max(most_px, FINE_PX))
+    radii_px = FINE_PX * STEP ** np.arange(1 + np.ceil(np.log(wanted.max() / FINE_PX) / np.log(STEP)))
+    return radii_px, [np.interp(wanted**2, radii_px**2, unit) for unit in np.eye(radii_px.size)]
 
 
 def _fine_share(light):
@@ -159,8 +179,9 @@ def _together(light, share, spots, pitch_mm):
     return Arrivals(light.wavelengths_nm, x_mm, y_mm, total, np.sqrt([square]), (1, 1))
 
 
-def _coarse_stars(lens, edges, frame, light, share):
-    """The stars of shares of all spots at the corners of cells: array (wavelength, row, column)."""
+def _coarse_stars(lens, edges, frame, light, discs):
+    """The stars of parts of all spots, as in `spread_in_cells`, at the corners of cells: array (wavelength, row,
+    column)."""
     numbers = _wave_numbers(lens, light.wavelengths_nm) * frame.pitch_um * 1e-3
     middle = numbers.size // 2
     window_px = _window_mm(lens, light.wavelengths_nm)[middle] / (frame.pitch_um * 1e-3)
@@ -169,7 +190,7 @@ def _coarse_stars(lens, edges, frame, light, share):
     def spread(right, up):
         return sum(edge.exact(right, up) for edge in spikes)
 
-    return spread_in_cells(frame, light, share / numbers[:, None], spread)
+    return spread_in_cells(frame, light, 1 / numbers[:, None], spread, discs)
 
 
 def _add_star(cells, lens, edges, frame, light):
@@ -222,6 +243,8 @@ class _Spikes:
         self.angle = edge.half_angle_rad
         widths = [max(np.hypot(side, np.sqrt(1.5) * radius_px), LEAST_PX) for side in np.abs(self.normal)]
         self.reach_px = CELL_PX + sum(widths)
+        self.core_px = sum(widths) / (2 * np.pi)  # closer to the middle, the spikes of both sides are even
+        self.falloff = _falloff(window_px, np.hypot(radius_px, PIXEL_PX))
         self.places = np.arange(-self.reach_px, self.reach_px + STEP_PX, STEP_PX)
         self.table = _box_means(self.places, self.width_px, widths, bool(self.angle))
 
@@ -268,9 +291,16 @@ class _Spikes:
             2 * np.pi * self.angle)
 
     def _mean_density(self, distance, radius):
-        """W near the ends of a bent edge, or the middle of a straight one, averaged over pixels."""
+        """W near the ends of a bent edge, or the middle of a straight one, averaged over pixels and the spot."""
+        density = self._one_side(distance, radius)
+        near = radius < self.reach_px
+        for half_turn in np.pi * radius[near] * [[-1], [1]]:
+            density[near] += self._one_side(distance[near] + half_turn, radius[near])
+        return np.where(radius < self.core_px, 1 / np.pi, density)
+
+    def _one_side(self, distance, radius):
         if not self.angle:
-            return radius * np.interp(distance, self.places, self.table)
+            return radius * np.interp(distance, self.places, self.table, left=0, right=0)
         ahead, behind = (self._integral(distance + side * radius * self.angle) for side in (1, -1))
         return (ahead - behind) / (2 * self.angle)
 
@@ -281,10 +311,23 @@ class _Spikes:
         return far
 
     def _outside(self, radius):
-        """The mean of 1 / r^3 outside the window over a ring as wide as a pixel."""
-        outer = radius + 0.5
-        inner = np.minimum(np.maximum(radius - 0.5, self.window_px), outer)
-        return self.weight * (outer - inner) / (outer * inner * radius)
+        """The mean of 1 / r^3 outside the window over the pixel and the spot."""
+        places, means = self.falloff
+        return self.weight * np.where(radius < places[-1], np.interp(radius, places, means), radius**-3)
+
+
+def _falloff(window_px, radius_px):
+    """Means of 1 / r^3 outside the window over discs of this radius, by the distance of their middles: (place,) each.
+
+    With the angle t of the part of a circle around the window's middle in half a disc, the integral is that of
+    2 t / r^2 over r, or of 2 t over 1 / r.
+    """
+    places = np.linspace(max(window_px - radius_px, 0), window_px + FAR_RADII * radius_px, FALLOFF_PLACES)
+    inverse_ends = 1 / (places + radius_px), 1 / np.maximum(places - radius_px, window_px)
+    circles = 1 / np.linspace(*inverse_ends, 2 * FALLOFF_CIRCLES + 1)[1::2]
+    cosine = (circles**2 + places**2 - radius_px**2) / (2 * circles * np.maximum(places, LEAST_PX))
+    angle = np.arccos(np.clip(cosine, -1, 1)).mean(axis=0)
+    return places, 2 * angle * (inverse_ends[1] - inverse_ends[0]) / (np.pi * radius_px**2)
 
 
 def _box_means(x, width, boxes, integral):

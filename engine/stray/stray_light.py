@@ -156,7 +156,7 @@ class _Scene:
     @cached_property
     def arrivals(self) -> Arrivals:
         """All light where it arrives on the sensor's plane."""
-        return arrivals(self.radiance, self.lens, self.outside)
+        return arrivals(self.radiance, self.lens, self.outside, self.layers)
 
     @cached_property
     def veil(self) -> Veil:
