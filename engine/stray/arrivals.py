@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..depth.depth_range import blur_per_nearness_px, focus_in_capture
+from ..depth.depth_range import blur_per_nearness_px, focus_in_capture, focus_range_px, focus_share
 from ..field.field_map import MonochromaticField, field_map
 from ..field.in_capture import from_capture
 from ..image.irradiance import irradiance_per_radiance
@@ -74,8 +74,8 @@ def arrivals(radiance: SpectralImage, lens: Lens, beyond: Sources | None = None,
     ideal_mm = from_capture(*grid.position_mm(rows, columns), lens, grid)
     if layers:
         nearness, square = _nearness(layers_within(layers, radiance), starts, in_focus)
-        ideal_mm = _seen_in_focus(lens, ideal_mm, nearness, in_focus)
-        variance = variance + _blur_variance(lens, grid, nearness, square, in_focus)
+        ideal_mm, blur = _out_of_focus(lens, grid, ideal_mm, nearness, square, in_focus)
+        variance = variance + blur
     parts = [_of_picture(lens, one, plane, grid, starts, ideal_mm)
              for one, plane in zip(nm, radiance.cube, strict=True)]
     radius_px = 2 * np.sqrt(variance).ravel()
@@ -122,10 +122,25 @@ def _nearness(layers, starts, in_focus):
             for power, each in ((1, nearness), (2, square))]
 
 
-def _seen_in_focus(lens, ideal_mm, nearness, in_focus):
-    """Places in the ideal image where chief rays through points at these inverse depths cross the plane of focus.
+def _out_of_focus(lens, grid, ideal_mm, nearness, square, in_focus):
+    """Places x_mm and y_mm in the ideal image where chief rays of light cross the plane of focus, and the variance of
+    its blur along an axis, in px^2; from means of its inverse depths and of their squares.
 
-    The camera is in the entrance pupil of the picture's height. That of the width may be elsewhere.
+    As in the lens image, light that counts as in focus is where a pinhole sees it. The variance of a squeezed picture
+    is the mean of those along its width and its height.
+    """
+    square_px = blur_per_nearness_px(lens, grid.pitch_um)**2 * np.maximum(
+        square - 2 * in_focus * nearness + in_focus**2, 0)
+    share = 1 - focus_share(np.sqrt(square_px), focus_range_px(lens, grid.pitch_um))
+    ratio = min(lens.squeeze, 1 / lens.squeeze)**2  # of the smaller blur
+    return (_crossing_focus(lens, ideal_mm, in_focus + share * (nearness - in_focus), in_focus),
+            DISC * (1 + ratio**2) / 2 * share * square_px)
+
+
+def _crossing_focus(lens, ideal_mm, nearness, in_focus):
+    """Places where chief rays through points at these inverse depths cross the plane of focus, to first order.
+
+    The camera is in the entrance pupil of the picture's height; that of an anamorphic lens's width may be elsewhere.
     """
     if lens.prescription is None:
         return ideal_mm
@@ -133,16 +148,6 @@ def _seen_in_focus(lens, ideal_mm, nearness, in_focus):
     behind_mm = system.across.entrance_pupil_mm - system.entrance_pupil_mm
     x_mm, y_mm = ideal_mm
     return x_mm * (1 + behind_mm * in_focus) / np.maximum(1 + behind_mm * nearness, LEAST_COSINE), y_mm
-
-
-def _blur_variance(lens, grid, nearness, square, in_focus):
-    """Variance of the blur along an axis, in px^2, from means of inverse depths and of their squares.
-
-    For a squeezed picture, it is the mean of the variances along its width and its height.
-    """
-    ratio = min(lens.squeeze, 1 / lens.squeeze)**2  # of the smaller blur
-    square_px = blur_per_nearness_px(lens, grid.pitch_um)**2 * (square - 2 * in_focus * nearness + in_focus**2)
-    return DISC * (1 + ratio**2) / 2 * np.maximum(square_px, 0)
 
 
 def _of_picture(lens, wavelength_nm, plane, grid, starts, ideal_mm):
@@ -172,9 +177,9 @@ def _places_of_sources(lens, sources: Sources, grid):
     cosine, focal_mm = np.maximum(towards, LEAST_COSINE), lens.capture_focal_length_mm
     ideal_mm = focal_mm * np.stack([right / lens.squeeze, up]) / cosine
     nearness, in_focus = 1 / (sources.distance_mm * cosine), focus_nearness(lens, *ideal_mm)
+    ideal_mm, blur = _out_of_focus(lens, grid, ideal_mm, nearness, nearness**2, in_focus)
     radius_px = sources.radius_rad * focal_mm / (grid.pitch_um * 1e-3)
-    variance = radius_px**2 / 4 + _blur_variance(lens, grid, nearness, nearness**2, in_focus)
-    return np.stack(_seen_in_focus(lens, ideal_mm, nearness, in_focus)), variance
+    return np.stack(ideal_mm), radius_px**2 / 4 + blur
 
 
 def _of_sources(lens, wavelength_nm, sources: Sources, irradiance, ideal_mm, grid: PixelGrid):

@@ -296,7 +296,8 @@ class _Spikes:
         near = radius < self.reach_px
         for half_turn in np.pi * radius[near] * [[-1], [1]]:
             density[near] += self._one_side(distance[near] + half_turn, radius[near])
-        return np.where(radius < self.core_px, 1 / np.pi, density)
+        density[radius < self.core_px] = 1 / np.pi
+        return density
 
     def _one_side(self, distance, radius):
         if not self.angle:
@@ -313,7 +314,9 @@ class _Spikes:
     def _outside(self, radius):
         """The mean of 1 / r^3 outside the window over the pixel and the spot."""
         places, means = self.falloff
-        return self.weight * np.where(radius < places[-1], np.interp(radius, places, means), radius**-3)
+        near, mean = radius < places[-1], 1 / (radius * radius * radius)
+        mean[near] = np.interp(radius[near], places, means)
+        return self.weight * mean
 
 
 def _falloff(window_px, radius_px):

@@ -11,10 +11,11 @@ from ..image.spectral_image import SpectralImage
 
 def layers_within(layers: LayeredRadiance, radiance: SpectralImage) -> LayeredRadiance:
     """The layers on a radiance's grid. Their own may extend beyond it."""
-    return layers.cropped([more - n for more, n in zip(layers.grid.overscan_px, radiance.overscan_px, strict=True)])
+    above, left = (more - n for more, n in zip(layers.grid.overscan_px, radiance.overscan_px, strict=True))
+    return layers.cropped((above, left))
 
 
-def composed(radiance: Radiance, light_of: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> np.ndarray:
+def composed(radiance: Radiance, light_of: Callable) -> np.ndarray:
     """What the pinhole sees of all layers' light, with NaN and infinite pixels replaced.
 
     Parameters

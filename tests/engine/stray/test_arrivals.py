@@ -1,13 +1,23 @@
 """Light that arrives at a sensor: its sum and its places, by the lens image without blur."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from afocal import AFOCAL
 from lenses import make_grid_lens, make_lens, tinted
 from lensfield.engine import simulate
+from lensfield.engine.bake.bake import bake
+from lensfield.engine.bake.quality import SKETCH
+from lensfield.engine.depth.depth_range import blur_px
+from lensfield.engine.image.layers import Layer, LayeredRadiance
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.image.projection import FISHEYE
 from lensfield.engine.image.spectral_image import SpectralImage
+from lensfield.engine.library import prescription_of
+from lensfield.engine.library.rays import sketched_rays
+from lensfield.engine.rays.rings import Rings, turned
 from lensfield.engine.stray.arrivals import arrivals
 from lensfield.engine.stray.sources import Sources
 
@@ -78,3 +88,52 @@ def test_a_source_behind_the_camera_is_dark_and_one_beyond_the_field_as_dim_as_i
     np.testing.assert_allclose(light[:, 0], 0)
     edge = 1 + (2 / FOCAL_MM) ** 2  # the field ends at 2 mm, with a relative illumination of 1: no cos^4
     np.testing.assert_allclose(light[:, 1], pupil_px * np.cos(1.2) * edge**2, rtol=1e-6)
+
+
+def in_layers(grid, nm, depth_mm, place, ground_mm=np.inf, ground=0.0, focal_mm=None):
+    """A lamp of one pixel in front of a ground."""
+    lamp, everywhere = np.zeros(grid.shape_px), np.ones(grid.shape_px)
+    lamp[place] = 1
+    return LayeredRadiance(tuple(Layer(np.stack([light * alpha] * len(nm)), alpha, mm * everywhere) for light, alpha, mm
+                                 in ((1e3, lamp, depth_mm), (ground, everywhere, ground_mm))), nm, grid, focal_mm)
+
+
+@pytest.mark.parametrize("make", [distorted_lens, grid_lens])
+def test_light_out_of_focus_is_as_wide_as_its_blur(make):
+    """A lamp in focus stays sharp in front of a ground that is not."""
+    lens = make()
+    for lamp_mm, ground_mm in ((300.0, np.inf), (np.inf, 300.0)):
+        layers = in_layers(GRID, NM, lamp_mm, (30, 150), ground_mm, 1.0)
+        light, flat = arrivals(layers.flat(), lens, layers=layers), arrivals(layers.flat(), lens)
+        radii_px = np.abs(blur_px(lens, GRID.pitch_um, [lamp_mm, ground_mm])) / 2
+        cell = flat.light[0].argmax()
+        assert light.radius_px[cell] == pytest.approx(np.hypot(flat.radius_px[cell], radii_px[0]), abs=0.05)
+        np.testing.assert_allclose(light.radius_px[0], np.hypot(flat.radius_px[0], radii_px[1]))
+        for name in ("light", "x_mm", "y_mm"):
+            np.testing.assert_array_equal(getattr(light, name), getattr(flat, name))
+
+
+def test_a_lamp_beyond_the_picture_is_as_wide_as_its_blur():
+    lens, direction = distorted_lens(), np.array([[0.6, 0, 0.8]])
+    lamp = Sources(direction, np.array([400.0]), np.ones((1, 2)), NM, np.zeros(1), ("lamp",))
+    light = arrivals(SpectralImage(np.zeros((2, *GRID.shape_px)), NM, GRID), lens, lamp)
+    assert light.radius_px[-1] == pytest.approx(blur_px(lens, GRID.pitch_um, 320.0) / 2)
+
+
+def test_a_lamp_through_an_anamorphic_lens_is_where_its_rays_put_it():
+    """Nearer than the focus: the entrance pupils of its width and its height are 51 mm apart."""
+    triplet = prescription_of("cooke-triplet-50mm")
+    design = turned(replace(triplet, surfaces=AFOCAL + triplet.surfaces), Rings(2000.0, 4.0)).prescription
+    lens = replace(bake(design, quality=SKETCH, wavelengths_nm=[550.0], samples=17, pitch_um=4.0), prescription=design)
+    grid = PixelGrid((76, 104), lens.sensor_mm[0] / 96e-3, centre_px=(40.0, 47.0), overscan_px=(2, 4),
+                     squeeze=lens.squeeze)
+    layers = in_layers(grid, [550.0], 350.0, (25, 70), focal_mm=lens.capture_focal_length_mm)
+    image = simulate(layers, lens, rays=sketched_rays).cube[0].astype(float)
+    light = arrivals(layers.flat(), lens, layers=layers)
+    found = grid.frame().index_of(*(np.average(at_mm[0], weights=light.light[0])
+                                    for at_mm in (light.x_mm, light.y_mm)))
+    centroid = [np.average(at, weights=image) for at in np.indices(image.shape)]
+    np.testing.assert_allclose(found, centroid, atol=0.2)  # the place in focus is 2.9 px away
+    moments = [np.average((at - middle)**2, weights=image) for at, middle in
+               zip(np.indices(image.shape), centroid, strict=True)]
+    assert light.radius_px.max() == pytest.approx(2 * np.sqrt(np.mean(moments)), rel=0.15)

@@ -6,10 +6,13 @@ import scipy
 
 from lenses import make_lens, tinted
 from lensfield.engine.depth.iris import Iris, opening_within
+from lensfield.engine.image.layers import Layer, LayeredRadiance
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.image.spectral_image import SpectralImage
 from lensfield.engine.stray.arrivals import arrivals
+from lensfield.engine.stray.options import StrayOptions
 from lensfield.engine.stray.star import add_stars, edges_of, star_share
+from lensfield.engine.stray.stray_light import stray_light
 
 NM, N, PITCH_UM, WINDOW = np.array([450.0, 520.0, 650.0]), 8.0, 20.0, 41
 FRAME = PixelGrid((280, 360), PITCH_UM, centre_px=(120.0, 190.0))
@@ -153,12 +156,47 @@ def test_the_share_is_that_outside_the_window():
     np.testing.assert_allclose(star_share(lens_at(2.0), opening_within(Iris(0), np.inf), NM), share / 4)
 
 
+def star_at(depth_mm, radiance, beyond=0.0):
+    """The star of light at a depth, in front of light at infinity, which is in focus."""
+    def layer(plane, alpha, depth_mm):
+        return Layer(np.stack([plane] * NM.size), alpha, np.full(FRAME.shape_px, depth_mm))
+
+    everywhere = np.ones(FRAME.shape_px)
+    layers = LayeredRadiance((layer(radiance, radiance > 0, depth_mm), layer(beyond * everywhere, everywhere, np.inf)),
+                             NM, FRAME)
+    return stray_light(layers.flat(), lens_at(), StrayOptions("star"), 0.01, layers=layers, iris=HEXAGON).cube
+
+
+def disc(diameter_px):
+    """Shares of the pixels that an even disc covers."""
+    side = 2 * (int(diameter_px / 2) + 1) + 1
+    inner = (np.arange(16 * side) + 0.5) / 16 - side / 2
+    covered = np.hypot(inner, inner[:, None]).reshape(-1, 1, 16 * side) < diameter_px / 2
+    shares = covered.reshape(side, 16, side, 16).mean(axis=(1, 3))
+    return shares / shares.sum()
+
+
 @pytest.mark.one_blender
-def test_a_star_moves_with_its_lamp():
-    """By a pixel, and so does nearly all of its light, also across the border of a cell."""
+@pytest.mark.parametrize(("blur_px", "misplaced"), [(12.0, 0.07), (70.0, 0.15)])
+def test_a_star_out_of_focus_is_one_in_focus_spread_over_the_blur(blur_px, misplaced):
+    """Blocks of 7 x 7 px, from which no light beyond the frame is missing."""
+    depth_mm = 50.0**2 / N / (PITCH_UM * 1e-3) / blur_px
+    focused, blurred = star_at(np.inf, lamp()), star_at(depth_mm, lamp())
+    np.testing.assert_allclose(blurred.sum(axis=(1, 2)), focused.sum(axis=(1, 2)), rtol=0.01)
+    for plane, sharp in zip(blurred, focused, strict=True):
+        spread = scipy.signal.fftconvolve(sharp, disc(blur_px), mode="same")
+        found, expected = (each[35:245, 35:322].reshape(30, 7, 41, 7).sum(axis=(1, 3)) for each in (plane, spread))
+        assert np.abs(found - expected).sum() < misplaced * expected.sum()
+        assert plane.max() == pytest.approx(spread.max(), rel=0.25) and sharp.max() > 5 * plane.max()
+
+
+@pytest.mark.one_blender
+@pytest.mark.parametrize("depth_mm", [np.inf, 1200.0, 500.0])
+def test_a_star_moves_with_its_lamp(depth_mm):
+    """By a pixel, and so does nearly all of its light, also across the border of a cell; out of focus, too."""
     rng = np.random.default_rng(0)
     scene = rng.random(FRAME.shape_px)
-    pictures = [star(HEXAGON, scene + 100 * lamp((96, column), size=2))[0][1] for column in range(204, 210)]
+    pictures = [star_at(depth_mm, 100 * lamp((96, column), size=2), scene)[1] for column in range(204, 210)]
     sums = [picture.sum() for picture in pictures]
     np.testing.assert_allclose(sums, np.mean(sums), rtol=0.02)
     for first, second in zip(pictures, pictures[1:], strict=False):
