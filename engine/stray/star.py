@@ -27,7 +27,7 @@ from .cells import FineCells, spread_in_cells
 MOST_SPOTS = 40  # with spikes as fine as the pixels
 HIGHLIGHT = 16  # times the light of a typical spot: others have coarse spikes
 FINE_PX = 8.0  # radius of the largest spots with fine spikes
-STEP = np.sqrt(2)  # between the radii of larger discs
+DISC_STEP = np.sqrt(2)  # between the radii of larger discs
 COARSE_PX = CELL_PX * np.sqrt(8 / 3)  # radius of a disc with the variance that coarse light has without the spot's
 NEAR_PX = 64  # around a spot, stars are computed for each pixel
 STEP_PX = 0.05  # of tables across spikes
@@ -133,8 +133,9 @@ def add_stars(cube: np.ndarray, lens: Lens, opening: Opening, frame: PixelGrid, 
     edges, (radii_px, (small, *large)) = edges_of(opening), _discs(light.radius_px, max(frame.shape_px) / 2)
     share = small * _fine_share(light)
     cells = FineCells(len(cube), frame.shape_px)
-    discs = zip(np.sqrt(np.maximum(radii_px**2 - COARSE_PX**2, 0)), (small - share, *large), strict=True)
-    cells.corners += _coarse_stars(lens, edges, frame, light, list(discs))
+    discs = [(np.sqrt(max(radius_px**2 - COARSE_PX**2, 0)), part)
+             for radius_px, part in zip(radii_px[1:], large, strict=True) if part.any()]
+    cells.corners += _coarse_stars(lens, edges, frame, light, [(0.0, small - share), *discs])
     light = replace(light, radius_px=np.minimum(light.radius_px, FINE_PX))
     for spots in _lamps(share, light.cells):
         _add_star(cells, lens, edges, frame, _together(light, share, spots, frame.pitch_um * 1e-3))
@@ -143,10 +144,10 @@ def add_stars(cube: np.ndarray, lens: Lens, opening: Opening, frame: PixelGrid, 
 
 
 def _discs(radius_px, most_px):
-    """Radii of discs, (disc,), from FINE_PX in steps of twice as much up to `most_px`; and the parts (disc, spot) of
-    spots with these radii that have the spots' variance together."""
+    """Radii of discs, (disc,), of FINE_PX and of DISC_STEP times as much each; and the parts (disc, spot) of spots with
+    these radii, or `most_px` if they are larger, that have the spots' variance together."""
     wanted = np.clip(radius_px, FINE_PX, max(most_px, FINE_PX))
-    radii_px = FINE_PX * STEP ** np.arange(1 + np.ceil(np.log(wanted.max() / FINE_PX) / np.log(STEP)))
+    radii_px = FINE_PX * DISC_STEP ** np.arange(1 + np.ceil(np.log(wanted.max() / FINE_PX) / np.log(DISC_STEP)))
     return radii_px, [np.interp(wanted**2, radii_px**2, unit) for unit in np.eye(radii_px.size)]
 
 
@@ -242,7 +243,7 @@ class _Spikes:
         self.width_px = 1 / (number * edge.length)  # half width of a spike without the pixels
         self.angle = edge.half_angle_rad
         widths = [max(np.hypot(side, np.sqrt(1.5) * radius_px), LEAST_PX) for side in np.abs(self.normal)]
-        self.reach_px = CELL_PX + sum(widths)
+        self.reach_px = CELL_PX + 1 + sum(widths) / 2
         self.core_px = sum(widths) / (2 * np.pi)  # closer to the middle, the spikes of both sides are even
         self.falloff = _falloff(window_px, np.hypot(radius_px, PIXEL_PX))
         self.places = np.arange(-self.reach_px, self.reach_px + STEP_PX, STEP_PX)
