@@ -140,7 +140,7 @@ def _out_of_focus(lens, grid, ideal_mm, nearness, square, in_focus):
 def _crossing_focus(lens, ideal_mm, nearness, in_focus):
     """Places where chief rays through points at these inverse depths cross the plane of focus, to first order.
 
-    The camera is in the entrance pupil of the picture's height; that of an anamorphic lens's width may be elsewhere.
+    The camera is in the entrance pupil of the picture's height. The width of an anamorphic lens may have another one.
     """
     if lens.prescription is None:
         return ideal_mm

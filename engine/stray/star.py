@@ -130,8 +130,9 @@ def add_stars(cube: np.ndarray, lens: Lens, opening: Opening, frame: PixelGrid, 
     array (wavelength,)
         `star_share`, by which the lens image must be dimmed.
     """
-    edges, (radii_px, (small, *large)) = edges_of(opening), _discs(light.radius_px, max(frame.shape_px) / 2)
-    share = small * _fine_share(light)
+    edges = edges_of(opening)
+    radii_px, (small, *large) = _discs(light.radius_px, max(frame.shape_px) / 2)
+    share = _fine_share(light, small)
     cells = FineCells(len(cube), frame.shape_px)
     discs = [(np.sqrt(max(radius_px**2 - COARSE_PX**2, 0)), part)
              for radius_px, part in zip(radii_px[1:], large, strict=True) if part.any()]
@@ -151,12 +152,12 @@ def _discs(radius_px, most_px):
     return radii_px, [np.interp(wanted**2, radii_px**2, unit) for unit in np.eye(radii_px.size)]
 
 
-def _fine_share(light):
-    """The share of each spot's light that is spread finely."""
+def _fine_share(light, small):
+    """The share of each spot's light that is spread finely; `small` is the one in small spots."""
     total = light.light.sum(axis=0)
-    bright = HIGHLIGHT * np.median(total)
-    level = np.partition(total, -MOST_SPOTS - 1)[-MOST_SPOTS - 1] if total.size > MOST_SPOTS else 0.0
-    more = total - max(level, bright)
+    bright, sharp = HIGHLIGHT * np.median(total), small * total
+    level = np.partition(sharp, -MOST_SPOTS - 1)[-MOST_SPOTS - 1] if sharp.size > MOST_SPOTS else 0.0
+    more = sharp - max(level, bright)
     return np.divide(more, total, out=np.zeros_like(total), where=more > bright)
 
 
@@ -244,7 +245,7 @@ class _Spikes:
         self.angle = edge.half_angle_rad
         widths = [max(np.hypot(side, np.sqrt(1.5) * radius_px), LEAST_PX) for side in np.abs(self.normal)]
         self.reach_px = CELL_PX + 1 + sum(widths) / 2
-        self.core_px = sum(widths) / (2 * np.pi)  # closer to the middle, the spikes of both sides are even
+        self.core_px = sum(widths) / (2 * np.pi)  # closer to the middle, both sides overlap, and W is even
         self.falloff = _falloff(window_px, np.hypot(radius_px, PIXEL_PX))
         self.places = np.arange(-self.reach_px, self.reach_px + STEP_PX, STEP_PX)
         self.table = _box_means(self.places, self.width_px, widths, bool(self.angle))
@@ -323,8 +324,8 @@ class _Spikes:
 def _falloff(window_px, radius_px):
     """Means of 1 / r^3 outside the window over discs of this radius, by the distance of their middles: (place,) each.
 
-    With the angle t of the part of a circle around the window's middle in half a disc, the integral is that of
-    2 t / r^2 over r, or of 2 t over 1 / r.
+    The share t / pi of a circle of the radius r around the window is in a disc, so the sum over the disc is the integral
+    of 2 t / r^2 over r, or of 2 t over 1 / r.
     """
     places = np.linspace(max(window_px - radius_px, 0), window_px + FAR_RADII * radius_px, FALLOFF_PLACES)
     inverse_ends = 1 / (places + radius_px), 1 / np.maximum(places - radius_px, window_px)
