@@ -26,12 +26,13 @@ from .cells import FineCells, spread_in_cells
 
 MOST_SPOTS = 40  # with spikes as fine as the pixels
 HIGHLIGHT = 16  # times the light of a typical spot: others have coarse spikes
-FINE_PX = 8.0  # radius of the largest spots with fine spikes
+FINE_PX = 16.0  # radius of the largest spots with fine spikes
 DISC_STEP = np.sqrt(2)  # between the radii of larger discs
-COARSE_PX = CELL_PX * np.sqrt(8 / 3)  # radius of a disc with the variance that coarse light has without the spot's
+COARSE_PX = CELL_PX * np.sqrt(8 / 3)  # radius of a disc with the variance that cells give to light
 NEAR_PX = 64  # around a spot, stars are computed for each pixel
 STEP_PX = 0.05  # of tables across spikes
 LEAST_PX = 0.05  # width of a box
+DISC_BOXES = np.pi / 2, np.sqrt(3 - np.pi**2 / 4)  # with a disc's variance and its peak, in its radii
 PIXEL_PX = 1 / np.sqrt(3)  # radius of a disc with a pixel's variance
 FALLOFF_PLACES, FALLOFF_CIRCLES, FAR_RADII = 160, 48, 12.0  # for light near a spot, to so many of its radii away
 SHORTEST = 1e-6  # edge, in semi-apertures
@@ -243,7 +244,8 @@ class _Spikes:
         self.weight = edge.count * edge.length / (2 * np.pi**2)
         self.width_px = 1 / (number * edge.length)  # half width of a spike without the pixels
         self.angle = edge.half_angle_rad
-        widths = [max(np.hypot(side, np.sqrt(1.5) * radius_px), LEAST_PX) for side in np.abs(self.normal)]
+        sides = np.sort(np.abs(self.normal))
+        widths = np.maximum(np.hypot(sides, np.multiply(DISC_BOXES, radius_px)), LEAST_PX)
         self.reach_px = CELL_PX + 1 + sum(widths) / 2
         self.core_px = sum(widths) / (2 * np.pi)  # closer to the middle, both sides overlap, and W is even
         self.falloff = _falloff(window_px, np.hypot(radius_px, PIXEL_PX))

@@ -177,7 +177,7 @@ def disc(diameter_px):
 
 
 @pytest.mark.one_blender
-@pytest.mark.parametrize(("blur_px", "misplaced"), [(12.0, 0.07), (70.0, 0.15)])
+@pytest.mark.parametrize(("blur_px", "misplaced"), [(9.0, 0.05), (28.0, 0.05), (70.0, 0.15)])
 def test_a_star_out_of_focus_is_one_in_focus_spread_over_the_blur(blur_px, misplaced):
     """Blocks of 7 x 7 px, from which no light beyond the frame is missing."""
     depth_mm = 50.0**2 / N / (PITCH_UM * 1e-3) / blur_px
