@@ -326,8 +326,8 @@ class _Spikes:
 def _falloff(window_px, radius_px):
     """Means of 1 / r^3 outside the window over discs of this radius, by the distance of their middles: (place,) each.
 
-    The share t / pi of a circle of the radius r around the window is in a disc, so the sum over the disc is the integral
-    of 2 t / r^2 over r, or of 2 t over 1 / r.
+    The share t / pi of a circle of the radius r is in a disc, so the sum over the disc is the integral of 2 t / r^2
+    over r, or of 2 t over 1 / r.
     """
     places = np.linspace(max(window_px - radius_px, 0), window_px + FAR_RADII * radius_px, FALLOFF_PLACES)
     inverse_ends = 1 / (places + radius_px), 1 / np.maximum(places - radius_px, window_px)
