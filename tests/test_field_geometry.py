@@ -30,6 +30,7 @@ OTHER_GEOMETRY = {
     "engine.stray.ghosts": "the plane of a source and the axis of a rotationally symmetric lens",
     "engine.stray.arrivals": "the distance of sources beyond the field",
     "engine.stray.star": "the edges of the stop, and distances from a lamp",
+    "engine.stray.cells": "the transform of a disc",
     "engine.stray.veil": "the marginal ray at surfaces, and distances from scattered light",
     "engine.spectral.colour_difference": "chroma",
     "addon.scene.camera": "the projection of a panoramic capture",

@@ -5,9 +5,10 @@
 renders a lit room and simple scenes through lenses focused at 2 m: by `render_through_lens` in layers; by the traced
 lens with little noise (the reference, cached in FOLDER); by the traced lens in the same processor time as the layers;
 and by Cycles' depth of field with the lens's in-focus blur. It prints each figure with its limit. The exit status is 1
-if a figure exceeds its limit. With --pictures it writes the pictures of the docs. With --finer the layers have twice as
-many rows and columns, and as many samples in all; blocks of 2 x 2 pixels of their pictures are merged. The difference is
-the error of the capture's pixels.
+if a figure exceeds its limit. With --pictures it writes the pictures of the docs.
+
+With --finer, pictures in layers have twice as many rows and columns, and as many samples in all; blocks of 2 x 2 pixels
+are merged. The difference is the error of the capture's pixels.
 """
 
 import hashlib
