@@ -28,7 +28,8 @@ class StrayFacts(Part):
     Attributes
     ----------
     shares : dict of str: float
-        Light of each part that was computed, as a share of the lens image's.
+        Light of each part that was computed, as a share of the lens image's without it; if that is black, of the stray
+        light.
     predicted : dict of str: float
         Predicted shares of parts that were left out because they are below the accuracy.
     sources : int
@@ -115,7 +116,8 @@ def lens_image(radiance: SpectralImage, lens: Lens, options: Options, stray: Str
 
 
 def _facts(added: StrayLight, irradiance: SpectralImage) -> StrayFacts:
-    """Facts about stray light that is not in the irradiance yet."""
-    light = max(float(irradiance.cube.sum(dtype=np.float64)), np.finfo(float).tiny)
+    """Facts about stray light that is not in the irradiance yet. In a black picture, shares are of all stray light."""
+    light = float(irradiance.cube.sum(dtype=np.float64))
+    light = light if light > 0 else sum(added.sums.values()) or 1.0
     return StrayFacts({name: sum_ / light for name, sum_ in added.sums.items()}, dict(added.predicted), added.sources,
                       added.pairs, added.neglected / light, added.words)

@@ -174,8 +174,9 @@ class _Scene:
         return (self.radiance.pitch_um * 1e-3) ** 2
 
     def share(self, of_each):
-        """Shares (wavelength,) of all light, as a share of the frame's own."""
-        return np.dot(of_each, self.all_light) / max(self.inside_light.sum(), np.finfo(float).tiny)
+        """Shares (wavelength,) of all light, as a share of the frame's own; infinite in a black one."""
+        with np.errstate(over="ignore"):
+            return np.dot(of_each, self.all_light) / max(self.inside_light.sum(), np.finfo(float).tiny)
 
     def as_sum(self, watts):
         """Light on the sensor in W/nm as a sum over pixels."""

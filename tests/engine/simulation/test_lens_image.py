@@ -12,6 +12,7 @@ from lensfield.engine.runtime import scratch
 from lensfield.engine.simulation.lens_image import StrayFacts, lens_image
 from lensfield.engine.stray.ghost_table import ghost_table
 from lensfield.engine.stray.options import StrayOptions
+from lensfield.engine.stray.sources import Sources
 from varied_lenses import varied_lens
 
 NM = [450.0, 550.0, 650.0]
@@ -52,6 +53,16 @@ def test_non_finite_pixels_are_refused_or_replaced():
 def test_black_pictures_have_no_stray_light():
     image, stray = lens_image(radiance(np.zeros((3, 40, 60))), make_lens(), OPTIONS, VEIL)
     assert not stray.cube.any() and not image.cube.any()
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("stray", [VEIL, StrayOptions()])
+def test_a_sun_beyond_a_black_picture_is_all_of_its_light(stray):
+    sun = Sources(np.array([[0.6, 0.0, 0.8]]), np.array([np.inf]), np.ones((1, 3)), NM, np.zeros(1), ("sun",))
+    report = Report()
+    image, light = lens_image(radiance(np.zeros((3, 40, 60))), make_lens(), OPTIONS, stray, outside=sun, report=report)
+    assert light.cube.any() and np.array_equal(image.cube, light.cube)
+    assert sum(report.parts.of(StrayFacts).shares.values()) == pytest.approx(1)
 
 
 @pytest.mark.parametrize("accuracy, glare_index, computed", [
