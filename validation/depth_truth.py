@@ -212,7 +212,8 @@ def lamp_figures(bench):
         away = max(np.hypot(*(ours[:2] - true[:2])) for ours, true in spots) / width_px
         wider = max(abs(ours[2] / true[2] - 1) for ours, true in spots)
         squeeze = bench.lens.squeeze
-        first = np.sqrt((width_px**2 + (squeeze * LAMP_PX)**2) * (1 + squeeze**-2) / 16 + 1 / 6)
+        blur2, lamp2 = width_px**2 * (1 + squeeze**-4), LAMP_PX**2 * (1 + squeeze**2)  # along the height and the width
+        first = np.sqrt((blur2 + lamp2) / 16 + 1 / 6)
         where = f"lamps {distance_m:g} m away, {width_px:.1f} px wide"
         yield Figure(f"{where}: difference of centroids, over the width", away, 0.02)
         yield Figure(f"{where}: difference of RMS radii", wider, 0.02)
