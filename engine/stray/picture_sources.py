@@ -47,9 +47,9 @@ def picture_sources(radiance: SpectralImage, focal_mm: float, layers: LayeredRad
         black picture.
     """
     grid = replace(radiance.grid, focal_mm=radiance.focal_mm or radiance.grid.focal_mm or focal_mm)
-    widths, seen = widths_nm(radiance.wavelengths_nm), layers_within(layers, radiance) if layers else radiance
-    light = composed(seen, lambda cube, _: np.tensordot(widths, cube, axes=1))
-    nearness = composed(seen, lambda cube, depth_mm: np.tensordot(widths, cube, axes=1) / depth_mm)
+    widths, visible = widths_nm(radiance.wavelengths_nm), layers_within(layers, radiance) if layers else radiance
+    light = composed(visible, lambda cube, _: np.tensordot(widths, cube, axes=1))
+    nearness = composed(visible, lambda cube, depth_mm: np.tensordot(widths, cube, axes=1) / depth_mm)
     cells = _Cells(grid)
     moments = cells.moments(light, nearness)
     parts = _parts(moments, cells.solid_angles_sr)
@@ -57,7 +57,7 @@ def picture_sources(radiance: SpectralImage, focal_mm: float, layers: LayeredRad
     def summed(planes):
         return np.array([part.sum(planes) for part in parts])
 
-    irradiance = np.array([summed(cells.irradiance(composed(seen, lambda cube, _, k=k: cube[k])))
+    irradiance = np.array([summed(cells.irradiance(composed(visible, lambda cube, _, k=k: cube[k])))
                            for k in range(widths.size)])
     return _sources(grid, radiance.wavelengths_nm, irradiance.T, summed(moments).reshape(-1, len(moments)).T)
 

@@ -115,8 +115,8 @@ def add_stars(cube: np.ndarray, lens: Lens, opening: Opening, frame: PixelGrid, 
     """Add the stars of all light to the irradiance of a sensor's frame.
 
     The brightest small spots have spikes as fine as the pixels. The others are spread in cells; so that stars neither
-    appear nor vanish as lamps move, only a spot's light above that of the next one is spread finely. Light of large
-    spots is shared out linearly between discs of fixed sizes.
+    appear nor vanish as lamps move, only the light by which a spot exceeds the next one is spread finely. Light of
+    large spots is shared out linearly between discs of fixed sizes.
 
     Parameters
     ----------

@@ -179,13 +179,13 @@ def test_a_lens_without_symmetry_puts_a_lamp_where_its_data_do(make, depth, near
     lit.active_material.cycles.emission_sampling = "NONE"
     scene.camera.data.clip_start, scene.camera.data.shift_x, scene.camera.data.shift_y = 1e-3, 0.06, -0.03
     scene.render.resolution_x, scene.render.resolution_y = 96, 72
-    found = {}
+    spots = {}
     for name, samples in (("traced", 256), (depth, 128)):
         scene.cycles.samples = samples
         result = render_through_lens(scene, lens=lens, wavelengths_nm=(550.0,), depth=name, stray=StrayOptions("off"),
                                      output_folder=tmp_path / name)
-        found[name] = spot(irradiance(result)[0])
-    (light, centroid, radii), (expected, true, true_radii) = found.values()
+        spots[name] = spot(irradiance(result)[0])
+    (light, centroid, radii), (expected, true, true_radii) = spots.values()
     assert light == pytest.approx(expected, rel=0.03)
     np.testing.assert_allclose(centroid, true, atol=0.15)
     np.testing.assert_allclose(radii, true_radii, rtol=0.05)

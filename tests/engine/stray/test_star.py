@@ -179,7 +179,7 @@ def disc(diameter_px):
 @pytest.mark.one_blender
 @pytest.mark.parametrize(("blur_px", "misplaced"), [(9.0, 0.05), (28.0, 0.05), (70.0, 0.15)])
 def test_a_star_out_of_focus_is_one_in_focus_spread_over_the_blur(blur_px, misplaced):
-    """Blocks of 7 x 7 px, from which no light beyond the frame is missing."""
+    """In blocks of 7 x 7 px, far enough from the frame's edges: the star in focus ends there."""
     depth_mm = 50.0**2 / N / (PITCH_UM * 1e-3) / blur_px
     focused, blurred = star_at(np.inf, lamp()), star_at(depth_mm, lamp())
     np.testing.assert_allclose(blurred.sum(axis=(1, 2)), focused.sum(axis=(1, 2)), rtol=0.01)
