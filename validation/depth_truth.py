@@ -1,14 +1,11 @@
 """Depth in layers against rays that Cycles traces through the lens itself.
 
-    python validation/depth_truth.py FOLDER [LENS ...] [--pictures] [--finer]
+    python validation/depth_truth.py FOLDER [LENS ...] [--pictures]
 
 renders a lit room and simple scenes through lenses focused at 2 m: by `render_through_lens` in layers; by the traced
 lens with little noise (the reference, cached in FOLDER); by the traced lens in the same processor time as the layers;
 and by Cycles' depth of field with the lens's in-focus blur. It prints each figure with its limit. The exit status is 1
 if a figure exceeds its limit. With --pictures it writes the pictures of the docs.
-
-With --finer, pictures in layers have twice as many rows and columns, and as many samples in all; blocks of 2 x 2 pixels
-are merged. The difference is the error of the capture's pixels.
 """
 
 import hashlib
@@ -53,7 +50,7 @@ PLAIN_SEEDS, PLAIN_SAMPLES = 2, 32
 BODY_BLOCK_PX = 8
 ROOT = Path(__file__).resolve().parents[1]
 SOURCES = ROOT / "validation"
-PICTURES, FINER, DOCS = "--pictures", "--finer", ROOT / "docs"
+PICTURES, DOCS = "--pictures", ROOT / "docs"
 EXPOSED_PERCENTILE, EXPOSED_LEVEL, QUALITY = 85, 0.6, 88  # lamps may be clipped
 
 
@@ -69,24 +66,20 @@ def sources_digest(folder=SOURCES):
 class Bench:
     """A lens focused on the middle of the room, and the ways to take a picture through it."""
 
-    def __init__(self, name, folder, first_seed=0, *, parts=1):
-        self.name, self.folder, self.first_seed, self.parts = name, Path(folder), first_seed, parts
+    def __init__(self, name, folder, first_seed=0):
+        self.name, self.folder, self.first_seed = name, Path(folder), first_seed
         self.lens = load_lens(name, Rings(1e3 * FOCUS_M))
         self.frame = frame_of(self.lens, FRAME_PX)
 
     def picture(self, scene, samples, seed, wavelengths_nm=MIDDLE_NM, depth="auto"):
-        """Spectral irradiance (wavelength, row, column), and the total processor seconds.
-
-        Layers have `parts` x `parts` pixels, with a part of the samples, for each pixel of the picture.
-        """
-        parts = 1 if depth == "traced" else self.parts
-        scene.render.resolution_y, scene.render.resolution_x = self.frame.finer(parts).shape_px
-        scene.cycles.samples, scene.cycles.seed = -(-samples // parts**2), self.first_seed + seed
+        """Spectral irradiance (wavelength, row, column), and the total processor seconds."""
+        scene.render.resolution_y, scene.render.resolution_x = FRAME_PX
+        scene.cycles.samples, scene.cycles.seed = samples, self.first_seed + seed
         begin_s = time.process_time()
         with tempfile.TemporaryDirectory() as folder, quiet(1):  # suppresses Blender's messages about saved passes
             result = addon.render_through_lens(scene, lens=self.lens, wavelengths_nm=wavelengths_nm,
                                                output_folder=folder, depth=depth, stray=StrayOptions(OFF))
-            cube = means_of_blocks(read_exr(result.irradiance).cube.astype(float), parts)
+            cube = read_exr(result.irradiance).cube.astype(float)
         return cube, time.process_time() - begin_s
 
     def pictures(self, scene, samples, seeds, wavelengths_nm=MIDDLE_NM, depth="auto"):
@@ -248,7 +241,7 @@ def main(arguments):
     print(f"{platform.machine()}, Python {platform.python_version()}, Blender {bpy.app.version_string}, "
           "{1} x {0} px, focus {2:g} m".format(*FRAME_PX, FOCUS_M))
     for name in names or LENSES:
-        bench, pictures = Bench(name, folder, parts=2 if FINER in arguments else 1), {}
+        bench, pictures = Bench(name, folder), {}
         print(f"\n{name}: layers of depth against rays through the lens", flush=True)
         for figures in (room_figures(bench, pictures), floor_figures(bench), body_figures(bench), lamp_figures(bench)):
             for figure in figures:

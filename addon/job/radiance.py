@@ -8,6 +8,7 @@ import numpy as np
 
 from ...engine import SpectralImage
 from ...engine.depth.depth_range import AUTO, check_depth, planar_depth_mm
+from ...engine.field.overscan import columns_for_blur
 from ...engine.image.layers import Layer, LayeredRadiance
 from ...engine.image.pixel_grid import PixelGrid
 from ...engine.pictures.preview import auto_exposure, to_rec709, write_png
@@ -21,6 +22,7 @@ from ...engine.stray.sources import Sources
 from ..scene.camera import capture_grid, captured_region, frame_grid, render_region
 from ..scene.render_state import (
     clamps_of,
+    divide_samples,
     go_to_frame,
     guard_render_state,
     rendered_layer,
@@ -38,7 +40,7 @@ from .layering import layered_radiance
 from .light import GatheredLight
 from .outside_sources import outside_steps
 from .remarks import colour_remarks, scale_remarks, scene_remarks, unlayered_remarks
-from .sampled_passes import CONTROL_CUBES, SampledPasses, WholePasses, detail_times, shares_noise
+from .sampled_passes import CONTROL_CUBES, MOST_FINE_PX, SampledPasses, WholePasses, detail_times, shares_noise
 from .scene_plan import plan_scene
 from .slabs import cut_steps, finer_region, single_slab
 from .steps import RenderPass, Work
@@ -149,7 +151,7 @@ def room_for_capture(scene, job, grid, plan, slabs=()):
     scratch = folder_if_large((planes + control_planes, gathered_px), job.output_folder)
     light_bytes = 0 if scratch else SAMPLE_BYTES * planes
     control_bytes = 0 if scratch else SAMPLE_BYTES * control_planes
-    flat_bytes = light_bytes * pixels if len(slabs) > 1 else 0  # the pinhole's view of all slabs, after the passes
+    flat_bytes = light_bytes * pixels // grid.across if len(slabs) > 1 else 0  # the pinhole's view, after the passes
     times = detail_times(scene, job, plan, pixels)
     needed = (gathered_px * (light_bytes + control_bytes + PLANES_BYTES) + detail_bytes(gathered_px, times)
               + max(pass_bytes(times**2 * pixels, lamps, job.denoises), flat_bytes))
@@ -158,6 +160,15 @@ def room_for_capture(scene, job, grid, plan, slabs=()):
         pictures = 2 + (len(slabs) > 1)  # the farthest slab's light, the irradiance, and a pinhole's view of the slabs
         check_disk(scratch, SAMPLE_BYTES * (pictures * planes * pixels + control_planes * gathered_px))
     return needed, scratch
+
+
+def layer_columns(job, capture):
+    """Columns of layers in a column of the sensor, for a capture in the sensor's pixels: 1 in Preview, and fewer for
+    large pictures."""
+    columns = 1 if job.spectral.tier == "preview" else columns_for_blur(job.lens)
+    while columns > 1 and columns * math.prod(capture.shape_px) > MOST_FINE_PX:
+        columns //= 2
+    return columns
 
 
 def detail_bytes(pixels, times):
@@ -211,7 +222,8 @@ class Ready:
     ----------
     scene, job, plan, substitution, cut, passes
     grid, capture_px : PixelGrid
-        The picture's capture; and, with slabs, the larger one that the blur of near objects needs.
+        The picture's capture; and, with slabs, the larger one that the blur of near objects needs, for a lens with a
+        squeeze in finer columns.
     slabs : tuple of Slab
     group_names : list of str
         Of the light groups.
@@ -318,6 +330,9 @@ def sliced_steps(planned, share, journal, times=1):
                                    planned.empty.sky and not planned.film, planned.passes,
                                    planned.path.with_name("look.exr"), 0.0, LOOK_SHARE * share)
     cut = cut and cut.coarser(times)
+    if cut and (columns := layer_columns(job, cut.capture)) > 1 == times:
+        cut = cut.finer_across(columns)
+        divide_samples(scene, columns, journal)
     capture_px, slabs = (cut.capture, cut.slabs) if cut else (grid, planned.slabs)
     guard_render_state(scene, job, capture_px, planned.path, journal)
     needed_bytes, scratch = room_for_capture(scene, job, capture_px.finer(times), plan,
@@ -384,13 +399,14 @@ def captured_from(ready, lights, grid, capture_px):
     ready : Ready
     lights : sequence of GatheredLight
     grid, capture_px : PixelGrid
-        As in `Ready`, or both finer.
+        As in `Ready`, or both with each pixel divided into as many rows as columns.
     """
-    job, times = ready.job, grid.shape_px[0] // ready.grid.shape_px[0]
+    job, times, sensor_px = ready.job, grid.shape_px[0] // ready.grid.shape_px[0], capture_px.on_sensor()
     region, rendered = (side and finer_region(side, times) for side in (ready.region, ready.rendered))
-    margin = [overscan - n for overscan, n in zip(capture_px.overscan_px, grid.overscan_px, strict=True)]
+    margin = [overscan - n for overscan, n in zip(sensor_px.overscan_px, grid.overscan_px, strict=True)]
     inside = tuple(slice(rim, rim + n) for rim, n in zip(margin, grid.shape_px, strict=True))
-    depth_mm = planar_depth_mm(_nearest_m(lights, capture_px) * M_TO_MM, job.lens, capture_px)[inside]
+    nearest_m = _nearest_m(lights, capture_px)[:, capture_px.across // 2::capture_px.across]
+    depth_mm = planar_depth_mm(nearest_m * M_TO_MM, job.lens, sensor_px)[inside]
     layers = layered_radiance(lights, job.lens, capture_px, job.wavelengths_nm, ready.exposure,
                               job.others) if ready.cut else None
     if layers:
@@ -431,7 +447,8 @@ def _show(complete, plan, lights, capture_px, path):
     """Write a PNG of the frame after a pass, as the capture shows it: grey until all wavelengths are rendered."""
     layers = [Layer(light.cube, light.alpha, light.depth_m * M_TO_MM, tuple(side.start for side in light.slab.region))
               for light in lights if not light.is_spare(lights)]
-    radiance = LayeredRadiance(layers, plan.choice.output_nm, capture_px).cropped(capture_px.overscan_px).flat()
+    layered = LayeredRadiance(layers, plan.choice.output_nm, capture_px)
+    radiance = layered.cropped(layered.sampling.grid.overscan_px).flat()
     picture = to_rec709(radiance) if complete else np.stack([radiance.cube.mean(axis=0)] * 3, axis=-1)
     write_png(picture, path, auto_exposure(picture))
 

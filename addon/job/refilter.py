@@ -37,6 +37,7 @@ from .radiance import Captured
 from .remarks import ROUND_BLUR
 from .render import lens_steps, run
 from .result import Result
+from .slabs import finer_region
 from .steps import Work
 
 APPLIED_DEPTHS = AUTO, OFF
@@ -304,12 +305,13 @@ def _blur_warning(lens, captured, iris):
     layers, lacking, reach = captured.layers, [0.0], opening(iris, lens).reach / 2
     for layer in layers.layers if layers else ():
         rows, columns = (np.arange(side.start, side.stop) for side in layer.place)
-        in_focus = focus_in_capture(lens, layers.sampling.grid, rows[:, None], columns)
-        blur_of_layer = np.abs(blur_px(lens, layers.grid.pitch_um, layer.depth_mm, in_focus))
+        grid = replace(layers.grid, focal_mm=layers.focal_mm)
+        in_focus = focus_in_capture(lens, grid, rows[:, None], columns)
+        blur_of_layer = np.abs(blur_px(lens, grid.pitch_um, layer.depth_mm, in_focus))
         blur = np.where(layer.alpha > 0, blur_of_layer * reach, 0)
-        for axis, (place, shown) in enumerate(zip(layer.place, _shown(captured), strict=True)):
+        for axis, (place, shown, parts) in enumerate(zip(layer.place, _shown(captured), (1, grid.across), strict=True)):
             ends = (shown.start - place.start, blur.take(0, axis)), (place.stop - shown.stop, blur.take(-1, axis))
-            lacking += [blurs.max() - beyond for beyond, blurs in ends if beyond >= 0 and blurs.any()]
+            lacking += [blurs.max() - beyond / parts for beyond, blurs in ends if beyond >= 0 and blurs.any()]
     if max(lacking) < 1:
         return ""
     return (f"the blur of {lens.name} needs light from {max(lacking):.0f} px beyond the captured area: render again")
@@ -317,9 +319,10 @@ def _blur_warning(lens, captured, iris):
 
 def _shown(captured):
     """Rows and columns of the layers' grid that the picture shows: the frame, or the render region in it."""
-    return [_moved(side, before - overscan)
-            for side, overscan, before in zip(_picture_sides(captured), captured.radiance.overscan_px,
-                                              captured.layers.grid.overscan_px, strict=True)]
+    rows, columns = (_moved(side, before - overscan) for side, overscan, before in
+                     zip(_picture_sides(captured), captured.radiance.overscan_px,
+                         captured.layers.sampling.grid.overscan_px, strict=True))
+    return rows, *finer_region((columns,), captured.layers.grid.across)
 
 
 def _picture_sides(captured):

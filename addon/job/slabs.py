@@ -55,7 +55,12 @@ class Slab:
 
     def finer(self, times):
         """The slab for a capture with each pixel divided into `times` x `times`."""
-        return replace(self, region=finer_region(self.region, times))
+        return self.finer_across(times, times)
+
+    def finer_across(self, columns, rows=1):
+        """The slab for a capture with each pixel divided into this many columns and rows."""
+        down, across = self.region
+        return replace(self, region=(*finer_region((down,), rows), *finer_region((across,), columns)))
 
     def within(self, part):
         """The slab, limited to this part of its region."""
@@ -89,6 +94,11 @@ class Cut:
             for side, fine_margin, margin in zip(slab.region, fine.overscan_px, margin_px, strict=True)))
             for slab in self.slabs]
         return Cut(self.plan, capture, tuple(slabs))
+
+    def finer_across(self, columns):
+        """The cut for a capture with each pixel divided into this many columns."""
+        slabs = (slab.finer_across(columns) for slab in self.slabs)
+        return Cut(self.plan, self.capture.finer_across(columns), tuple(slabs))
 
 
 def cut_steps(scene, job, grid, region, tinting, sky, passes, path, fraction, share):

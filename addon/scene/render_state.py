@@ -100,6 +100,14 @@ def show_samples(scene, first, last, adaptive, journal):
     read_again(scene)
 
 
+def divide_samples(scene, columns, journal):
+    """Let pixels that are divided into columns have the samples and the noise of the undivided ones."""
+    journal.set(scene.cycles, "samples", -(-effective_samples(scene) // columns))
+    journal.set(rendered_layer(scene), "samples", 0)  # no override of the scene's samples
+    if scene.cycles.use_adaptive_sampling:
+        show_noise(scene, columns**0.5, journal)
+
+
 def show_noise(scene, times, journal):
     """Let adaptive sampling of pixels that are divided into `times` x `times` leave the noise of the undivided ones."""
     cycles = scene.cycles

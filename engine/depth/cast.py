@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -41,7 +41,7 @@ class CastPlane:
     ----------
     sharp : float32 array (row, column) of the capture, with each pixel split into `times` x `times`
         In-focus radiance, as a pinhole sees it without the out-of-focus surfaces.
-    blurred : float32 array (row, column) of the frame
+    blurred : float32 array (row, column) of the sensor's frame
         Out-of-focus radiance with occlusion, as a mean weighted with the light of the pixel's rays.
     clear : float32 array (row, column) of the frame
         The share, from 0 to 1, of in-focus light that out-of-focus surfaces do not cover.
@@ -93,7 +93,8 @@ def cast(layered: LayeredRadiance, lens: Lens, trace: Callable[[], LensRays], *,
     CastPlane
         Bit-identical for all variants of the compiled loop and any number of threads; numpy differs by rounding.
     """
-    layers = prepare_layers(layered.layers, layered.sampling.grid, lens)
+    capture = replace(layered.grid, focal_mm=layered.focal_mm)
+    layers = prepare_layers(layered.layers, capture, lens)
     if not _blurred(layers):
         return _in_focus(layers, layered, times, progress)
     return _cast(layers, layered, lens, trace(), most_rays, most_of_lamps or most_rays, opening(iris, lens), times,
@@ -119,9 +120,9 @@ def _in_focus(layers, layered, times, progress):
 
 def _cast(layers, layered, lens, rays, most_rays, most_of_lamps, stop, times, progress):
     capture, wavelengths_nm = layered.grid, layered.wavelengths_nm
-    sensor, count = capture.frame(), wavelengths_nm.size
+    sensor, count = capture.frame(), wavelengths_nm.size  # the sensor in the capture's columns
     focal_mm = layered.focal_mm or lens.capture_focal_length_mm
-    pixel_rays = field_map(lens).pixel_rays(rays, sensor)
+    pixel_rays, of_pixels = (field_map(lens).pixel_rays(rays, grid) for grid in (sensor, sensor.on_sensor()))
     ends = pixel_rays.sample(wavelengths_nm[[0, -1]], focal_mm, SAMPLE_RAYS, stop.reach)
     layers = [layer.near_surfaces(_reach_px(layer, ends)) for layer in layers]
     projection, per_focal = capture.projection, capture.pitch_um * 1e-3 / focal_mm
@@ -154,7 +155,8 @@ def _cast(layers, layered, lens, rays, most_rays, most_of_lamps, stop, times, pr
         for number, nm in enumerate(wavelengths_nm[group]):
             if times > 1:
                 sharp[number] = _sharp(layers, shares, first + number, layered, times)
-            yield CastPlane(sharp[number], blurred[number], clear[number], pixel_rays.irradiance_per_radiance(nm))
+            yield CastPlane(sharp[number], layered.on_sensor(blurred[number]), layered.on_sensor(clear[number]),
+                            of_pixels.irradiance_per_radiance(nm))
             sharp[number] = None  # to free its memory
         del blurred, clear
 

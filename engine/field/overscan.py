@@ -17,6 +17,7 @@ from .field_map import field_map
 VIEWS = LENS_VIEW, CAMERA_VIEW = "lens", "camera"  # the field of view on the lens's own sensor, or the scene's camera's
 MOST_PLANE = 1.15  # times the pixels of a panorama, whose samples take Cycles about 1.15 times as long
 FIT_SAMPLES = 257
+MOST_DOUBLINGS = 2  # of columns: a 2x lens has four
 FARTHEST = 4.0  # half diagonals of the frame: no capture extends farther
 
 
@@ -48,6 +49,16 @@ def choose_capture(lens: Lens, frame: PixelGrid, wavelengths_nm: Sequence[float]
         return plane
     panorama = capture(lens_projection(lens, frame.framed(psf_radius_px)))
     return plane if np.prod(plane.shape_px) <= MOST_PLANE * np.prod(panorama.shape_px) else panorama
+
+
+def columns_for_blur(lens: Lens) -> int:
+    """The columns of layers of depth in a column of the sensor with which blur is about as wide as tall in their
+    pixels: a power of two.
+
+    The blur of a squeezed picture is its height over the square of the squeeze wide: often less than a pixel of the
+    sensor, which would hide where in it one surface ends in front of another.
+    """
+    return 2 ** round(np.clip(2 * np.log2(lens.squeeze), 0, MOST_DOUBLINGS))
 
 
 def lens_projection(lens: Lens, grid: PixelGrid) -> Projection:

@@ -1,9 +1,11 @@
 """LayeredRadiance: a scene's radiance in layers of depth, each the view of a pinhole in the entrance pupil."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
+from numpy.typing import DTypeLike
 
 from ..runtime.errors import ImageError
 from ..runtime.scratch import zeros_stored_like
@@ -11,6 +13,7 @@ from .detail import Detail
 from .pixel_grid import PixelGrid, is_integer
 from .sampling import Sampling
 from .spectral_image import SpectralImage, check_capture
+from .supersampling import merge_columns
 
 ALPHA_SLACK = 1e-3  # accepted excess over the range from 0 to 1, from filters and half floats
 
@@ -106,7 +109,7 @@ class LayeredRadiance:
     wavelengths_nm : float64 array (wavelength,)
         Ascending; the same for all layers.
     grid : PixelGrid
-        The grid of the capture, which contains the layers.
+        The grid of the capture, which contains the layers. Its columns may be finer than the sensor's.
     focal_mm : float or None
         Focal length of the capturing pinhole; None for the lens's capture focal length. They differ if a lens on the
         same sensor is focused elsewhere.
@@ -157,8 +160,8 @@ class LayeredRadiance:
 
     @property
     def sampling(self) -> Sampling:
-        """Its pixels, with the focal length of the pinhole, and its wavelengths."""
-        return Sampling(replace(self.grid, focal_mm=self.focal_mm), tuple(self.wavelengths_nm.tolist()))
+        """The capture in the sensor's pixels, with the focal length of the pinhole, and its wavelengths."""
+        return Sampling(replace(self.grid.on_sensor(), focal_mm=self.focal_mm), tuple(self.wavelengths_nm.tolist()))
 
     @property
     def light(self) -> np.ndarray:
@@ -166,33 +169,50 @@ class LayeredRadiance:
         return self.layers[0].cube
 
     def cropped(self, margin_px: tuple[int, int]) -> "LayeredRadiance":
-        """The layers without `margin_px` (rows, columns) on each side of the capture. They share memory with these."""
-        (above, left), (rows, columns) = margin_px, self.grid.shape_px
+        """The layers without `margin_px` (rows, columns) of the sensor's pixels on each side of the capture. They share
+        memory with these."""
+        above, left = margin_px[0], margin_px[1] * self.grid.across
+        rows, columns = self.grid.shape_px
         inside = slice(above, rows - above), slice(left, columns - left)
-        return replace(self, grid=self.grid.cropped(margin_px),
+        return replace(self, grid=self.grid.cropped((above, left)),
                        layers=tuple(layer.within(inside) for layer in self.layers))
 
     def flat(self) -> SpectralImage:
-        """The radiance of all layers combined, as visible to the pinhole; stored in a file if the layers are."""
-        cube = zeros_stored_like(self.layers[0].cube, (self.wavelengths_nm.size, *self.grid.shape_px))
-        for layer in reversed(self.layers):
-            part = cube[:, *layer.place]
-            part *= 1 - layer.alpha
-            part += layer.cube
-        return SpectralImage(cube, self.wavelengths_nm, self.grid, focal_mm=self.focal_mm, exposure=self.exposure,
+        """The radiance of all layers combined, as visible to the pinhole, in the sensor's pixels; stored in a file if
+        the layers are."""
+        grid = self.grid.on_sensor()
+        cube = zeros_stored_like(self.light, (self.wavelengths_nm.size, *grid.shape_px))
+        for index, plane in enumerate(cube):
+            plane[:] = self.on_sensor(self.seen(partial(_light, index)))
+        return SpectralImage(cube, self.wavelengths_nm, grid, focal_mm=self.focal_mm, exposure=self.exposure,
                              arbitrary=self.arbitrary)
 
     def flat_alpha(self) -> np.ndarray:
-        """Fraction of each pixel that all layers together cover: float32 array (row, column)."""
-        clear = np.ones(self.grid.shape_px, np.float32)
-        for layer in self.layers:
-            clear[layer.place] *= 1 - layer.alpha
-        return 1 - clear
+        """Fraction of each of the sensor's pixels that all layers together cover: float32 array (row, column)."""
+        return self.on_sensor(self.seen(lambda layer: layer.alpha))
+
+    def seen(self, values_of: Callable[[Layer], np.ndarray], dtype: DTypeLike = np.float32) -> np.ndarray:
+        """What the pinhole sees of values of the layers, premultiplied by alpha: array (row, column) of the capture."""
+        plane = np.zeros(self.grid.shape_px, dtype)
+        for layer in reversed(self.layers):
+            part = plane[layer.place]
+            part *= 1 - layer.alpha
+            part += values_of(layer)
+        return plane
+
+    def on_sensor(self, plane: np.ndarray) -> np.ndarray:
+        """Means of a plane of the capture over the sensor's pixels."""
+        return merge_columns(plane, self.grid.across)
 
     def with_light(self, cubes: Iterable[np.ndarray]) -> "LayeredRadiance":
         """The same layers with other light: for each layer an array (wavelength, row, column) of the same length."""
         return replace(self, layers=tuple(replace(layer, cube=cube)
                                           for layer, cube in zip(self.layers, cubes, strict=True)))
+
+
+def _light(index: int, layer: Layer) -> np.ndarray:
+    """A layer's light at a wavelength, given as an index."""
+    return layer.cube[index]
 
 
 Radiance = SpectralImage | LayeredRadiance

@@ -32,6 +32,9 @@ class PixelGrid:
     squeeze : float
         Of a capture, in which a pixel is this many times as wide as tall in the scene: focal length of the picture's
         height over the one of its width. The sensor's pixels are square.
+    across : int
+        Of a capture: its columns in a column of the sensor. `pitch_um` is then the height of its pixels; in x,
+        positions are this many times as large as on the sensor.
 
     Raises
     ------
@@ -46,6 +49,7 @@ class PixelGrid:
     projection: Projection = PLANE
     focal_mm: float | None = None
     squeeze: float = 1.0
+    across: int = 1
 
     def __post_init__(self) -> None:
         for name in ("shape_px", "overscan_px"):
@@ -61,6 +65,8 @@ class PixelGrid:
             raise ImageError("image", "projection", self.projection, "expected a Projection")
         if not is_positive(self.squeeze):
             raise ImageError("image", "squeeze", self.squeeze, "expected a positive number")
+        if not is_integer(self.across) or self.across < 1:
+            raise ImageError("image", "across", self.across, "expected a whole number of columns")
         if min(overscan) < 0 or 2 * overscan[0] >= rows or 2 * overscan[1] >= columns:
             raise ImageError("image", "overscan_px", overscan, f"expected less than half of {rows} x {columns} px")
         if np.shape(centre) != (2,) or not all(_is_number(c) and np.isfinite(c) for c in centre):
@@ -68,6 +74,7 @@ class PixelGrid:
         object.__setattr__(self, "shape_px", (rows, columns))
         object.__setattr__(self, "pitch_um", float(self.pitch_um))
         object.__setattr__(self, "squeeze", float(self.squeeze))
+        object.__setattr__(self, "across", int(self.across))
         object.__setattr__(self, "centre_px", tuple(float(c) for c in centre))
         object.__setattr__(self, "overscan_px", overscan)
 
@@ -154,6 +161,30 @@ class PixelGrid:
         return replace(self, shape_px=(rows // times, columns // times), pitch_um=self.pitch_um * times,
                        centre_px=((row - before) / times, (column - before) / times),
                        overscan_px=(above // times, left // times))
+
+    def finer_across(self, times: int) -> "PixelGrid":
+        """A capture of the same area with each pixel split into `times` columns."""
+        return self._in_columns(times, 1)
+
+    def on_sensor(self) -> "PixelGrid":
+        """The capture in columns of the sensor: the inverse of `finer_across`.
+
+        Raises
+        ------
+        ImageError
+            Frame or overscan is not a whole number of these.
+        """
+        if self.shape_px[1] % self.across or self.overscan_px[1] % self.across:
+            raise ImageError("image", "shape_px", self.shape_px,
+                             f"expected a frame and an overscan of multiples of {self.across} columns")
+        return self._in_columns(1, self.across)
+
+    def _in_columns(self, times, of):
+        """The same area with `times` columns in place of `of`."""
+        (rows, columns), (row, column), (above, left) = self.shape_px, self.centre_px, self.overscan_px
+        return replace(self, shape_px=(rows, columns * times // of), overscan_px=(above, left * times // of),
+                       centre_px=(row, (column + 0.5) * times / of - 0.5), squeeze=self.squeeze * of / times,
+                       across=self.across * times // of)
 
     def within_reach(self, reach_px: int) -> "PixelGrid":
         """The frame with at most `reach_px` pixels of the overscan on each side."""

@@ -143,8 +143,8 @@ class SpectralImage:
 
     @property
     def sampling(self) -> Sampling:
-        """Its pixels and wavelengths."""
-        return Sampling(self.grid, tuple(self.wavelengths_nm.tolist()))
+        """Its pixels, in columns of the sensor, and its wavelengths."""
+        return Sampling(self.grid.on_sensor(), tuple(self.wavelengths_nm.tolist()))
 
     @property
     def detail_times(self) -> int:

@@ -33,3 +33,10 @@ def merge_pixels(picture: np.ndarray, times: int) -> np.ndarray:
         return picture
     rows, columns = (n // times for n in picture.shape)
     return picture.reshape(rows, times, columns, times).mean(axis=(1, 3), dtype=np.float64)
+
+
+def merge_columns(planes: np.ndarray, times: int) -> np.ndarray:
+    """Means of `times` adjacent columns of planes (..., row, column), in their precision."""
+    if times == 1:
+        return planes
+    return sum(planes[..., first::times] for first in range(times)) * planes.dtype.type(1 / times)

@@ -11,7 +11,6 @@ import os
 import re
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -19,6 +18,7 @@ import OpenEXR
 
 from ..depth.depth_range import BACKGROUND_MM
 from ..image.layers import Layer, LayeredRadiance
+from ..image.pixel_grid import is_integer
 from ..image.projection import FISHEYE, PLANE, Projection
 from ..image.spectral_image import RADIANCE, UNITS, SpectralImage
 from ..runtime.build_identity import software
@@ -48,6 +48,7 @@ LAYER_PART, STRAY_PART = "layer.", "stray"
 SAMPLE_BYTES, DEEP_BYTES = 4, 128  # per pixel and channel, for a number and for an array
 EMPTY_PX, MOST_EMPTY = 2**25, 64  # a display window of more pixels may be at most this many times as large as its data
 M_TO_MM = 1e3
+MOST_ACROSS = 16
 ASPECT_DIGITS = 7  # of pixelAspectRatio, which is in single precision
 TYPES = {"HALF": np.float16, "FLOAT": np.float32, "UINT": np.uint32}
 READ_BY_ROWS = OpenEXR.scanlineimage, OpenEXR.tiledimage
@@ -79,7 +80,8 @@ def write_exr(image: SpectralImage, path: str | os.PathLike, other_planes: dict[
     other_planes : dict of array (row, column), optional
         Further channels by name, such as A (alpha) and Z (depth).
     layered : LayeredRadiance, optional
-        The layers of the picture; each is written with its alpha A, and its depth Z in metres.
+        The layers of the picture; each is written with its alpha A, and its depth Z in metres. If their columns are
+        finer than the sensor's, the attribute across is their number in one of these, and their windows count them.
     outside : Sources, optional
         Sources of stray light beyond the picture's edges, written as in `stored_sources.py`.
     stray : SpectralImage, optional
@@ -107,12 +109,13 @@ def _spectral_planes(cube, wavelengths_nm, path):
 
 def _layer_parts(layered, path):
     """(name, header, planes) of each layer."""
-    above, left = layered.grid.overscan_px
+    (above, left), frame_px = layered.grid.overscan_px, layered.sampling.grid.frame_px
+    across = {"lensfield:across": layered.grid.across} if layered.grid.across > 1 else {}
     for number, layer in enumerate(layered.layers, 1):
         origin = layer.origin_px[0] - above, layer.origin_px[1] - left
         depth_m = np.where(layer.depth_mm < BACKGROUND_MM, layer.depth_mm, BACKGROUND_MM) / np.float32(M_TO_MM)
         yield (f"{LAYER_PART}{number}",
-               _windows(layered.grid.frame_px, origin, layer.alpha.shape, layered.grid.squeeze),
+               _windows(frame_px, origin, layer.alpha.shape, layered.sampling.grid.squeeze) | across,
                _spectral_planes(layer.cube, layered.wavelengths_nm, path) | detail_planes(layer.detail)
                | {"A": layer.alpha, "Z": depth_m})
 
@@ -341,20 +344,30 @@ def _layered(image, parts, path):
     layers = [part for part in parts[1:] if str(part[0].get("name", "")).startswith(LAYER_PART)]
     if not layers:
         return None
-    first, *windows = (np.array(header["dataWindow"], dtype=int)[:, ::-1] for header, _ in (parts[0], *layers))
-    frame_px = np.ptp(np.array(parts[0][0]["displayWindow"], dtype=int), axis=0)[::-1] + 1
-    margins = (side for window in windows for side in (-window[0], window[1] + 1 - frame_px))
-    overscan = np.max([image.overscan_px, *margins], axis=0)
-    if np.any(overscan > frame_px):
-        raise ImageError(path, "layers", f"{overscan.tolist()} px beyond a frame of {frame_px.tolist()}",
+    windows = [np.array(header["dataWindow"], dtype=int)[:, ::-1] for header, _ in layers]
+    across = _across(layers, path)
+    picture = image.grid.frame().finer_across(across)
+    margins = (side for window in windows for side in (-window[0], window[1] + 1 - picture.shape_px))
+    overscan = np.max([image.overscan_px * np.array([1, across]), *margins], axis=0)
+    overscan[1] += -overscan[1] % across
+    if np.any(overscan > picture.shape_px):
+        raise ImageError(path, "layers", f"{overscan.tolist()} px beyond a frame of {list(picture.shape_px)}",
                          "expected overscan no larger than the frame")
-    grid = replace(image.grid, shape_px=frame_px + 2 * overscan, overscan_px=overscan,
-                   centre_px=image.centre_px + first[0] + overscan)
+    grid = picture.with_overscan(overscan)
     try:
         return LayeredRadiance([_layer(*part, image.wavelengths_nm, overscan, path) for part in layers],
                                image.wavelengths_nm, grid, image.focal_mm, image.exposure, image.arbitrary)
     except ImageError as error:
         raise error.at(path) from None
+
+
+def _across(layers, path):
+    """The layers' columns in a column of the sensor."""
+    numbers = [header.get("lensfield:across", 1) for header, _ in layers]
+    if any(not is_integer(number) or not 1 <= number <= MOST_ACROSS or number != numbers[0] for number in numbers):
+        raise ImageError(path, "lensfield:across", ", ".join(map(str, numbers)),
+                         f"expected the same whole number up to {MOST_ACROSS} for all layers")
+    return int(numbers[0])
 
 
 def _layer(header, channels, wavelengths_nm, overscan_px, path):

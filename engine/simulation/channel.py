@@ -101,11 +101,15 @@ class Channel:
     def sharpen(self, blurred: np.ndarray) -> None:
         """Subtract the softening by the parts of pixels from a blurred picture, in place."""
         known = self._capture.pitch_um / self.planes.picture.pitch_um
-        if known == 1:
-            shifts = self._shifts(blurred.shape)
-            sharpen(blurred, lambda axis, rows, columns: OF_PARTS + resampling_variance(shifts[axis](rows, columns)))
-        else:
-            sharpen(blurred, lambda axis, rows, columns: parts_variance(known))
+        shifts = self._shifts(blurred.shape) if known == 1 else None
+
+        def variance(axis, rows, columns):
+            width = known / self._capture.across if axis else known
+            if shifts and width == 1:
+                return OF_PARTS + resampling_variance(shifts[axis](rows, columns))
+            return parts_variance(width)
+
+        sharpen(blurred, variance)
 
     def _shifts(self, shape_px):
         """The shift of light along each axis, from the capture to a picture of this shape around the planes' middle:

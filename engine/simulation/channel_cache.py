@@ -64,14 +64,16 @@ class ChannelCache:
             self._plan = key, plan
         return plan
 
-    def channels(self, lens: Lens, sampling: Sampling, plan: Plan, times: int | None = None) -> Iterator[Channel]:
-        """Yield the channel of each wavelength, in order, for radiance with each pixel split into `times` x `times`; by
-        default as the plan's supersampling."""
+    def channels(self, lens: Lens, sampling: Sampling, plan: Plan, times: int | None = None,
+                 across: int = 1) -> Iterator[Channel]:
+        """Yield the channel of each wavelength, in order, for radiance with each pixel split into `times` x `times`, by
+        default as the plan's supersampling, and each of these into columns."""
         times = times or plan.supersampling
-        of = lens, sampling, plan, running(), times
+        of = lens, sampling, plan, running(), times, across
         if of != self._of:  # the cached channels no longer apply
             self._of, self._memory, self._channels = of, MemoryBudget(self._limit_bytes), {}
         fine, field, capture = sampling.finer(plan.supersampling), field_map(lens), sampling.grid.finer(times)
+        capture = capture.finer_across(across)
 
         def tables(part, method):
             return field.node_psfs(fine, plan.planes(fine.grid), part, method.azimuths, plan.precision)

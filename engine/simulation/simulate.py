@@ -78,7 +78,8 @@ def simulate(radiance: Radiance, lens: Lens, options: Options = BY_RESULT, *,
         raise ImageError("out", "array", f"{irradiance.dtype} of {irradiance.shape}", f"expected float32 of {shape}")
     fine, tally = plan.supersampling, _Tally(sampling, plan.supersampling, radiance.detail_times)
     frame_px = sampling.grid.finer(fine).frame_px
-    channels = cache.channels(lens, sampling, plan, times)
+    across = radiance.grid.across
+    channels = cache.channels(lens, sampling, plan, times, across)
     for index, view in enumerate(views):
         tally.see(view.sharp)
         with report.stage("lens data"):

@@ -10,13 +10,13 @@ from ..image.spectral_image import SpectralImage
 
 
 def layers_within(layers: LayeredRadiance, radiance: SpectralImage) -> LayeredRadiance:
-    """The layers on a radiance's grid. Their own may extend beyond it."""
-    above, left = (more - n for more, n in zip(layers.grid.overscan_px, radiance.overscan_px, strict=True))
+    """The layers on a radiance's grid, in their own columns. Their grid may extend beyond it."""
+    above, left = (more - n for more, n in zip(layers.sampling.grid.overscan_px, radiance.overscan_px, strict=True))
     return layers.cropped((above, left))
 
 
 def composed(radiance: Radiance, light_of: Callable) -> np.ndarray:
-    """What the pinhole sees of all layers' light, with NaN and infinite pixels replaced.
+    """What the pinhole sees of all layers' light in the sensor's pixels, with NaN and infinite pixels replaced.
 
     Parameters
     ----------
@@ -30,10 +30,5 @@ def composed(radiance: Radiance, light_of: Callable) -> np.ndarray:
     """
     if isinstance(radiance, SpectralImage):
         return clamp_fireflies(light_of(radiance.cube, np.inf))[0]
-    plane = np.zeros(radiance.grid.shape_px)
-    for layer in reversed(radiance.layers):
-        part = plane[layer.place]
-        part *= 1 - layer.alpha
-        depth_mm = np.where(layer.alpha > 0, layer.depth_mm, np.inf)
-        part += clamp_fireflies(light_of(layer.cube, depth_mm))[0]
-    return plane
+    return radiance.on_sensor(radiance.seen(lambda layer: clamp_fireflies(light_of(
+        layer.cube, np.where(layer.alpha > 0, layer.depth_mm, np.inf)))[0], np.float64))

@@ -32,11 +32,16 @@ class Mesh:
 
     @classmethod
     def of(cls, table: GridRayTable, sensor: PixelGrid, steps: int, *, folded: bool = False) -> "Mesh":
-        """The mesh over a sensor, to the ends of its rays; `folded` leaves out its mirror images."""
-        step_px, (rows, columns), (row, column) = sensor.farthest_px / steps, sensor.shape_px, sensor.centre_px
+        """The mesh over a sensor, to the ends of its rays; `folded` leaves out its mirror images.
+
+        Its nodes are as far apart across as upwards, on the sensor.
+        """
+        grid = sensor.on_sensor()
+        step_px, (rows, columns), (row, column) = grid.farthest_px / steps, grid.shape_px, grid.centre_px
         sides = (row + 0.5 - rows, row + 0.5), (-column - 0.5, columns - 0.5 - column)
-        return cls(*(_nodes(*each, step_px, sensor.pitch_um * 1e-3, folded) for each in
-                     zip(sides, (table.y_mm, table.x_mm), table.mirrored, strict=True)))
+        up_px, right_px = (_nodes(*each, step_px, grid.pitch_um * 1e-3, folded) for each in
+                           zip(sides, (table.y_mm, table.x_mm), table.mirrored, strict=True))
+        return cls(up_px, right_px * sensor.across)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -244,7 +249,7 @@ def _pencils(table: GridRayTable, sensor: PixelGrid, mesh: Mesh, focal_mm: float
 def _places_mm(mesh, sensor):
     """x and y of a mesh's nodes in the image as formed by the lens, upside down."""
     pitch_mm = sensor.pitch_um * 1e-3
-    return -pitch_mm * mesh.right_px, -pitch_mm * mesh.up_px
+    return -pitch_mm / sensor.across * mesh.right_px, -pitch_mm * mesh.up_px
 
 
 def _to_px(sensor, focal_mm):
@@ -276,6 +281,7 @@ class PixelRays:
     ----------
     table : GridRayTable
     sensor : PixelGrid
+        In columns of the capture.
     """
 
     def __init__(self, table: GridRayTable, sensor: PixelGrid) -> None:
