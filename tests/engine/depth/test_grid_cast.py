@@ -179,3 +179,41 @@ def test_depth_checks_follow_a_leaning_plane_of_focus():
     inside = np.abs(in_focus - focus_nearness(lens)) * blur_per_nearness_px(lens, PITCH_UM) <= 1
     check = check_depth(np.full(grid.shape_px, 1 / focus_nearness(lens)), lens, PITCH_UM, in_focus=in_focus)
     assert check.outside_fraction == pytest.approx(1 - inside.mean())
+
+
+def striped(grid, seed=5):
+    """Vertical stripes of light, a column of the grid wide."""
+    light = np.random.default_rng(seed).random((2, 1, grid.shape_px[1]), np.float32)
+    return np.repeat(light, grid.shape_px[0], axis=1)
+
+
+@pytest.mark.parametrize("mirrored", [(False, False), (True, True)])
+def test_finer_columns_show_what_finer_pixels_do(mirrored):
+    """Stripes and posts that are narrower than the sensor's pixels, through a lens with a squeeze, off its axis: as
+    cast in pixels a quarter as tall and wide, and merged. In whole pixels the difference is many times as large."""
+    lens = make_grid_lens(source_mm=lambda nm, x, y: (x * (1 - 0.01 * x**2) * nm / 550, y * (1 - 0.02 * y**2)),
+                          object_distance_mm=700.0, magnification=-0.05, mirrored=mirrored, squeeze=2.0)
+    whole = PixelGrid((40, 48), 4 * PITCH_UM, (13.0, 29.0), (8, 8), squeeze=2.0)
+    depths = [1 / (focus_nearness(lens) + blur / blur_per_nearness_px(lens, whole.pitch_um)) for blur in (7.0, -5.0)]
+    fine, across = whole.finer(4), whole.finer_across(4)
+    posts = np.random.default_rng(6).random(fine.shape_px[1]) < 0.3
+
+    def scene(merged):
+        covers = [np.broadcast_to(posts, fine.shape_px), np.ones(fine.shape_px)]
+        lights = [striped(fine) * posts, striped(fine, 7)]
+        return [Layer(merged(light), merged(cover), np.broadcast_to(depth_mm, merged(cover).shape))
+                for light, cover, depth_mm in zip(lights, covers, depths, strict=True)]
+
+    def merging(rows, columns):
+        return lambda planes: planes.reshape(*planes.shape[:-2], planes.shape[-2] // rows, rows,
+                                             planes.shape[-1] // columns, columns).mean(axis=(-3, -1))
+
+    expected = [merging(4, 4)(plane.blurred * plane.per_radiance) for plane in
+                planes(scene(merging(1, 1)), lens, fine, most_rays=256)]
+    errors = []
+    for grid, merged in ((across, merging(4, 1)), (whole, merging(4, 4))):
+        cast_planes = planes(scene(merged), lens, grid, most_rays=256)
+        assert all(plane.clear.shape == plane.blurred.shape == whole.frame_px for plane in cast_planes)
+        errors.append([np.abs(plane.blurred * plane.per_radiance - of_fine).mean() / of_fine.mean()
+                       for plane, of_fine in zip(cast_planes, expected, strict=True)])
+    assert max(errors[0]) < 0.025 and min(errors[1]) > 3 * max(errors[0])

@@ -1,5 +1,7 @@
 """Layers: their position in the capture, and the pinhole's view of them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -69,6 +71,26 @@ def test_other_light_preserves_occlusion():
     scene = layered(layer([[0.5]], 8.0, 500.0, (1, 1)), layer(np.ones(GRID.shape_px), 4.0, np.inf))
     alphas = [np.stack([each.alpha] * 2) for each in scene.layers]
     assert np.allclose(scene.with_light(alphas).flat().cube, 1)
+
+
+def test_layers_in_finer_columns_are_flat_in_the_pixels_of_the_sensor():
+    """A half opaque column in front of a ramp."""
+    fine = GRID.finer_across(4)
+    alpha = np.zeros(fine.shape_px)
+    alpha[:, 9] = 0.5
+    ramp = np.broadcast_to(np.arange(24.0), fine.shape_px)
+    scene = LayeredRadiance((layer(alpha, 8.0, 500.0), layer(np.ones(fine.shape_px), ramp, np.inf)), [500, 600], fine,
+                            50.0)
+    seen = ramp.copy()
+    seen[:, 9] = (8 + 9) / 2
+    expected = seen.reshape(4, 6, 4).mean(axis=-1)
+    flat = scene.flat()
+    assert flat.grid == GRID and scene.sampling.grid == replace(GRID, focal_mm=50.0)
+    np.testing.assert_allclose(flat.cube, np.stack([expected, 2 * expected]), rtol=1e-6)
+    assert np.all(scene.flat_alpha() == 1)
+    cropped = scene.cropped((1, 1))
+    assert cropped.grid == fine.cropped((1, 4))
+    np.testing.assert_array_equal(cropped.flat().cube, flat.cropped((1, 1)).cube)
 
 
 @pytest.mark.parametrize(("layers", "field"), [

@@ -37,6 +37,21 @@ def test_crops_and_rims_keep_every_pixel_in_place():
     assert grid.cropped((1, 2)).frame_px == grid.framed(5).frame_px == grid.frame_px
 
 
+def test_finer_columns_cover_the_same_area_of_the_scene():
+    grid = PixelGrid((10, 13), 10.0, (2.0, 7.5), (3, 4), squeeze=1.9)
+    fine = grid.finer_across(4)
+    assert fine.shape_px == (10, 52) and fine.frame_px == (4, 20) and fine.across == 4
+    assert fine.squeeze == pytest.approx(1.9 / 4) and fine.on_sensor() == grid
+    edges_mm = np.array(fine.edges_mm) * np.tile((fine.squeeze, 1), 2)
+    np.testing.assert_allclose(edges_mm, np.array(grid.edges_mm) * np.tile((1.9, 1), 2))
+    middles = fine.position_mm(0, 4 * 5 + np.arange(4))[0].mean() / 4, grid.position_mm(0, 5)[0]
+    assert middles[0] == pytest.approx(middles[1])
+    assert fine.finer(2) == grid.finer(2).finer_across(4)
+    assert fine.finer_across(2) == grid.finer_across(8) and fine.framed(4).on_sensor().overscan_px == (7, 5)
+    with pytest.raises(ImageError, match="multiples of 4 columns"):
+        fine.cropped((0, 2)).on_sensor()
+
+
 @pytest.mark.parametrize("reach_px, overscan_px", [(0, (0, 0)), (3, (3, 3)), (100, (3, 4))])
 def test_reach_is_limited_to_the_overscan(reach_px, overscan_px):
     assert PixelGrid((10, 12), 10.0, overscan_px=(3, 4)).within_reach(reach_px).overscan_px == overscan_px
@@ -50,7 +65,7 @@ def test_an_axis_off_the_middle_is_not_centred():
                                           ("centre_px", (np.nan, 0)), ("projection", "orthographic"),
                                           ("shape_px", (1, 2, 3)),
                                           ("overscan_px", (1,)), ("centre_px", ("a", "b")), ("shape_px", (20.7, 30)),
-                                          ("pitch_um", True)])
+                                          ("pitch_um", True), ("across", 0), ("across", 1.5)])
 def test_a_wrong_field_is_named(field, value):
     with pytest.raises(ImageError) as error:
         PixelGrid(**dict(shape_px=(10, 12), pitch_um=10.0) | {field: value})

@@ -76,6 +76,27 @@ def test_the_grid_of_layers_round_trips(layered, path, changes):
     assert read.grid.squeeze == grid.squeeze
 
 
+@pytest.mark.parametrize("margin_px", [(0, 0), (2, 1)])
+def test_layers_in_finer_columns_round_trip(path, margin_px):
+    grid = PixelGrid((15, 16), 5.5, (3.25, 9.5), OVERSCAN_PX, squeeze=2.0).finer_across(4)
+    layers = layer((5, 23), (0, 0), 812.5, 1), layer((1, 1), (14, 63), 3.1e4, 2), layer(grid.shape_px, (0, 0), 9e3, 3)
+    layered = LayeredRadiance(layers, WAVELENGTHS_NM, grid, 49.5, 1.5)
+    image, _, read = read_with_layers(written(layered, path, margin_px))
+    assert_same(read, layered)
+    assert image.squeeze == 2 and image.frame_px == (7, 10)
+    np.testing.assert_allclose(image.cube, pinhole(read, margin_px).cube, rtol=1e-6)
+
+
+@pytest.mark.parametrize("numbers", [(4, 2, 4), (0, 0, 0), (2.5, 2.5, 2.5), (10**6,) * 3, ("4", "4", "4")])
+def test_numbers_of_columns_that_make_no_sense_are_refused(layered, path, numbers):
+    with OpenEXR.File(str(written(layered, path)), separate_channels=True) as file:
+        for part, number in zip(file.parts[1:], numbers, strict=True):
+            part.header["lensfield:across"] = number
+        file.write(str(path.with_name("damaged.exr")))
+    with pytest.raises(ImageError, match="damaged.exr: lensfield:across is .*expected the same whole number"):
+        read_with_layers(path.with_name("damaged.exr"))
+
+
 def test_the_first_part_is_the_pinhole_picture(layered, path):
     """Bit for bit the file without layers, except for its name."""
     with_layers, without = written(layered, path), path.with_name("plain.exr")

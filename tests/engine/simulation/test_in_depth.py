@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lenses import make_lens, tinted
+from lenses import make_grid_lens, make_lens, tinted
 from lensfield.engine import ChannelCache, Options, Report, SpectralImage, simulate
 from lensfield.engine.depth.depth_range import blur_per_nearness_px, blur_px
 from lensfield.engine.image.layers import Layer, LayeredRadiance
@@ -64,6 +64,32 @@ def test_layers_in_focus_match_the_flat_picture(lens, options):
     grid = grid_of(lens)
     scene = layered(grid, lens, layer(grid, texture(grid), FOCUS_MM))
     assert np.array_equal(simulate(scene, lens, options).cube, simulate(scene.flat(), lens, options).cube)
+
+
+@pytest.mark.parametrize("options", [Options(), Options(supersampling=2), Options(out_of_field="vignette")])
+def test_layers_in_finer_columns_through_a_lens_with_a_squeeze(options):
+    """Columns with the light of the sensor's pixel give the same picture, in focus and out of it. A lens that moves the
+    picture by half a pixel shows the light in the right half of each pixel on one pixel."""
+    def moving(x_px):
+        return tinted(make_grid_lens(source_mm=lambda nm, x, y: (x + x_px * 0.016, y), object_distance_mm=FOCUS_MM,
+                                     magnification=-0.005, squeeze=2.0))
+
+    grid = PixelGrid((70, 90), 16.0, centre_px=(30.0, 52.0), overscan_px=(6, 6), squeeze=2.0)
+    light = texture(grid)
+
+    def image(columns, lens, depth_mm=FOCUS_MM):
+        fine, within = grid.finer_across(len(columns)), np.repeat(light, len(columns), axis=1) * np.tile(columns, 90)
+        scene = LayeredRadiance((layer(fine, within, depth_mm),), NM, fine, lens.capture_focal_length_mm)
+        return simulate(scene, lens, options)
+
+    for depth_mm, tolerance in ((FOCUS_MM, 1e-6), (150.0, 5e-3)):
+        whole, even = (image(columns, moving(0.5), depth_mm) for columns in ((1,), (1, 1, 1, 1)))
+        assert even.grid == whole.grid and even.frame_px == (58, 78)
+        assert differ(even.cube, whole.cube)[1] < tolerance
+    rows, columns = slice(6, -6), slice(6, -6)
+    expected, halved, uneven = (image(*each).cube[:, rows, columns] for each in (
+        ((1,), moving(0)), ((1,), moving(0.5)), ((0, 0, 2, 2), moving(0.5))))
+    assert differ(uneven, expected)[0] < 1e-5 and differ(halved, expected)[0] > 0.1
 
 
 @pytest.mark.parametrize("depth_mm", [300.0, 1000.0, 8000.0, np.inf])

@@ -1,10 +1,13 @@
 """The sharpness of in-focus light: slanted edges and lamps, with and without the detail of radiance."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from lenses import gaussian_psf, make_lens, tinted
+from lenses import gaussian_psf, make_grid_lens, make_lens, tinted
 from lensfield.engine import Options, Report, SpectralImage, simulate
+from lensfield.engine.image.detail import Detail, merged
 from lensfield.engine.image.irradiance import irradiance_per_radiance
 from lensfield.engine.image.layers import Layer, LayeredRadiance
 from lensfield.engine.image.pixel_grid import PixelGrid
@@ -143,3 +146,20 @@ def test_layers_in_focus_are_as_sharp_as_a_flat_picture(lens):
     result = simulate(LayeredRadiance([layer], image.wavelengths_nm, image.grid), lens, report=report)
     np.testing.assert_array_equal(result.cube, simulate(image, lens).cube)
     assert report.lens_image.plan.supersampling == 2
+
+
+def test_edges_of_layers_in_finer_columns_are_as_sharp_with_detail():
+    """Through a lens with a squeeze: four columns of a pixel, each with a detail of two rows and two columns."""
+    lens = tinted(make_grid_lens(
+        gaussian_psf(SIGMA_PX * PITCH_UM, SIGMA_PX * PITCH_UM, 0.25, 81), psf_pitch_um=0.25, squeeze=2.0,
+        source_mm=lambda nm, x, y: (x * (1 + 0.012 * x**2), y * (1 + 0.01 * x**2))))
+    image = radiance(edge, 8)
+    light = image.cube.reshape(len(NM), -1, 4, image.cube.shape[-1]).mean(axis=2)
+    grid = replace(image.grid.coarser(8), squeeze=2.0).finer_across(4)
+    layer = Layer(merged(light, 2), np.ones(grid.shape_px), np.full(grid.shape_px, 1 / focus_nearness(lens)), (0, 0),
+                  Detail.of(light, NM, 2))
+    result = simulate(LayeredRadiance([layer], NM, grid, lens.capture_focal_length_mm), lens, Options(accuracy=1e-3))
+    scale = [irradiance_per_radiance(lens.at_wavelength(nm).transmittance, lens.f_number_effective) for nm in NM]
+    for plane in result.cube / np.multiply(scale, TINTS)[:, None, None]:
+        assert plane.shape == FRAME and plane.min() >= 0 and plane.max() < 1 + RIM
+        np.testing.assert_allclose(response(plane), gaussian_mtf(SIGMA_PX) * np.sinc(CYCLES_PER_PX), atol=CLOSE)

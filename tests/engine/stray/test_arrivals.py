@@ -120,14 +120,16 @@ def test_a_lamp_beyond_the_picture_is_as_wide_as_its_blur():
     assert light.radius_px[-1] == pytest.approx(blur_px(lens, GRID.pitch_um, 320.0) / 2)
 
 
-def test_a_lamp_through_an_anamorphic_lens_is_where_its_rays_put_it():
+@pytest.mark.parametrize("across", [1, 4])
+def test_a_lamp_through_an_anamorphic_lens_is_where_its_rays_put_it(across):
     """Nearer than the focus: the entrance pupils of its width and its height are 51 mm apart."""
     triplet = prescription_of("cooke-triplet-50mm")
     design = turned(replace(triplet, surfaces=AFOCAL + triplet.surfaces), Rings(2000.0, 4.0)).prescription
     lens = replace(bake(design, quality=SKETCH, wavelengths_nm=[550.0], samples=17, pitch_um=4.0), prescription=design)
     grid = PixelGrid((76, 104), lens.sensor_mm[0] / 96e-3, centre_px=(40.0, 47.0), overscan_px=(2, 4),
                      squeeze=lens.squeeze)
-    layers = in_layers(grid, [550.0], 350.0, (25, 70), focal_mm=lens.capture_focal_length_mm)
+    layers = in_layers(grid.finer_across(across), [550.0], 350.0, (25, 70 * across + across // 2),
+                       focal_mm=lens.capture_focal_length_mm)
     image = simulate(layers, lens, rays=sketched_rays).cube[0].astype(float)
     light = arrivals(layers.flat(), lens, layers=layers)
     found = grid.frame().index_of(*(np.average(at_mm[0], weights=light.light[0])
