@@ -23,18 +23,24 @@ class Focus:
         Focus distance along the axis.
     blur_px_m : float
         Blur of infinitely distant points, times that distance.
+    lean_per_m : (float, float)
+        As in `LensFacts`.
     """
 
     focus_m: float
     blur_px_m: float
+    lean_per_m: tuple[float, float] = (0.0, 0.0)
 
-    def blur_px(self, depth_m):
-        """Diameter of the blur at these depths, positive if nearer than the focus distance: array."""
+    def blur_px(self, depth_m, tangents=(0.0, 0.0)):
+        """Diameter of the blur at these depths, and in these directions to the right and up, positive if nearer than
+        the plane of focus: array."""
+        in_focus = 1 / self.focus_m + sum(per_m * tangent for per_m, tangent in
+                                          zip(self.lean_per_m, tangents, strict=True))
         with np.errstate(divide="ignore"):
-            return self.blur_px_m * (1 / np.asarray(depth_m) - 1 / self.focus_m)
+            return self.blur_px_m * (1 / np.asarray(depth_m) - in_focus)
 
 
-def focus_now(scene, at_rest):
+def focus_now(scene, at_rest, lean_per_m=(0.0, 0.0)):
     """The Focus of a scene's lens, by the camera's current settings.
 
     Parameters
@@ -42,6 +48,8 @@ def focus_now(scene, at_rest):
     scene : bpy.types.Scene
     at_rest : LensFacts
         Of the lens with its rings at rest.
+    lean_per_m : (float, float)
+        Of the tilted lens, in its own size.
 
     Raises
     ------
@@ -62,4 +70,5 @@ def focus_now(scene, at_rest):
         focal_mm, image_mm = focal_mm * focal_mm / image_mm, focal_mm
     pitch_mm = fitting_pitch_um(replace(at_rest, sensor_mm=sensor_mm), frame_px(scene)) / M_TO_MM
     wider = max(1.0, at_rest.squeeze**-2)  # as in `blur_per_nearness_px`
-    return Focus(focus_mm / M_TO_MM, wider * focal_mm / f_number * image_mm / pitch_mm / M_TO_MM)
+    return Focus(focus_mm / M_TO_MM, wider * focal_mm / f_number * image_mm / pitch_mm / M_TO_MM,
+                 tuple(per_m / size for per_m in lean_per_m))

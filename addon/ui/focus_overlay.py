@@ -12,6 +12,7 @@ import numpy as np
 
 from ...engine.pictures.spectral_exr import read_parts
 from ...engine.runtime.errors import InputError
+from ..scene.camera import view_tangents
 from ..scene.focus import focus_now
 from .lens_at_rest import facts_at_rest, forget_facts
 from .session import session
@@ -23,15 +24,19 @@ LONGEST_S = 0.5  # wait for the lens, so that the first redraw can already show 
 LEGEND = "Blurred by more than a pixel: orange nearer, blue farther"
 
 
-def tints(depth_m, focus):
+def tints(depth_m, focus, edges=(0.0, 0.0, 0.0, 0.0)):
     """The overlay of a picture: RGBA array (row, column, 4).
 
     Parameters
     ----------
     depth_m : array (row, column)
     focus : Focus
+    edges : (float, float, float, float)
+        Tangents of the angles from the axis to the picture's left, lower, right and upper edge.
     """
-    blur = focus.blur_px(depth_m)
+    rows, columns = ((np.arange(n) + 0.5) / n for n in depth_m.shape)
+    left, lower, right, upper = edges
+    blur = focus.blur_px(depth_m, (left + (right - left) * columns, (upper + (lower - upper) * rows)[:, None]))
     size = np.abs(blur)
     opacity = FAINTEST + (STRONGEST - FAINTEST) * (1 - SHARP_PX / np.maximum(size, SHARP_PX))
     colours = np.where((blur > 0)[..., None], NEARER, FARTHER)
@@ -43,6 +48,7 @@ def switch(scene):
     session.focus_overlay = not session.focus_overlay
     if session.focus_overlay:
         with suppress(InputError):  # the panel reports it
+            facts_at_rest(scene, LONGEST_S, tilted=True)
             facts_at_rest(scene, LONGEST_S)
 
 
@@ -57,17 +63,18 @@ def focus_tints(scene, path):
     path : Path or None
     """
     try:
-        at_rest = facts_at_rest(scene)
-        if path is None or at_rest is None or not path.is_file():
+        at_rest, tilted = facts_at_rest(scene), facts_at_rest(scene, tilted=True)
+        if path is None or at_rest is None or tilted is None or not path.is_file():
             return None
-        return _tints(path, path.stat().st_mtime_ns, focus_now(scene, at_rest))
+        edges = view_tangents(scene, scene.lensfield.lens_name_or_path(), scene.lensfield.view_text())
+        return _tints(path, path.stat().st_mtime_ns, focus_now(scene, at_rest, tilted.lean_per_m), edges)
     except (InputError, OSError):  # the panel reports it
         return None
 
 
 @lru_cache(maxsize=1)
-def _tints(path, changed, focus):
-    return tints(_depth_m(path, changed), focus)
+def _tints(path, changed, focus, edges):
+    return tints(_depth_m(path, changed), focus, edges)
 
 
 @lru_cache(maxsize=1)

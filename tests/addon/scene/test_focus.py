@@ -5,9 +5,12 @@ import pytest
 
 from lensfield.addon.scene.camera import capture_grid
 from lensfield.addon.scene.focus import focus_now
+from lensfield.addon.scene.lens_cache import SKETCHED, load_lens
 from lensfield.addon.scene.lens_facts import lens_facts
 from lensfield.addon.scene.rings import scene_lens
-from lensfield.engine.depth.depth_range import blur_px
+from lensfield.engine.depth.depth_range import blur_per_nearness_px, blur_px
+from lensfield.engine.lens.entrance_pupil import focus_nearness
+from lensfield.engine.rays.rings import Rings
 
 DEPTHS_M = np.array([0.7, 1.0, 1.4, 2.0, 3.0, 8.0, np.inf])
 
@@ -56,3 +59,23 @@ def test_rings_are_clamped_to_the_lens_range(turn):
     assert wider.blur_px_m == pytest.approx(open_wide.blur_px_m)
     assert focus_now(turn("sonnar-50mm-f1.5", 2.0, 3.0), lens_facts("sonnar-50mm-f1.5")).blur_px_m == pytest.approx(
         open_wide.blur_px_m / 2, rel=0.05)
+
+
+@pytest.mark.one_blender
+@pytest.mark.parametrize("lens", ["sonnar-50mm-f1.5", "cooke-42mm-2x"])
+def test_a_tilted_lens_leans_like_the_baked_one(turn, lens):
+    """To the right and upwards by different angles; the plane of focus leans the same way as in the lens data."""
+    tilt_deg = (1.5, -2.5)
+    scene, tilted = turn(lens, 2.0, 4.0), lens_facts(lens, Rings(tilt_deg=tilt_deg))
+    focus = focus_now(scene, lens_facts(lens), tilted.lean_per_m)
+    baked = load_lens(lens, Rings(2000.0, 4.0, tilt_deg=tilt_deg), SKETCHED)
+    right, up = 0.11, -0.07
+    ideal_mm = baked.capture_focal_length_mm * np.array([right / baked.squeeze, up])
+    assert all(abs(per_m) > 0.1 for per_m in tilted.lean_per_m)
+    for places in ((ideal_mm[0], 0.0), (0.0, ideal_mm[1]), ideal_mm):
+        tangents = tuple(place and tangent for place, tangent in zip(places, (right, up), strict=True))
+        expected_per_m = 1e3 * (focus_nearness(baked, *places) - focus_nearness(baked))
+        pitch_um = capture_grid(scene, baked, [550.0]).pitch_um
+        moved = (focus.blur_px(2.0) - focus.blur_px(2.0, tangents)) / (blur_per_nearness_px(baked, pitch_um) / 1e3)
+        assert moved == pytest.approx(expected_per_m, rel=0.1)
+    assert lens_facts(lens).lean_per_m == (0.0, 0.0)

@@ -6,6 +6,7 @@ import pytest
 
 from lensfield.addon.scene.focus import Focus
 from lensfield.addon.ui import focus_overlay, preview
+from lensfield.addon.ui.lens_at_rest import facts_at_rest
 from lensfield.addon.ui.session import session
 from small_scenes import light, material, wall
 from snapshot import differences, snapshot
@@ -22,6 +23,19 @@ def test_near_far_and_sharp_have_different_tints():
     assert np.allclose(tints[0, :3], focus_overlay.NEARER) and np.allclose(tints[4:, :3], focus_overlay.FARTHER)
     assert focus_overlay.FAINTEST < tints[4, 3] < tints[5, 3] < focus_overlay.STRONGEST
     assert not focus_overlay.tints(np.full((1, 1), np.nan), Focus(2.0, 10.0))[..., 3].any()
+
+
+def test_tints_of_a_leaning_plane_of_focus():
+    """At 2 m on the axis, nearer above it and on its left; the axis is off the middle of an upright picture."""
+    edges = -0.2, -0.1, 0.1, 0.3
+    rows, columns = np.indices((40, 30)) + 0.5
+    right, up = -0.2 + 0.3 * columns / 30, 0.3 - 0.4 * rows / 40
+    plane_m = 1 / (0.5 + 0.8 * up - 0.5 * right)
+    focus = Focus(2.0, 100.0, (-0.5, 0.8))
+    assert not focus_overlay.tints(plane_m, focus, edges)[..., 3].any()
+    for factor, colour in ((0.9, focus_overlay.NEARER), (1.1, focus_overlay.FARTHER)):
+        tints = focus_overlay.tints(factor * plane_m, focus, edges)
+        assert np.all(tints[..., 3] > 0) and np.allclose(tints[..., :3], colour)
 
 
 def test_near_and_far_colours_differ_in_lightness():
@@ -77,6 +91,13 @@ def test_the_overlay_follows_the_rings_immediately_using_the_saved_depth(on):
     bpy.context.view_layer.update()
     assert session.preview.same_scene and not session.preview.fresh
     assert tinted(scene) == [focus_overlay.NEARER, nothing]
+    scene.camera.data.dof.focus_distance = 2.0
+    for degrees, colour in ((4.0, focus_overlay.NEARER), (-4.0, focus_overlay.FARTHER)):
+        scene.lensfield.tilt_deg = 0.0, np.radians(degrees)
+        wait_until(lambda: facts_at_rest(scene, tilted=True))
+        assert tinted(scene)[0] == colour, "the plane of focus leans, towards the camera on one side"
+    scene.lensfield.tilt_deg = 0.0, 0.0
+    scene.camera.data.dof.focus_distance = 6.0
     scene.camera.data.dof.aperture_fstop = 64.0  # limited to about f/22
     scene.render.resolution_percentage = 5
     assert tinted(scene) == [nothing, nothing]
@@ -95,10 +116,10 @@ def test_the_overlay_ends_with_the_preview(on):
 def test_the_overlay_waits_for_its_lens_only_when_it_is_enabled(scene, monkeypatch):
     waits = []
     monkeypatch.setattr(focus_overlay, "facts_at_rest",
-                        lambda scene, longest_s: waits.append(session.focus_overlay and longest_s > 0))
+                        lambda scene, longest_s, tilted=False: waits.append(session.focus_overlay and longest_s > 0))
     for _ in range(4):
         focus_overlay.switch(scene)
-    assert waits == [True, True]
+    assert waits == 4 * [True], "for the lens at rest and as tilted"
 
 
 @pytest.mark.one_blender
