@@ -330,7 +330,8 @@ def sliced_steps(planned, share, journal, times=1):
                                    planned.empty.sky and not planned.film, planned.passes,
                                    planned.path.with_name("look.exr"), 0.0, LOOK_SHARE * share)
     cut = cut and cut.coarser(times)
-    if cut and (columns := layer_columns(job, cut.capture)) > 1 == times:
+    columns = layer_columns(job, cut.capture) if cut and times == 1 else 1
+    if cut and columns > 1:
         cut = cut.finer_across(columns)
         divide_samples(scene, columns, journal)
     capture_px, slabs = (cut.capture, cut.slabs) if cut else (grid, planned.slabs)

@@ -52,8 +52,8 @@ def choose_capture(lens: Lens, frame: PixelGrid, wavelengths_nm: Sequence[float]
 
 
 def columns_for_blur(lens: Lens) -> int:
-    """The columns of layers of depth in a column of the sensor with which blur is about as wide as tall in their
-    pixels: a power of two.
+    """The columns of layers of depth in a column of the sensor, a power of two: blur is then about as many of their
+    columns wide as rows tall.
 
     The blur of a squeezed picture is its height over the square of the squeeze wide: often less than a pixel of the
     sensor, which would hide where in it one surface ends in front of another.

@@ -183,16 +183,20 @@ class LayeredRadiance:
         grid = self.grid.on_sensor()
         cube = zeros_stored_like(self.light, (self.wavelengths_nm.size, *grid.shape_px))
         for index, plane in enumerate(cube):
-            plane[:] = self.on_sensor(self.seen(partial(_light, index)))
+            plane[:] = self.on_sensor(self.composite(partial(_light, index)))
         return SpectralImage(cube, self.wavelengths_nm, grid, focal_mm=self.focal_mm, exposure=self.exposure,
                              arbitrary=self.arbitrary)
 
     def flat_alpha(self) -> np.ndarray:
         """Fraction of each of the sensor's pixels that all layers together cover: float32 array (row, column)."""
-        return self.on_sensor(self.seen(lambda layer: layer.alpha))
+        clear = np.ones(self.grid.shape_px, np.float32)
+        for layer in self.layers:
+            clear[layer.place] *= 1 - layer.alpha
+        return 1 - self.on_sensor(clear)
 
-    def seen(self, values_of: Callable[[Layer], np.ndarray], dtype: DTypeLike = np.float32) -> np.ndarray:
-        """What the pinhole sees of values of the layers, premultiplied by alpha: array (row, column) of the capture."""
+    def composite(self, values_of: Callable[[Layer], np.ndarray], dtype: DTypeLike = np.float32) -> np.ndarray:
+        """Values of the layers, premultiplied by alpha, as visible to the pinhole: array (row, column) of the capture.
+        """
         plane = np.zeros(self.grid.shape_px, dtype)
         for layer in reversed(self.layers):
             part = plane[layer.place]

@@ -30,5 +30,5 @@ def composed(radiance: Radiance, light_of: Callable) -> np.ndarray:
     """
     if isinstance(radiance, SpectralImage):
         return clamp_fireflies(light_of(radiance.cube, np.inf))[0]
-    return radiance.on_sensor(radiance.seen(lambda layer: clamp_fireflies(light_of(
+    return radiance.on_sensor(radiance.composite(lambda layer: clamp_fireflies(light_of(
         layer.cube, np.where(layer.alpha > 0, layer.depth_mm, np.inf)))[0], np.float64))

@@ -193,9 +193,9 @@ def test_finer_columns_show_what_finer_pixels_do(mirrored):
     cast in pixels a quarter as tall and wide, and merged. In whole pixels the difference is many times as large."""
     lens = make_grid_lens(source_mm=lambda nm, x, y: (x * (1 - 0.01 * x**2) * nm / 550, y * (1 - 0.02 * y**2)),
                           object_distance_mm=700.0, magnification=-0.05, mirrored=mirrored, squeeze=2.0)
-    whole = PixelGrid((40, 48), 4 * PITCH_UM, (13.0, 29.0), (8, 8), squeeze=2.0)
-    depths = [1 / (focus_nearness(lens) + blur / blur_per_nearness_px(lens, whole.pitch_um)) for blur in (7.0, -5.0)]
-    fine, across = whole.finer(4), whole.finer_across(4)
+    coarse = PixelGrid((40, 48), 4 * PITCH_UM, (13.0, 29.0), (8, 8), squeeze=2.0)
+    depths = [1 / (focus_nearness(lens) + blur / blur_per_nearness_px(lens, coarse.pitch_um)) for blur in (7.0, -5.0)]
+    fine, across = coarse.finer(4), coarse.finer_across(4)
     posts = np.random.default_rng(6).random(fine.shape_px[1]) < 0.3
 
     def scene(merged):
@@ -211,9 +211,9 @@ def test_finer_columns_show_what_finer_pixels_do(mirrored):
     expected = [merging(4, 4)(plane.blurred * plane.per_radiance) for plane in
                 planes(scene(merging(1, 1)), lens, fine, most_rays=256)]
     errors = []
-    for grid, merged in ((across, merging(4, 1)), (whole, merging(4, 4))):
+    for grid, merged in ((across, merging(4, 1)), (coarse, merging(4, 4))):
         cast_planes = planes(scene(merged), lens, grid, most_rays=256)
-        assert all(plane.clear.shape == plane.blurred.shape == whole.frame_px for plane in cast_planes)
+        assert all(plane.clear.shape == plane.blurred.shape == coarse.frame_px for plane in cast_planes)
         errors.append([np.abs(plane.blurred * plane.per_radiance - of_fine).mean() / of_fine.mean()
                        for plane, of_fine in zip(cast_planes, expected, strict=True)])
     assert max(errors[0]) < 0.025 and min(errors[1]) > 3 * max(errors[0])

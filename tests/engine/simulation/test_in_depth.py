@@ -83,9 +83,9 @@ def test_layers_in_finer_columns_through_a_lens_with_a_squeeze(options):
         return simulate(scene, lens, options)
 
     for depth_mm, tolerance in ((FOCUS_MM, 1e-6), (150.0, 5e-3)):
-        whole, even = (image(columns, moving(0.5), depth_mm) for columns in ((1,), (1, 1, 1, 1)))
-        assert even.grid == whole.grid and even.frame_px == (58, 78)
-        assert differ(even.cube, whole.cube)[1] < tolerance
+        coarse, even = (image(columns, moving(0.5), depth_mm) for columns in ((1,), (1, 1, 1, 1)))
+        assert even.grid == coarse.grid and even.frame_px == (58, 78)
+        assert differ(even.cube, coarse.cube)[1] < tolerance
     rows, columns = slice(6, -6), slice(6, -6)
     expected, halved, uneven = (image(*each).cube[:, rows, columns] for each in (
         ((1,), moving(0)), ((1,), moving(0.5)), ((0, 0, 2, 2), moving(0.5))))
