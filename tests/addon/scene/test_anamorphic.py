@@ -64,6 +64,7 @@ def test_layers_have_columns_in_which_blur_is_round(scene, squares, tmp_path):
     radiance, planes, layers = read_with_layers(result.radiance)
     assert layers.grid.across == 4 and layers.grid.frame_px == (ROWS, 4 * COLUMNS) and len(layers.layers) > 1
     assert samples[-1] == (layers.grid.shape_px[1], 8) and scene.cycles.samples == 30  # 8 is 30 / 4, rounded up
+    assert "; 4 columns in each pixel, which share its samples" in result.report.scene.layers
     assert radiance.frame_px == read_exr(result.irradiance).frame_px == (ROWS, COLUMNS)
     assert planes["Z"].shape == radiance.grid.shape_px
     np.testing.assert_allclose(radiance.cube, layers.cropped(np.subtract(
