@@ -1,5 +1,6 @@
 """A user's actions, step by step. Each step runs in a separate Blender; the first installs the extension for all."""
 
+import math
 import os
 import shutil
 import signal
@@ -458,7 +459,7 @@ def quick_look():
 
 
 def depth():
-    """Sharp and blurred: the focus overlay follows the rings immediately, and a render continues during an undo."""
+    """Sharp and blurred: the focus overlay follows rings and tilt at once, and a render continues during an undo."""
     yield from open_sample(samples=16, percentage=100)
     scene = bpy.context.scene
     choose_petzval()
@@ -477,6 +478,11 @@ def depth():
     yield from until(preview_is_fresh)
     yield DRAW_S
     shoot("far")
+    for degrees in (8, -8, 0):
+        scene.lensfield.tilt_deg = 0.0, math.radians(degrees)
+        yield DRAW_S
+        assert preview_under_way().same_scene
+        shoot(f"tilted {degrees}")
     yield from start("preview")
     scene.render.resolution_percentage = 25
     bpy.ops.ed.undo_push(message="Make Small")
