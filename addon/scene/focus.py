@@ -7,6 +7,7 @@ import numpy as np
 
 from ...engine.lens.pinhole import fitting_pitch_um
 from .camera import frame_px, size_for_view
+from .lens_facts import lean_per_m
 from .rings import rings_for
 from .units import M_TO_MM
 
@@ -24,7 +25,7 @@ class Focus:
     blur_px_m : float
         Blur of infinitely distant points, times that distance.
     lean_per_m : (float, float)
-        As in `LensFacts`.
+        Rise of the inverse depth in focus with the tangents of angles to the right and up.
     """
 
     focus_m: float
@@ -40,7 +41,7 @@ class Focus:
             return self.blur_px_m * (1 / np.asarray(depth_m) - in_focus)
 
 
-def focus_now(scene, at_rest, lean_per_m=(0.0, 0.0)):
+def focus_now(scene, at_rest):
     """The Focus of a scene's lens, by the camera's current settings.
 
     Parameters
@@ -48,15 +49,14 @@ def focus_now(scene, at_rest, lean_per_m=(0.0, 0.0)):
     scene : bpy.types.Scene
     at_rest : LensFacts
         Of the lens with its rings at rest.
-    lean_per_m : (float, float)
-        Of the tilted lens, in its own size.
 
     Raises
     ------
     InputError
         The lens cannot replace the scene's camera.
     """
-    rings = rings_for(scene, scene.lensfield.lens_name_or_path())
+    lens = scene.lensfield.lens_name_or_path()
+    rings = rings_for(scene, lens)
     size, sensor_mm = size_for_view(scene, at_rest, scene.lensfield.view_text())
     f_number, focus_mm = at_rest.f_number, at_rest.focus_mm * size
     if at_rest.reach:
@@ -71,4 +71,4 @@ def focus_now(scene, at_rest, lean_per_m=(0.0, 0.0)):
     pitch_mm = fitting_pitch_um(replace(at_rest, sensor_mm=sensor_mm), frame_px(scene)) / M_TO_MM
     wider = max(1.0, at_rest.squeeze**-2)  # as in `blur_per_nearness_px`
     return Focus(focus_mm / M_TO_MM, wider * focal_mm / f_number * image_mm / pitch_mm / M_TO_MM,
-                 tuple(per_m / size for per_m in lean_per_m))
+                 tuple(per_m / size for per_m in lean_per_m(lens, rings.tilt_deg)))

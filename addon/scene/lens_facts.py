@@ -13,7 +13,7 @@ from ...engine.library import LensSource, has_rings, prescription_of
 from ...engine.prescription.system import system_of
 from ...engine.rays import field_heights, fields
 from ...engine.rays.rings import AT_REST, Rings, resized_rings, ring_ends, turned
-from ...engine.rays.view import focus_lean, sensor_axes
+from ...engine.rays.view import focus_lean, sensor_axes, tilted
 from .lens_cache import identity_of, load_lens
 from .units import M_TO_MM
 
@@ -43,8 +43,6 @@ class LensFacts:
         Whether the lens is rotationally symmetric.
     squeeze : float
         As in `Lens`.
-    lean_per_m : (float, float)
-        Rise of the inverse depth in focus, per m, with the tangents of angles to the right and up.
     """
 
     rings: Rings
@@ -58,7 +56,6 @@ class LensFacts:
     fields: tuple[tuple[tuple[float, float], ...], ...]
     radial: bool
     squeeze: float
-    lean_per_m: tuple[float, float]
 
     def field_on(self, edges_mm):
         """Angles of view in degrees across and up a picture, and the share of the distance from the axis to its
@@ -101,6 +98,25 @@ def squeeze_of(lens: Lens | LensSource) -> float:
     return lens.squeeze if isinstance(lens, Lens) else lens_facts(lens).squeeze
 
 
+def lean_per_m(source: LensSource, tilt_deg: tuple[float, float]) -> tuple[float, float]:
+    """Rise of the inverse depth in focus, per m, with the tangents of angles to the right and up, for a lens at rest
+    with this tilt; packages ignore it. Fast enough to follow a drag, once the lens's facts are known."""
+    return _lean_per_m(*identity_of(source), tilt_deg)
+
+
+@lru_cache(maxsize=MOST_FACTS)
+def _lean_per_m(source, changed, tilt_deg):
+    if not has_rings(source):
+        lens = load_lens(source)
+        per_mm = lens.capture_focal_length_mm * np.divide(lens.focus_slope, (lens.squeeze, 1.0))
+    elif any(tilt_deg):
+        system = system_of(tilted(system_of(turned(prescription_of(source)).prescription), tilt_deg))
+        per_mm = -focus_lean(system, sensor_axes(system.prescription))  # its picture is upside down
+    else:
+        return 0.0, 0.0
+    return tuple((per_mm * M_TO_MM).tolist())
+
+
 @lru_cache(maxsize=MOST_FACTS)
 def _facts(source, changed, rings, focal_mm):
     if not has_rings(source):
@@ -114,13 +130,7 @@ def _facts(source, changed, rings, focal_mm):
     return LensFacts(
         rings, system.efl_mm, system.capture_focal_length_mm,
         lens.prescription.sensor_mm or four_by_three(curves[-1][-1][0]), lens.f_number, lens.focus_mm,
-        _reach(source, changed), lens.words, curves, lens.prescription.radial, system.squeeze, _lean_per_m(system))
-
-
-def _lean_per_m(system):
-    """`LensFacts.lean_per_m` of a prescription."""
-    lean = focus_lean(system, sensor_axes(system.prescription))  # its picture is upside down
-    return tuple((-lean * M_TO_MM).tolist())
+        _reach(source, changed), lens.words, curves, lens.prescription.radial, system.squeeze)
 
 
 def _curves(system):
@@ -145,9 +155,7 @@ def _of_package(lens):
     else:
         fields = tuple(_pairs(*half_angles_rad(lens, path)) for path in paths(lens)[:3])
     return LensFacts(AT_REST, lens.efl_mm, lens.capture_focal_length_mm, lens.sensor_mm, lens.f_number_effective,
-                     lens.object_distance_mm + lens.entrance_pupil_mm, None, (), fields, radial, lens.squeeze,
-                     tuple(per_mm * lens.capture_focal_length_mm / squeeze * M_TO_MM
-                           for per_mm, squeeze in zip(lens.focus_slope, (lens.squeeze, 1.0), strict=True)))
+                     lens.object_distance_mm + lens.entrance_pupil_mm, None, (), fields, radial, lens.squeeze)
 
 
 def _pairs(*columns):

@@ -48,7 +48,6 @@ def switch(scene):
     session.focus_overlay = not session.focus_overlay
     if session.focus_overlay:
         with suppress(InputError):  # the panel reports it
-            facts_at_rest(scene, LONGEST_S, tilted=True)
             facts_at_rest(scene, LONGEST_S)
 
 
@@ -63,11 +62,11 @@ def focus_tints(scene, path):
     path : Path or None
     """
     try:
-        at_rest, tilted = facts_at_rest(scene), facts_at_rest(scene, tilted=True)
-        if path is None or at_rest is None or tilted is None or not path.is_file():
+        at_rest = facts_at_rest(scene)
+        if path is None or at_rest is None or not path.is_file():
             return None
         edges = view_tangents(scene, scene.lensfield.lens_name_or_path(), scene.lensfield.view_text())
-        return _tints(path, path.stat().st_mtime_ns, focus_now(scene, at_rest, tilted.lean_per_m), edges)
+        return _tints(path, path.stat().st_mtime_ns, focus_now(scene, at_rest), edges)
     except (InputError, OSError):  # the panel reports it
         return None
 

@@ -2,22 +2,19 @@
 must not wait for it."""
 
 from concurrent.futures import ThreadPoolExecutor, wait
-from dataclasses import replace
 from functools import lru_cache
 
-from ...engine.rays.rings import AT_REST
 from ...engine.runtime.files import stamp_of
 from ..scene.lens_facts import LensFacts, lens_facts
-from ..scene.rings import rings_for
 
-MOST_LENSES = 8
+MOST_LENSES = 4
 
 _worker = ThreadPoolExecutor(1, "Lensfield facts")
 
 
-def facts_at_rest(scene, longest_s: float | None = 0.0, *, tilted=False) -> LensFacts | None:
-    """The LensFacts of a scene's lens with its rings at rest, or `tilted` as in the scene; None if they are not
-    available within this time; without one, it is awaited.
+def facts_at_rest(scene, longest_s: float | None = 0.0) -> LensFacts | None:
+    """The LensFacts of a scene's lens with its rings at rest; None if they are not available within this
+    time; without one, it is awaited.
 
     Raises
     ------
@@ -25,8 +22,7 @@ def facts_at_rest(scene, longest_s: float | None = 0.0, *, tilted=False) -> Lens
         The lens is not available.
     """
     lens = scene.lensfield.lens_name_or_path()
-    rings = replace(AT_REST, tilt_deg=rings_for(scene, lens).tilt_deg) if tilted else AT_REST
-    future = _read(lens, stamp_of(lens), rings)
+    future = _read(lens, stamp_of(lens))
     wait([future], longest_s)
     return future.result() if future.done() else None
 
@@ -37,5 +33,5 @@ def forget_facts():
 
 
 @lru_cache(maxsize=MOST_LENSES)
-def _read(lens, changed, rings):
-    return _worker.submit(lens_facts, lens, rings)
+def _read(lens, changed):
+    return _worker.submit(lens_facts, lens)

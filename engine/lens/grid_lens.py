@@ -1,8 +1,8 @@
 """The data of a lens without rotational symmetry: tables over x and y."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -86,6 +86,12 @@ class GridLens(Lens):
         tables = self._tables_at(wavelength_nm)
         return MonochromaticGrid(y_mm=self.y_mm, x_mm=self.x_mm, mirrored=self.mirrored, within=self.within,
                                  source_mm=self._source_spline(tables["wavelength_nm"]), **tables)
+
+    def scaled(self, factor: float) -> Self:
+        """See `Lens.scaled`."""
+        along_x, along_y = self.focus_slope
+        per_square = factor**2  # per mm of depth, and per mm of places
+        return replace(super().scaled(factor), focus_slope=(along_x / per_square, along_y / per_square))
 
     @cached_property
     def _source_spline(self):

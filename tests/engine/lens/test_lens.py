@@ -8,6 +8,7 @@ import pytest
 from lenses import comatic_lens, make_grid_lens, make_lens, marked_psf
 from lensfield.engine import LensError, Options, SpectralImage, load_lens, simulate
 from lensfield.engine.image.projection import FISHEYE, PLANE, Projection
+from lensfield.engine.lens.entrance_pupil import focus_nearness
 from lensfield.engine.lens.pinhole import fitting_pitch_um
 
 REFERENCE_NM = 587.6
@@ -148,6 +149,13 @@ def test_a_scaled_lens_is_the_same_lens_in_larger_units():
     assert large.f_number_effective == lens.f_number_effective and large.magnification == lens.magnification
     assert large.capture_focal_length_mm == pytest.approx(3 * lens.capture_focal_length_mm)
     assert lens.name in large.name and large.name != lens.name
+
+
+def test_the_plane_of_focus_of_a_scaled_lens_leans_by_the_same_angle():
+    lens = make_grid_lens(focus_slope=(1e-3, -2e-3), squeeze=1.5)
+    x_mm, y_mm = np.array([0.0, 0.7, -1.1]), np.array([0.0, 1.2, 0.4])
+    np.testing.assert_allclose(3 * focus_nearness(lens.scaled(3.0), 3 * x_mm, 3 * y_mm),
+                               focus_nearness(lens, x_mm, y_mm))
 
 
 def test_a_lens_in_focus_at_infinity_stays_so_when_scaled():
