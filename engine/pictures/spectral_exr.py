@@ -11,6 +11,7 @@ import os
 import re
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -31,7 +32,7 @@ from ..runtime.threads import thread_count
 from ..stray.sources import Sources
 from .detail_channels import detail_of, detail_planes, is_detail
 from .preview import to_rec709
-from .stored_sources import sources_attribute, sources_of
+from .stored_sources import ATTRIBUTE, sources_attribute, sources_of
 
 CHANNEL = re.compile(r"^(?:S0|T)\.(\d*,?\d*(?:[Ee][+-]?\d+)?)(Y|Z|E|P|T|G|M|k|h|da|d|c|m|u|n|p)?(m|Hz)$")
 PREFIX = dict(Y=1e24, Z=1e21, E=1e18, P=1e15, T=1e12, G=1e9, M=1e6, k=1e3, h=1e2, da=1e1,
@@ -49,6 +50,7 @@ SAMPLE_BYTES, DEEP_BYTES = 4, 128  # per pixel and channel, for a number and for
 EMPTY_PX, MOST_EMPTY = 2**25, 64  # a display window of more pixels may be at most this many times as large as its data
 M_TO_MM = 1e3
 MOST_ACROSS = 16
+CHANNEL_NM = 1e-6  # precision of a channel's name
 ASPECT_DIGITS = 7  # of pixelAspectRatio, which is in single precision
 TYPES = {"HALF": np.float16, "FLOAT": np.float32, "UINT": np.uint32}
 READ_BY_ROWS = OpenEXR.scanlineimage, OpenEXR.tiledimage
@@ -288,15 +290,22 @@ def read_with_layers(path: str | os.PathLike, pitch_um: float | None = None, scr
 
 
 def read_sources(path: str | os.PathLike) -> Sources | None:
-    """The sources of stray light beyond a picture's edges; None if its file does not state them, as for pictures of
-    other programs.
+    """The sources of stray light beyond a picture's edges, at the wavelengths of its channels' names; None if its file
+    does not state them, as for pictures of other programs.
 
     Raises
     ------
     ImageError
-        The file is not an EXR, or the attribute is damaged.
+        The file is not an EXR, or the attribute is damaged or states other wavelengths.
     """
-    return sources_of(read_parts(path, header_only=True)[0][0], path)
+    header = read_parts(path, header_only=True)[0][0]
+    sources, nm = sources_of(header, path), sorted(filter(None, map(channel_wavelength_nm, header["channel names"])))
+    if sources is None or not nm:
+        return sources
+    stated_nm = sources.wavelengths_nm
+    if len(nm) != len(stated_nm) or np.any(np.abs(stated_nm - nm) > CHANNEL_NM):
+        raise ImageError(path, f"wavelengths in {ATTRIBUTE}", stated_nm.tolist(), f"expected the picture's {nm}")
+    return replace(sources, wavelengths_nm=np.array(nm))
 
 
 def read_stray(path: str | os.PathLike) -> SpectralImage | None:

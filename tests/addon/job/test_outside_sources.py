@@ -6,6 +6,7 @@ import bpy
 import numpy as np
 import pytest
 
+from lensfield import addon
 from lensfield.engine.image.directions import directions
 from lensfield.engine.pictures.spectral_exr import read_exr, read_sources
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
@@ -253,3 +254,14 @@ def test_a_world_of_nodes_is_rendered_in_parts(scene, tmp_path):
     background.inputs["Color"].default_value = (30000, 20000, 10000, 1)
     even, outside = irradiance_inside(tmp_path, scene)
     np.testing.assert_allclose(total(brightest), (even + outside) * (1 - np.cos(np.radians(1.5))), rtol=0.06)
+
+
+def test_a_capture_at_any_wavelengths_goes_through_a_lens_again(scene, tmp_path):
+    """The names of channels round wavelengths, but not the sources beyond the picture; both are used together."""
+    lamp(scene, "POINT", (1.2, 0.5, -1.6))
+    wall(scene, material("Paint", "ShaderNodeBsdfDiffuse")[0], 3.0)
+    options = {name: value for name, value in QUICK.items() if name != "spectral"} | {"stray": StrayOptions("veil")}
+    first = render(scene, tmp_path, [450.0, 1600 / 3, 650.0], **options)
+    again = addon.apply_lens(first.radiance, lens="edmund-54852", output_folder=tmp_path / "again", **options)
+    once, twice = (read_exr(result.irradiance).cube for result in (first, again))
+    np.testing.assert_allclose(twice, once, rtol=1e-4, atol=1e-5 * once.max())

@@ -1,5 +1,7 @@
 """Sources of stray light in radiance files."""
 
+from dataclasses import replace
+
 import numpy as np
 import OpenEXR
 import pytest
@@ -27,9 +29,19 @@ def test_sources_are_read_back_bit_for_bit(tmp_path, count):
     write_exr(PICTURE, path, outside=written)
     read = read_sources(path)
     assert read.names == written.names
-    for name in ("directions", "distance_mm", "irradiance", "wavelengths_nm", "radius_rad"):
+    for name in ("directions", "distance_mm", "irradiance", "radius_rad"):
         assert np.array_equal(getattr(read, name), getattr(written, name)), name
-    assert np.array_equal(read_exr(path).cube, PICTURE.cube)
+    picture = read_exr(path)
+    assert np.array_equal(picture.cube, PICTURE.cube)
+    assert np.array_equal(read.wavelengths_nm, picture.wavelengths_nm), "as the names of channels round them"
+
+
+def test_sources_at_other_wavelengths_than_the_picture_are_refused(tmp_path):
+    for nm in (NM + 1e-5, NM[:1]):
+        sources = replace(some_sources(3), wavelengths_nm=nm, irradiance=np.ones((3, len(nm))))
+        write_exr(PICTURE, tmp_path / "a.exr", outside=sources)
+        with pytest.raises(ImageError, match="a.exr: wavelengths in lensfield:sources"):
+            read_sources(tmp_path / "a.exr")
 
 
 def test_files_without_sources(tmp_path):
