@@ -81,9 +81,9 @@ def test_layers_in_finer_columns_are_flat_in_the_pixels_of_the_sensor():
     ramp = np.broadcast_to(np.arange(24.0), fine.shape_px)
     scene = LayeredRadiance((layer(alpha, 8.0, 500.0), layer(np.ones(fine.shape_px), ramp, np.inf)), [500, 600], fine,
                             50.0)
-    seen = ramp.copy()
-    seen[:, 9] = (8 + 9) / 2
-    expected = seen.reshape(4, 6, 4).mean(axis=-1)
+    visible = ramp.copy()
+    visible[:, 9] = (8 + 9) / 2
+    expected = visible.reshape(4, 6, 4).mean(axis=-1)
     flat = scene.flat()
     assert flat.grid == GRID and scene.sampling.grid == replace(GRID, focal_mm=50.0)
     np.testing.assert_allclose(flat.cube, np.stack([expected, 2 * expected]), rtol=1e-6)
