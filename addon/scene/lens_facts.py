@@ -9,6 +9,7 @@ from ...engine.inspection.curves import field_angle_rad, reference_nm
 from ...engine.inspection.grid_curves import half_angles_rad, paths
 from ...engine.lens import Lens, RadialLens
 from ...engine.lens.conventions import four_by_three
+from ...engine.lens.entrance_pupil import focus_rise
 from ...engine.library import LensSource, has_rings, prescription_of
 from ...engine.prescription.system import system_of
 from ...engine.rays import field_heights, fields
@@ -107,8 +108,7 @@ def lean_per_m(source: LensSource, tilt_deg: tuple[float, float]) -> tuple[float
 @lru_cache(maxsize=MOST_FACTS)
 def _lean_per_m(source, changed, tilt_deg):
     if not has_rings(source):
-        lens = load_lens(source)
-        per_mm = lens.capture_focal_length_mm * np.divide(lens.focus_slope, (lens.squeeze, 1.0))
+        per_mm = focus_rise(load_lens(source))
     elif any(tilt_deg):
         system = system_of(tilted(system_of(turned(prescription_of(source)).prescription), tilt_deg))
         per_mm = -focus_lean(system, sensor_axes(system.prescription))  # its picture is upside down

@@ -23,7 +23,7 @@ from ...engine.depth.iris import opening
 from ...engine.depth.lens_tables import COLOURS_NM, LensTables, lens_tables
 from ...engine.field.overscan import LENS_VIEW
 from ...engine.image.pixel_grid import PixelGrid
-from ...engine.lens.entrance_pupil import focus_nearness
+from ...engine.lens.entrance_pupil import focus_nearness, focus_rise
 from ...engine.lens.pinhole import fitting_pitch_um
 from ...engine.library.rays import lens_rays
 from ...engine.runtime.errors import InputError, one_line
@@ -61,14 +61,11 @@ class Frame:
         Of the angles from the axis to the frame's left, lower, right and upper edge, if its pixels are square.
     focus : Focus
         Of the lens, in pixels of the scene's render.
-    lean_per_m : (float, float)
-        Rise of the inverse focus distance with the tangents to the right and up.
     """
 
     tables: LensTables
     tangents: tuple[float, float, float, float]
     focus: Focus
-    lean_per_m: tuple[float, float]
 
 
 @dataclass
@@ -212,8 +209,9 @@ def read_frame(name, stamp, rings, focal_mm, sensor_mm, shape_px, right_up_px, i
     tables = lens_tables(lens, lens_rays(lens, opening(iris, lens).reach), grid, iris, vignette)
     tangents = tuple(edge_mm / lens.capture_focal_length_mm for edge_mm in grid.edges_mm)
     per_nearness_px_m, nearness_per_m = blur_per_nearness_px(lens, grid.pitch_um) / 1e3, focus_nearness(lens) * 1e3
-    lean_per_m = tuple(np.multiply(lens.focus_slope, (1 / lens.squeeze, 1)) * lens.capture_focal_length_mm * 1e3)
-    return Frame(tables, tangents, Focus(1 / nearness_per_m if nearness_per_m else inf, per_nearness_px_m), lean_per_m)
+    lean_per_m = tuple((focus_rise(lens) * 1e3).tolist())
+    focus_m = 1 / nearness_per_m if nearness_per_m else inf
+    return Frame(tables, tangents, Focus(focus_m, per_nearness_px_m, lean_per_m))
 
 
 def frame_lens(name, rings, frame: SceneFrame):
@@ -303,7 +301,7 @@ def _defocus(scene, live, frame, at_rest, frame_rectangle):
     """The Defocus of the newest frame's lens; while a ring turns, to first order."""
     focus, (rows, _) = frame.focus if live.answer.done() else focus_now(scene, at_rest), frame_px(scene)
     *_, height_px = frame_rectangle
-    return lens_view.Defocus(focus.blur_px_m * height_px / rows, 1 / focus.focus_m, frame.lean_per_m,
+    return lens_view.Defocus(focus.blur_px_m * height_px / rows, 1 / focus.focus_m, focus.lean_per_m,
                              metres_per_unit(scene))
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..lens import GridLens, Lens
-from ..lens.entrance_pupil import focus_nearness
+from ..lens.entrance_pupil import focus_nearness, focus_rise
 from ..rays.axial_image import eye_response_at
 from ..runtime.values import json_value
 from . import grid_curves
@@ -116,8 +116,7 @@ def _places_mm(lens):
 
 def focus_lean_deg(lens: GridLens) -> list[float]:
     """Angles by which the plane of focus leans towards the lens on the right of the picture, and at its top."""
-    focal_mm = np.array([lens.capture_focal_length_mm / lens.squeeze, lens.capture_focal_length_mm])
-    return np.degrees(np.arctan2(lens.focus_slope * focal_mm, focus_nearness(lens))).tolist()
+    return np.degrees(np.arctan2(focus_rise(lens), focus_nearness(lens))).tolist()
 
 
 def _rows(columns):

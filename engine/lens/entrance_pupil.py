@@ -49,3 +49,8 @@ def focus_nearness(lens: Lens, x_mm: ArrayLike = 0.0, y_mm: ArrayLike = 0.0) -> 
     if not (slope_x or slope_y):
         return nearness
     return nearness + slope_x * np.asarray(x_mm) + slope_y * np.asarray(y_mm)
+
+
+def focus_rise(lens: Lens) -> np.ndarray:
+    """Rise of the inverse depth in focus, per mm, with the tangents of angles to the right and up: array (2,)."""
+    return lens.capture_focal_length_mm * np.divide(lens.focus_slope, (lens.squeeze, 1.0))

@@ -118,7 +118,7 @@ def test_a_squeezed_frame_is_as_wide_as_its_pixels_show_it_and_its_focus_leans(l
     frame, half_px = frame_of(live_scene), np.array([400, 250])
     focal_mm, pitch_mm = lens.capture_focal_length_mm, 4.8 / 800
     assert frame.tangents[2:] == pytest.approx(half_px * pitch_mm / focal_mm)
-    assert frame.lean_per_m == pytest.approx((0.5 * focal_mm, -2 * focal_mm))
+    assert frame.focus.lean_per_m == pytest.approx((0.5 * focal_mm, -2 * focal_mm))
     edge = frame.tables.angle_rad[NODES // 2, -1, 1]
     assert np.tan(edge) == pytest.approx((2 * 2.4 / focal_mm, 0), abs=1e-6), "its light comes from twice as far"
 
