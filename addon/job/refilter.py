@@ -305,11 +305,11 @@ def _blur_warning(lens, captured, iris):
     layers, lacking, reach = captured.layers, [0.0], opening(iris, lens).reach / 2
     for layer in layers.layers if layers else ():
         rows, columns = (np.arange(side.start, side.stop) for side in layer.place)
-        grid = replace(layers.grid, focal_mm=layers.focal_mm)
-        in_focus = focus_in_capture(lens, grid, rows[:, None], columns)
-        blur_of_layer = np.abs(blur_px(lens, grid.pitch_um, layer.depth_mm, in_focus))
+        in_focus = focus_in_capture(lens, layers.capture, rows[:, None], columns)
+        blur_of_layer = np.abs(blur_px(lens, layers.grid.pitch_um, layer.depth_mm, in_focus))
         blur = np.where(layer.alpha > 0, blur_of_layer * reach, 0)
-        for axis, (place, shown, parts) in enumerate(zip(layer.place, _shown(captured), (1, grid.across), strict=True)):
+        for axis, (place, shown, parts) in enumerate(zip(layer.place, _shown(captured), (1, layers.grid.across),
+                                                         strict=True)):
             ends = (shown.start - place.start, blur.take(0, axis)), (place.stop - shown.stop, blur.take(-1, axis))
             lacking += [blurs.max() - beyond / parts for beyond, blurs in ends if beyond >= 0 and blurs.any()]
     if max(lacking) < 1:
@@ -319,10 +319,10 @@ def _blur_warning(lens, captured, iris):
 
 def _shown(captured):
     """Rows and columns of the layers' grid that the picture shows: the frame, or the render region in it."""
-    rows, columns = (_moved(side, before - overscan) for side, overscan, before in
-                     zip(_picture_sides(captured), captured.radiance.overscan_px,
-                         captured.layers.sampling.grid.overscan_px, strict=True))
-    return rows, *finer_region((columns,), captured.layers.grid.across)
+    shown = [_moved(side, before - overscan)
+             for side, overscan, before in zip(_picture_sides(captured), captured.radiance.overscan_px,
+                                               captured.layers.sampling.grid.overscan_px, strict=True)]
+    return finer_region(shown, 1, captured.layers.grid.across)
 
 
 def _picture_sides(captured):

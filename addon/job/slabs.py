@@ -55,12 +55,11 @@ class Slab:
 
     def finer(self, times):
         """The slab for a capture with each pixel divided into `times` x `times`."""
-        return self.finer_across(times, times)
+        return replace(self, region=finer_region(self.region, times))
 
-    def finer_across(self, columns, rows=1):
-        """The slab for a capture with each pixel divided into this many columns and rows."""
-        down, across = self.region
-        return replace(self, region=(*finer_region((down,), rows), *finer_region((across,), columns)))
+    def finer_across(self, columns):
+        """The slab for a capture with each pixel divided into this many columns."""
+        return replace(self, region=finer_region(self.region, 1, columns))
 
     def within(self, part):
         """The slab, limited to this part of its region."""
@@ -199,9 +198,11 @@ def _far_mm(border_mm, volumes_mm, bodies_mm, overlap_per_mm):
     return min([max(ends_mm, default=border_mm), *volumes_begin_mm])
 
 
-def finer_region(region, times):
-    """A region, as slices of rows and columns, with each pixel divided into `times` x `times`."""
-    return tuple(slice(times * side.start, times * side.stop) for side in region)
+def finer_region(region, times, across=1):
+    """A region, as slices of rows and columns, with each pixel divided into `times` x `times`, and each of these into
+    `across` columns."""
+    return tuple(slice(parts * side.start, parts * side.stop)
+                 for side, parts in zip(region, (times, times * across), strict=True))
 
 
 def single_slab(scene, region):

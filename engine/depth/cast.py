@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -93,8 +93,7 @@ def cast(layered: LayeredRadiance, lens: Lens, trace: Callable[[], LensRays], *,
     CastPlane
         Bit-identical for all variants of the compiled loop and any number of threads; numpy differs by rounding.
     """
-    capture = replace(layered.grid, focal_mm=layered.focal_mm)
-    layers = prepare_layers(layered.layers, capture, lens)
+    layers = prepare_layers(layered.layers, layered.capture, lens)
     if not _blurred(layers):
         return _in_focus(layers, layered, times, progress)
     return _cast(layers, layered, lens, trace(), most_rays, most_of_lamps or most_rays, opening(iris, lens), times,

@@ -159,9 +159,14 @@ class LayeredRadiance:
         return max(layer.detail.times if layer.detail else 1 for layer in self.layers)
 
     @property
+    def capture(self) -> PixelGrid:
+        """The grid, with the focal length of the pinhole."""
+        return replace(self.grid, focal_mm=self.focal_mm)
+
+    @property
     def sampling(self) -> Sampling:
-        """The capture in the sensor's pixels, with the focal length of the pinhole, and its wavelengths."""
-        return Sampling(replace(self.grid.on_sensor(), focal_mm=self.focal_mm), tuple(self.wavelengths_nm.tolist()))
+        """The capture in the sensor's pixels, and its wavelengths."""
+        return Sampling(self.capture.on_sensor(), tuple(self.wavelengths_nm.tolist()))
 
     @property
     def light(self) -> np.ndarray:

@@ -115,7 +115,7 @@ def add_stars(cube: np.ndarray, lens: Lens, opening: Opening, frame: PixelGrid, 
     """Add the stars of all light to the irradiance of a sensor's frame.
 
     The brightest small spots have spikes as fine as the pixels. The others are spread in cells; so that stars neither
-    appear nor vanish as lamps move, only the light by which a spot exceeds the next one is spread finely. Light of
+    appear nor vanish as lamps move, a spot's fine spikes show only its light in excess of the next spot's. Light of
     large spots is shared out linearly between discs of fixed sizes.
 
     Parameters
