@@ -101,7 +101,7 @@ def _fans_mm(system, section):
     with np.errstate(invalid="ignore"):
         points_mm, direction = points_from_image(system.prescription, system.indices_at(rays.wavelengths_nm)[:, 0],
                                                  image_plane, rays.direction[:, 0])
-        blocked = np.any(rays.square_height_mm2[:, 0] > np.reshape(system.semi_apertures_mm**2, (-1, 1, 1, 1)), axis=0)
+        blocked = np.any(system.limits(rays.square_height_mm2[:, 0]) > 1, axis=0)
     passing = ~(blocked | rays.lost[0])
     points_mm = np.where(passing, points_mm, np.nan)
     along_mm = np.sum(points_mm[0] * direction, axis=0)

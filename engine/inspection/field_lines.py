@@ -93,7 +93,7 @@ def spot_contrast(system: System, lines_per_mm: float) -> float:
     y, whichever is lower."""
     view, nm = view_of(system), [system.prescription.reference_wavelength_nm]
     rays = trace_fields(system, view, find_fields(system, view, np.zeros((2, 1)), nm), SPOT)
-    passing = ~rays.lost[0, 0] & (_reach(system, rays)[:, 0].max(axis=0) <= 1)
+    passing = ~rays.lost[0, 0] & np.all(system.limits(rays.square_height_mm2[:, 0, 0]) <= 1, axis=0)
     waves = np.exp(2j * np.pi * lines_per_mm * np.where(passing, rays.position_mm[:, 0, 0], 0))
     light = SPOT.radii[:, None] * passing  # of a ring is proportional to its radius
     return float(np.abs(np.average(waves, axis=(1, 2), weights=np.broadcast_to(light, waves.shape))).min())

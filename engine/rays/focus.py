@@ -72,7 +72,11 @@ def axial_contrast(system: System, lines_per_mm: float) -> float:
 
 
 def _check_aperture(system, kind, value):
-    """Check that the surfaces pass the aperture's paraxial marginal ray, with some tolerance."""
+    """Check that the surfaces pass the aperture's paraxial marginal ray, with some tolerance, and that its light is not
+    all obstructed."""
+    if system.central_obstruction >= 1:
+        raise LensError(system.prescription.name, f"aperture, {kind}", value, "its light is as wide as a central "
+                        "obstruction: open the aperture")
     heights_mm = np.maximum(np.abs(system.marginal_heights_mm), np.abs(system.across.marginal_heights_mm))
     passing = np.min(system.semi_apertures_mm / np.maximum(heights_mm, 1e-12))
     if passing < LEAST_PASSING:
@@ -188,8 +192,8 @@ def _least_spot_shift_mm(system, rays: TracedRays, heights_mm, weights=1.0):
 
     A shift of dz moves a ray sideways by dz times its slope, so the mean square is a parabola in dz.
     """
-    inside = rays.square_height_mm2 <= system.semi_apertures_mm[:, None, None, None, None] ** 2
-    light = rays.pupil.radii[:, None] * (inside.all(axis=0) & ~rays.lost)  # proportional to the radius of a ring
+    inside = np.all(system.limits(rays.square_height_mm2) <= 1, axis=0)
+    light = rays.pupil.radii[:, None] * (inside & ~rays.lost)  # proportional to the radius of a ring
     dark = np.argwhere(light.sum(axis=(2, 3)) == 0)
     if dark.size:
         raise LensError(system.prescription.name, "field height", f"{heights_mm[dark[0, 1]]:.4g} mm",

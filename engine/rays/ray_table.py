@@ -55,7 +55,8 @@ class SensorRays:
         Direction cosines in front of the lens, along the light: at a depth z in front of the plane a ray is at
         `entrance_mm - z * direction[:2] / direction[2]`.
     margin : array
-        Positive if the ray passes: the least 1 - (r / semi-aperture)^2 over the surfaces and the stop.
+        Positive if the ray passes: the least 1 - (r / semi-aperture)^2 over the surfaces and the stop, or 1 - limit of
+        a central obstruction (`System.limits`).
     surface_margin : array
         The margin over the surfaces without the stop: smooth where the limit changes between the stop's rim and a
         surface.
@@ -314,8 +315,7 @@ def traced_quantities(system: System, traced: BothWays, from_eye: np.ndarray, be
     with np.errstate(invalid="ignore"):
         from_foot_mm = np.sum(from_eye * before, axis=0)
         path_mm = from_foot_mm + traced.path_mm
-        margin = 1 - np.max([square / semi_mm**2 for square, semi_mm in
-                             zip(traced.square_mm2, system.semi_apertures_mm, strict=True)], axis=0)
+        margin = 1 - np.max(system.limits(traced.square_mm2), axis=0)
         return np.stack([*(from_eye - from_foot_mm * before)[:2], *before[:2] / (1 + before[2]),
                          path_mm - path_mm[:, :1, :1], *traced.direction[:2]]), margin
 
