@@ -432,6 +432,11 @@ def _check_mirrors(prescription, refuse):
     if len(prescription.mirrors) % 2:
         refuse("mirrors", len(prescription.mirrors), "expected an even number: otherwise, the picture is mirrored, and "
                                                      "its sensor faces away from the scene")
+    for first, second in zip(prescription.mirrors[::2], prescription.mirrors[1::2], strict=True):
+        back_mm = sum(surface.thickness_mm for surface in prescription.surfaces[first:second])
+        if not back_mm < 0:
+            refuse(f"surface {first + 1}, thickness_mm", f"{back_mm:g} in total up to the mirror, surface {second + 1}",
+                   "expected a negative distance: light travels back between these mirrors")
 
 
 def _check_rings(prescription, refuse):

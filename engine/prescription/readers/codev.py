@@ -22,7 +22,7 @@ APERTURES = {"EPD": "entrance_pupil_diameter_mm", "FNO": "working_f_number", "NA
              "NA": "working_f_number"}
 FIELDS = {"AN": "angle_deg", "OB": "object_height_mm", "IM": "image_height_mm"}
 REAL_IMAGE_HEIGHT = "RI"
-SURFACES = ("SO", "S", "SI")
+SURFACES, MIRROR = ("SO", "S", "SI"), "REFL"
 POWERS = {letter: 4 + 2 * number for number, letter in enumerate("ABCDEFGHJ")}  # of r; there is no I
 SHAPES = ("CYL", "YTO", "XTO", "AAS")  # with a second section, along x
 SECTION = ("CUX", "RDX")
@@ -47,17 +47,21 @@ HARMLESS_COMMANDS = (  # remarks, weights, drawing, optimisation flags, and solv
     "LEN", "RDM;LEN", "GO", "INI", "WTW", "WTF", "WTX", "WTY", "CLS", "SLB", "CCY", "THC", "GLC", "KC", "AC", "BC",
     "CC", "DC", "CON", "ASP", "SPH", "IC", "CUF", "PIM", "CCX", "TEM", "PRE", "XDC", "YDC", "ZDC", "ADC", "BDC", "CDC",
     "DER")
+CLEAR, OBSTRUCTION, EDGE = "CLR", "OBS", "EDG"  # qualifiers of CIR
+OBSTRUCTED = f"CIR {OBSTRUCTION}"
 QUOTED = re.compile(r"""('[^'\n]*')|"[^"\n]*"|![^\n]*""")
 
 
 def read_codev(path: Path, options: ReadingOptions) -> Reading:
-    """Read a .seq. CIR apertures block light; vignetting factors are ignored."""
+    """Read a .seq. CIR apertures and obstructions block light; vignetting factors are ignored."""
     system, rows, private = _commands(path)
     glasses = {glass.glass.name: glass for glass in private_glasses(private)}
     _check_ends(path, rows)
     unit_mm, curvatures = _unit_mm(system), _has_curvatures(path, system, rows)
     stop = _stop_number(system)
-    surfaces = [_surface(path, number, row, curvatures, stop, glasses) for number, row in enumerate(rows[1:-1], 1)]
+    surfaces = []
+    for number, row in enumerate(rows[1:-1], 1):
+        surfaces.append(_surface(number, row, curvatures, stop, glasses, surfaces[-1].glass if surfaces else ""))
     defocus = rows[-1]["SI"].figure(2, 0.0)  # from the paraxial image plane to the actual one
     surfaces[-1] = replace(surfaces[-1], thickness_mm=surfaces[-1].thickness_mm + defocus)
     frames = list(_frames(rows, surfaces))
@@ -99,8 +103,9 @@ def _commands(path):
             line = Line(path, f"surface {len(rows) - 1}", tuple(words))
             if command in REFUSED:
                 raise line.refusal(REFUSED[command])
-            if command != "CIR" or _is_clear(line):  # an edge does not block light
-                rows[-1][command] = line
+            kind = _circle(line) if command == "CIR" else ""
+            if kind != EDGE:  # which does not block light
+                rows[-1][OBSTRUCTED if kind == OBSTRUCTION else command] = line
         elif command not in REFUSED and not (command == "ZOO" and len(words) > 2):  # values that vary with zoom
             system[command] = Line(path, "command", tuple(words))
     return system, rows, private
@@ -121,12 +126,13 @@ def _is_number(word):
         return False
 
 
-def _is_clear(line):
-    """Whether a CIR is a clear aperture: without a qualifier or with CLR; EDG is the edge of the glass."""
-    kind = line.words[1].upper() if len(line.words) == 3 else "CLR"
-    if len(line.words) not in (2, 3) or kind not in ("CLR", "EDG") or not _is_number(line.words[-1]):
-        raise line.refusal("expected CIR and the radius of a clear aperture")
-    return kind == "CLR"
+def _circle(line):
+    """The kind of a CIR: a clear aperture, an obstruction within it, or the edge of the glass."""
+    kind = line.words[1].upper() if len(line.words) == 3 else CLEAR
+    known = kind in (CLEAR, OBSTRUCTION, EDGE)
+    if len(line.words) not in (2, 3) or not known or not _is_number(line.words[-1]):
+        raise line.refusal("expected CIR and the radius of a clear aperture, or CIR OBS and the one of an obstruction")
+    return kind
 
 
 def _check_ends(path, rows):
@@ -168,20 +174,21 @@ def _stop_number(system):
     return int(match[1]) if match else None
 
 
-def _surface(path, number, row, curvatures, stop, private):
+def _surface(number, row, curvatures, stop, private, glass_before):
     line = row["S"]
     glass = _glass(line, private)
-    if glass.upper() == "REFL":
-        raise LensError(path, f"surface {number}", "a mirror", "expected refracting surfaces")
+    mirror = glass.upper() == MIRROR
     shape = next((command for command in SHAPES if command in row), "")
     for command in OF_SHAPES:
         if command in row and command not in OF_SHAPE[shape] and row[command].figure(1):
             raise row[command].refusal(f"expected one of {', '.join(OF_SHAPE[shape])}"
                                        f"{f' on a surface {shape}' if shape else ', or ' + ', '.join(SHAPES)}")
     value = line.figure(1, 0.0)
-    surface = Surface((1 / value if curvatures else value) if value else np.inf, line.figure(2, 0.0), glass,
-                      row["CIR"].figure(-1) if "CIR" in row else np.inf, _value(row, "KY") or _value(row, "K"),
-                      _terms(row, POWERS), "STO" in row or stop == number)
+    surface = Surface((1 / value if curvatures else value) if value else np.inf, line.figure(2, 0.0),
+                      glass_before if mirror else glass, row["CIR"].figure(-1) if "CIR" in row else np.inf,
+                      _value(row, "KY") or _value(row, "K"), _terms(row, POWERS), "STO" in row or stop == number,
+                      mirror=mirror,
+                      semi_obstruction_mm=row[OBSTRUCTED].figure(-1) if OBSTRUCTED in row else 0.0)
     return replace(surface, **_second_section(surface, shape, row)) if shape else surface
 
 

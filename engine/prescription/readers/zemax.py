@@ -24,9 +24,9 @@ FIELDS = {0: "angle_deg", 1: "object_height_mm", 2: "image_height_mm", 3: "image
 REAL_IMAGE_HEIGHT = 3
 SHAPES = ("STANDARD", "EVENASPH", "ODDASPHE", "TOROIDAL", "BICONICX", "COORDBRK")
 BREAK, COATING = "COORDBRK", "COAT"  # a coating is a name, which another file defines
-OTHER_APERTURES = ("SQAP", "ELAP", "USAP", "OBSC", "SQOB", "ELOB", "SPID")
-SURFACE_OPERANDS = ("TYPE", "CURV", "CONI", "PARM", "DISZ", "GLAS", "STOP", "DIAM", "CLAP", "FLAP", "OBDC", "SCBD",
-                    "XDAT", *OTHER_APERTURES)
+OTHER_APERTURES = ("SQAP", "ELAP", "USAP", "SQOB", "ELOB", "SPID")
+SURFACE_OPERANDS = ("TYPE", "CURV", "CONI", "PARM", "DISZ", "GLAS", "STOP", "DIAM", "CLAP", "FLAP", "OBSC", "OBDC",
+                    "SCBD", "XDAT", *OTHER_APERTURES)
 LAST_PARAMETERS = {"EVENASPH": 8, "ODDASPHE": 8, "TOROIDAL": 8, "BICONICX": 2}
 ZERNIKE_TERMS = 13  # parameter of a toroid: their number; in older files the first of its extra data
 AUTOMATIC, FIXED, PICKED_UP = 0, 1, 2  # source of a semi-diameter: rays, the user, or another surface
@@ -43,7 +43,8 @@ PLACEHOLDER = (1.5, 40.0)  # written by Zemax after a glass name, regardless of 
 
 
 def read_zemax(path: Path, options: ReadingOptions) -> Reading:
-    """Read a sequential .zmx. Circular apertures and fixed semi-diameters block light; vignetting factors do not."""
+    """Read a sequential .zmx. Circular apertures, central obstructions and fixed semi-diameters block light; vignetting
+    factors do not."""
     system, rows, unread = _operands(path)
     field = options.field
     if "MODE" in system and system["MODE"][-1].words[1:2] != ("SEQ",):
@@ -140,10 +141,12 @@ def _surface(path, number, row, makers, glass_before):
     if shape == BREAK:  # a plane on the axis, within the preceding medium
         return Surface(thickness_mm=row["DISZ"][-1].figure(1), glass=glass_before, stop="STOP" in row)
     curvature = row["CURV"][-1].figure(1)
-    glass, figures = _glass(path, number, row, makers)
-    conic = Surface(1 / curvature if curvature else np.inf, row["DISZ"][-1].figure(1), glass,
-                    _semi_aperture(path, number, row), row["CONI"][-1].figure(1) if "CONI" in row else 0.0,
-                    stop="STOP" in row, glass_figures=figures)
+    mirror = _is_mirror(row)
+    glass, figures = (glass_before, "") if mirror else _glass(row, makers)
+    semi_aperture, semi_obstruction = _aperture_ends(path, number, row)
+    conic = Surface(1 / curvature if curvature else np.inf, row["DISZ"][-1].figure(1), glass, semi_aperture,
+                    row["CONI"][-1].figure(1) if "CONI" in row else 0.0, stop="STOP" in row, glass_figures=figures,
+                    mirror=mirror, semi_obstruction_mm=semi_obstruction)
     return replace(conic, **_form(path, number, row)) if shape != "STANDARD" else conic
 
 
@@ -211,14 +214,16 @@ def _is_fixed(rows, number, steps):
     return line.figure(1) > 0 and origin == FIXED
 
 
-def _glass(path, number, row, makers):
+def _is_mirror(row):
+    return "GLAS" in row and " ".join(row["GLAS"][-1].words[1:2]).upper() == "MIRROR"
+
+
+def _glass(row, makers):
     """Name of a surface's glass, and "n/V" from its line."""
     if "GLAS" not in row:
         return "", ""
     line = row["GLAS"][-1]
     name = " ".join(line.words[1:2])
-    if name.upper() == "MIRROR":
-        raise LensError(path, f"surface {number}", "a mirror", "expected refracting surfaces")
     stated = (line.figure(4), line.figure(5)) if len(line.words) > 5 else PLACEHOLDER
     figures = f"{stated[0]:.9g}/{stated[1]:.9g}" if stated != PLACEHOLDER and stated[0] > 1 else ""
     if name.startswith("___") and line.words[2:3] == ("1",):  # a model glass, defined by these figures
@@ -226,17 +231,20 @@ def _glass(path, number, row, makers):
     return best_name(name, makers), figures
 
 
-def _semi_aperture(path, number, row):
+def _aperture_ends(path, number, row):
+    """Semi-diameters of a surface's clear aperture and of its central obstruction."""
     for operand in OTHER_APERTURES:
         if operand in row:
-            raise LensError(path, f"surface {number}, aperture", operand, "expected a circle, as CLAP or FLAP")
-    circles = [*row["CLAP"], *row["FLAP"]]
-    if not circles:
-        return np.inf
-    least, most = circles[-1].figure(1), circles[-1].figure(2)
-    if least or any(line.figure(1) or line.figure(2, 0.0) for line in row["OBDC"]):
-        raise LensError(path, f"surface {number}, aperture", "decentred or annular", "expected a centred circle")
-    return most
+            raise LensError(path, f"surface {number}, aperture", operand, "expected a circle, as CLAP, FLAP or OBSC")
+    rings = [*row["CLAP"], *row["FLAP"], *row["OBSC"]]
+    if rings and any(line.figure(1) or line.figure(2, 0.0) for line in row["OBDC"]):
+        raise LensError(path, f"surface {number}, aperture", "decentred", "expected a centred circle")
+    if row["OBSC"] and row["OBSC"][-1].figure(1):
+        raise LensError(path, f"surface {number}, aperture", "an obstruction in the shape of a ring",
+                        "expected OBSC from a radius of 0")
+    holes, circles = [line.figure(2) for line in row["OBSC"]], [*row["CLAP"], *row["FLAP"]]
+    inner, outer = (circles[-1].figure(1), circles[-1].figure(2)) if circles else (0.0, np.inf)
+    return outer, max(inner, *holes[-1:], 0.0)
 
 
 def _aperture(path, system, rows, unit_mm):
