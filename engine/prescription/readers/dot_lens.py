@@ -107,8 +107,8 @@ def _surface(line):
     index, abbe, diameter_mm = (line.figure(at) for at in (2, 3, 4))
     glass = "" if index <= 1 else f"{index:.9g}/{abbe:.9g}" if abbe else f"{index:.9g}"
     if line.figure(1) < 0:
-        raise LensError(line.path, f"{line.place}, thickness", line.words[1], "it belongs to a mirror lens, and rows of "
-                        "a .lens do not state which surfaces are mirrors: type the lens as a .toml")
+        raise LensError(line.path, f"{line.place}, thickness", line.words[1], "this is a mirror lens, and rows of "
+                        "a .lens do not state which surfaces are mirrors: type it as a .toml")
     surface = Surface(radius_mm, line.figure(1), glass, diameter_mm / 2 or np.inf, stop=stop, coating=_coating(line))
     if kind in CYLINDERS_X:
         return replace(surface, radius_x_mm=np.inf)

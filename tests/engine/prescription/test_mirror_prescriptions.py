@@ -119,5 +119,5 @@ def test_a_ring_and_an_obstruction_on_one_surface_block_as_far_as_the_wider(tmp_
 def test_dot_lens_files_cannot_contain_mirrors(tmp_path):
     path = tmp_path / "lens.lens"
     path.write_text(changed(DOT_LENS, ("4.0000", "-4.0000")))
-    with pytest.raises(LensError, match="line 12, thickness is -4.0000: it belongs to a mirror lens, and rows"):
+    with pytest.raises(LensError, match="line 12, thickness is -4.0000: this is a mirror lens, and rows"):
         read_prescription(path, ReadingOptions(FIELD))
