@@ -58,7 +58,8 @@ def values(figures, start):
 def test_a_bare_hole_gives_the_irradiance_of_a_cone(tmp_path):
     radius_mm, distance_mm, one = 2.0, 5.0, np.ones(1)
     hole = FromSensor(distance_mm * one, 0 * one, 0 * one, np.zeros((1, 0)), 2, 2, radius_mm * one, 0 * one, one,
-                      0 * one, 1.0, 0.0, Bins(1.0, 0.0, -radius_mm * one, radius_mm * one, radius_mm * one), np.zeros(2))
+                      0 * one, 1.0, 0.0, Bins(1.0, 0.0, -radius_mm * one, radius_mm * one, radius_mm * one),
+                      np.zeros(2))
     scene = truth_scenes.empty_scene()
     truth_scenes.set_even_light(scene, 1.0)
     use_shader(scene.camera.data, shader_text(hole, PixelGrid((8, 8), 1.0), 1e3))
