@@ -32,6 +32,11 @@ def entrance_pupil_size_mm(lens: Lens) -> tuple[float, float]:
     return (2 * distance_mm * across / np.sqrt(1 - across**2), 2 * distance_mm * upwards / np.sqrt(1 - upwards**2))
 
 
+def entrance_pupil_area_mm2(lens: Lens) -> float:
+    """Cross section of that light, without the hole of a central obstruction."""
+    return float(np.pi / 4 * np.prod(entrance_pupil_size_mm(lens)) * (1 - lens.central_obstruction**2))
+
+
 def focus_nearness(lens: Lens, x_mm: ArrayLike = 0.0, y_mm: ArrayLike = 0.0) -> float | np.ndarray:
     """The inverse of the depth in focus, per mm; 0 for a lens focused at infinity.
 

@@ -61,7 +61,7 @@ class Lens(Value):
     transmittance : array (wavelength,)
         T(wavelength) of Eq. 2.
     central_obstruction : float
-        Diameter of the hole that a mirror lens has in its pupil, relative to the pupil's; 0 by default.
+        Diameter of a mirror lens's hole in the pupil, relative to the diameter of the pupil; 0 by default.
     point_flux : array (wavelength, *place)
         All light that the lens collects from a point of that plane, divided by the light that follows from the f-number
         and the relative illumination at its chief ray. It differs from 1 by a few hundredths at wide apertures, where

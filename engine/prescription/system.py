@@ -77,8 +77,8 @@ class System(FirstOrder):
 
     @property
     def central_obstruction(self) -> float:
-        """Semi-diameter of the hole in the pupil relative to the pupil's, on the axis and to first order; 0 without
-        one."""
+        """Diameter of the hole in the pupil relative to the diameter of the pupil, on the axis and to first order; 0
+        without one."""
         holes_mm = [surface.semi_obstruction_mm for surface in self.prescription.surfaces]
         return float(np.max(holes_mm / np.maximum(np.abs(self.marginal_heights_mm), LEAST_HEIGHT_MM)))
 

@@ -69,7 +69,7 @@ class AxialBundle:
         return np.cos(phase + np.multiply.outer(shifts_mm, change)) @ weights / light
 
     def _passing(self, cosine):
-        """`light` at direction cosines up to the aperture's, without that of the central obstruction."""
+        """`light` at direction cosines up to the aperture, and 0 within the central obstruction."""
         return np.where(cosine < self.obstruction, 0, np.maximum(self.light(cosine**2), 0))
 
 

@@ -9,6 +9,7 @@ from scipy.special import j1
 from lensfield.engine.bake.bake import bake
 from lensfield.engine.depth.iris import Iris, opening
 from lensfield.engine.inspection.info import lens_info, lens_text
+from lensfield.engine.lens.entrance_pupil import entrance_pupil_area_mm2
 from lensfield.engine.lens_files.package import package_bytes, read_package
 from lensfield.engine.prescription.prescription import Pose
 from lensfield.engine.rays.axial_image import trace_axial_bundles
@@ -53,6 +54,7 @@ def test_the_f_number_is_that_of_a_pupil_as_large_as_the_annulus(baked):
     assert baked.central_obstruction == pytest.approx(HOLE)
     assert baked.rim_f_number == pytest.approx(7.5, rel=0.003)
     assert baked.f_number_effective == pytest.approx(7.5 / np.sqrt(1 - HOLE**2), rel=0.003)
+    assert entrance_pupil_area_mm2(baked) == pytest.approx(np.pi * 20.0**2 * (1 - HOLE**2), rel=0.006)
     assert f"f/{baked.rim_f_number:.3g} with a central obstruction of 45%" in lens_text(lens_info(baked))
 
 
@@ -85,10 +87,10 @@ def test_the_star_has_the_light_of_both_edges(baked):
     share = star_share(baked, opening(Iris(0), baked), np.array([NM]))[0]
     v = np.linspace(200.0, 2000.0, 400001)
     tail = np.mean(annular_pattern(v, HOLE) * v**3) * (1 - HOLE**2) / 2  # of the light outside v, times v
-    whole = np.mean(annular_pattern(v, 0.0) * v**3) / 2
+    unobstructed = np.mean(annular_pattern(v, 0.0) * v**3) / 2
     round_one = star_share(replace(baked, central_obstruction=0.0, f_number_effective=baked.rim_f_number),
                            opening(Iris(0), baked), np.array([NM]))[0]
-    assert share / round_one == pytest.approx(tail / whole, rel=0.01)
+    assert share / round_one == pytest.approx(tail / unobstructed, rel=0.01)
 
 
 def beam_area(system, field):
