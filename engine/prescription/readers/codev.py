@@ -46,8 +46,9 @@ KNOWN_COMMANDS = ("RDM", "STO", "TITLE", "TIT", "DIM", "WL", "REF", "ZOO", *APER
 HARMLESS_COMMANDS = (  # remarks, weights, drawing, optimisation flags, and solves with saved results
     "LEN", "RDM;LEN", "GO", "INI", "WTW", "WTF", "WTX", "WTY", "CLS", "SLB", "CCY", "THC", "GLC", "KC", "AC", "BC",
     "CC", "DC", "CON", "ASP", "SPH", "IC", "CUF", "PIM", "CCX", "TEM", "PRE", "XDC", "YDC", "ZDC", "ADC", "BDC", "CDC",
-    "DER")
-CLEAR, OBSTRUCTION, EDGE = "CLR", "OBS", "EDG"  # qualifiers of CIR
+    "DER", "CUM", "THM")  # the last two are of a mirror's back
+CLEAR, OBSTRUCTION, EDGE, HOLE = "CLR", "OBS", "EDG", "HOL"  # qualifiers of CIR; the last two are drawn only
+LABEL = re.compile(r"[Ll]'.*'")
 OBSTRUCTED = f"CIR {OBSTRUCTION}"
 QUOTED = re.compile(r"""('[^'\n]*')|"[^"\n]*"|![^\n]*""")
 
@@ -104,7 +105,7 @@ def _commands(path):
             if command in REFUSED:
                 raise line.refusal(REFUSED[command])
             kind = _circle(line) if command == "CIR" else ""
-            if kind != EDGE:  # which does not block light
+            if kind not in (EDGE, HOLE):
                 rows[-1][OBSTRUCTED if kind == OBSTRUCTION else command] = line
         elif command not in REFUSED and not (command == "ZOO" and len(words) > 2):  # values that vary with zoom
             system[command] = Line(path, "command", tuple(words))
@@ -127,10 +128,11 @@ def _is_number(word):
 
 
 def _circle(line):
-    """The kind of a CIR: a clear aperture, an obstruction within it, or the edge of the glass."""
-    kind = line.words[1].upper() if len(line.words) == 3 else CLEAR
-    known = kind in (CLEAR, OBSTRUCTION, EDGE)
-    if len(line.words) not in (2, 3) or not known or not _is_number(line.words[-1]):
+    """The kind of a CIR: a clear aperture, an obstruction within it, or the edge or the hole of the glass."""
+    kinds = [word.upper() for word in line.words[1:-1] if not LABEL.fullmatch(word)]
+    kind = kinds[0] if kinds else CLEAR
+    known = kind in (CLEAR, OBSTRUCTION, EDGE, HOLE)
+    if len(kinds) > 1 or not known or len(line.words) < 2 or not _is_number(line.words[-1]):
         raise line.refusal("expected CIR and the radius of a clear aperture, or CIR OBS and the one of an obstruction")
     return kind
 

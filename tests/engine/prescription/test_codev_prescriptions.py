@@ -227,7 +227,7 @@ def test_the_first_of_several_zoom_positions_is_used(read):
     ("NBK7_SCHOTT", "REFL", "mirrors is 1: expected an even number"),
     ("  CON\n", "  SPS ODD\n", "surface 3 is SPS ODD: expected a conic or an asphere"),
     ("  CON\n", "  DIF DOE\n", "surface 3 is DIF DOE: expected a conic or an asphere"),
-    ("CIR 8.0\n", "CIR HOL 8.0\n", "surface 2 is CIR HOL 8.0: expected CIR and the radius of a clear aperture, or CIR"),
+    ("CIR 8.0\n", "CIR ABC 8.0\n", "surface 2 is CIR ABC 8.0: expected CIR and the radius of a clear aperture, or CIR"),
     ("CIR 8.0\n", "CIR\n", "surface 2 is CIR: expected CIR and the radius of a clear aperture"),
     ("CIR 8.0\n", "REX 8.0\n", "surface 2 is REX 8.0: expected circular apertures"),
     ("CIR 8.0\n", "ADY 1.0\n", "surface 2 is ADY 1.0: expected circular apertures"),

@@ -121,3 +121,12 @@ def test_dot_lens_files_cannot_contain_mirrors(tmp_path):
     path.write_text(changed(DOT_LENS, ("4.0000", "-4.0000")))
     with pytest.raises(LensError, match="line 12, thickness is -4.0000: this is a mirror lens, and rows"):
         read_prescription(path, ReadingOptions(FIELD))
+
+
+def test_labels_of_apertures_and_drawn_holes_of_code_v(tmp_path):
+    path = tmp_path / "lens.seq"
+    path.write_text(changed(codev(MIRROR_LENS), ("CIR OBS 3.6", "CIR L'B' 9.5; CIR OBS L'A' 3.6"),
+                            ("CIR OBS 3.2", "CIR HOL 3.1; CUM 0.0; THM 4.0")))
+    lens = read_prescription(path)
+    assert (lens.surfaces[2].semi_aperture_mm, lens.surfaces[2].semi_obstruction_mm) == (9.5, 3.6)
+    assert lens.surfaces[4].semi_obstruction_mm == 0 and "Not used" not in lens.notes
