@@ -17,7 +17,7 @@ SURFACES = (
     Surface(-58.0, 15.4, semi_aperture_mm=3.6, mirror=True, reflectance=0.7, conic=-22.0),
     Surface(-14.0, 1.0, GLASS, 3.2), Surface(np.inf, 11.54, semi_aperture_mm=3.2))
 MIRROR_LENS = Prescription("mirror lens", SURFACES, ("f_number", 7.0), ("image_height_mm", 4.3),
-                           sensor_mm=(7.2, 4.8), focus="best", highest_f_number=7.0)
+                           sensor_mm=(7.2, 4.8), focus="best")
 
 
 def two_mirrors(stop=0):

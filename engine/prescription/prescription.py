@@ -191,7 +191,7 @@ class Prescription:
     widest_stop_mm : float or None
         Semi-aperture of the widest stop for a lens that is stopped down; None if `aperture` is the widest.
     highest_f_number : float
-        Limit of stopping down.
+        Limit of stopping down; not used with a central obstruction, around which the f-number is fixed.
     field : (str, float)
         Quantity that ends the field, one of `FIELDS`, and its value; the image height is paraxial.
     focal_length_mm : float or None

@@ -207,8 +207,9 @@ def _wide_open(prescription):
 
 
 def _f_number(prescription, far, requested):
-    """The f-number within the lens's range, and a warning if it is not the requested one."""
-    last = max(far.f_number, prescription.highest_f_number)
+    """The f-number within the lens's range, and a warning if it is not the requested one. Around a central obstruction,
+    there is no iris: it would soon block all light."""
+    last = far.f_number if far.central_obstruction else max(far.f_number, prescription.highest_f_number)
     if requested is None:
         return far.f_number, ()
     if far.f_number * (1 - SLACK) <= requested <= last * (1 + SLACK):

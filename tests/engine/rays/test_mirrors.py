@@ -15,6 +15,7 @@ from lensfield.engine.rays.aiming import aim_at_image
 from lensfield.engine.rays.fields import find_fields, trace_fields, view_of
 from lensfield.engine.rays.focus import build_system
 from lensfield.engine.rays.rays import FullPupil, HalfPupil, trace_pupil
+from lensfield.engine.rays.rings import Rings, turned
 from lensfield.engine.rays.transmission import transmittance
 from loops import using
 from mirror_lens import MIRROR_LENS, SURFACES, two_mirrors
@@ -104,8 +105,7 @@ def test_rays_to_image_points_reach_them(stop):
 
 def test_light_is_dimmed_by_each_mirror_and_by_bare_glass():
     """At normal incidence, next to the axis: six passes through bare surfaces, of the index 1.6, and two mirrors."""
-    narrow = replace(changed(5, semi_obstruction_mm=0.0), aperture=("f_number", 400.0), coating="none",
-                     highest_f_number=400.0)
+    narrow = replace(changed(5, semi_obstruction_mm=0.0), aperture=("f_number", 400.0), coating="none")
     narrow = replace(narrow, surfaces=tuple(replace(surface, semi_obstruction_mm=0.0) for surface in narrow.surfaces))
     index = system_of(narrow).indices_at([500.0])[1, 0]
     passes = 1 - ((index - 1) / (index + 1)) ** 2
@@ -119,6 +119,13 @@ def test_the_size_of_the_hole_in_the_pupil():
     assert system.central_obstruction == pytest.approx(max(3.6 / abs(system.marginal_heights_mm[2]),
                                                            3.2 / system.stop_semi_aperture_mm))
     assert system_of(two_mirrors()).central_obstruction == 0
+
+
+def test_a_lens_with_a_hole_has_a_fixed_f_number():
+    widest = turned(MIRROR_LENS, Rings())
+    stopped = turned(MIRROR_LENS, Rings(f_number=16.0))
+    assert stopped.words == ("f/16: this lens has only f/7",) and stopped.prescription == widest.prescription
+    assert turned(two_mirrors(), Rings(f_number=16.0)).f_number == 16.0
 
 
 def test_files_keep_mirrors_and_obstructions(tmp_path):
