@@ -177,6 +177,8 @@ class Substitution:
         emission = self._lamps.assigned(light)
         lamp = self._lamps.blackbody(light.temperature) if light.use_temperature and not emission else None
         tint = (1.0, 1.0, 1.0) if emission else tuple(light.color)
+        if lamp and light.lensfield.power_unit == "BLENDER":
+            tint = tuple(self._gain_to_white(lamp) * value for value in tint)
         assigned = self._assigned(light, emission=emission, lamp=lamp, tint=tint)
         stand_in = self._stand_in(light)
         if not uses_nodes(light):
@@ -276,8 +278,8 @@ class Substitution:
 
         if assigned.emission:
             return self._glow(tree, light_at, group)
-        if temperature_k:  # Blender gives it the luminance of white
-            gain = luminous_efficacy(self._lamps.daylight) / luminous_efficacy(lamp)
+        if temperature_k:
+            gain = self._gain_to_white(lamp)
             return self._glow(tree, lambda nm: gain * light_at(nm), group)
         constant = constant_of(socket)
         if constant is None:
@@ -287,6 +289,10 @@ class Substitution:
             return colour if unchanged else multiplied(tree, colour, self._glow(tree, light_at, group))
         colour = np.array(constant[:3])
         return self._glow(tree, lambda nm: light_at(nm) * np.maximum(colour_basis(nm) @ colour, 0), group)
+
+    def _gain_to_white(self, lamp):
+        """The factor for the luminance of white light of the same watts, which Blender gives to a temperature."""
+        return luminous_efficacy(self._lamps.daylight) / luminous_efficacy(lamp)
 
     def _index(self, tree, refraction):
         node = attribute_node(tree, self._property(refraction.n_at))

@@ -84,9 +84,13 @@ class LensfieldLightSpectra(bpy.types.PropertyGroup):
 
     emission: _emission()
     power_unit: EnumProperty(
-        name="Power", default="WATT",
-        items=[("WATT", "Watts", "The light's own Power, emitted between 380 and 780 nm (for a sun, per m\u00b2)"),
-               ("LUMEN", "Lumens", "Luminous flux, as printed on a lamp's package, instead of Power (for a sun, lux)")])
+        name="Power", default="BLENDER",
+        items=[("BLENDER", "As in Blender", "The light's own Power. A light with a temperature is as bright as in "
+                "Blender, which gives every temperature the luminance of white", 2),
+               ("WATT", "Watts", "The light's own Power, emitted between 380 and 780 nm whatever its temperature (for "
+                "a sun, per m\u00b2)", 0),
+               ("LUMEN", "Lumens", "Luminous flux, as printed on a lamp's package, instead of Power (for a sun, lux)",
+                1)])
     lumens: FloatProperty(name="Lumens", default=800, min=0, soft_max=1e5,
                           description="Luminous flux in lumens; for a sun, illuminance in lux")
 
