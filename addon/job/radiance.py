@@ -42,7 +42,7 @@ from .outside_sources import outside_steps
 from .remarks import colour_remarks, scale_remarks, scene_remarks, unlayered_remarks
 from .sampled_passes import CONTROL_CUBES, MOST_FINE_PX, SampledPasses, WholePasses, detail_times, shares_noise
 from .scene_plan import plan_scene
-from .slabs import cut_steps, finer_region, single_slab
+from .slabs import cut_steps, finer_region, looked_at, single_slab
 from .steps import RenderPass, Work
 from .targets import check_files
 
@@ -326,6 +326,7 @@ def sliced_steps(planned, share, journal, times=1):
     scene, job, plan, grid, cut = planned.scene, planned.job, planned.plan, planned.grid, None
     if job.depth == AUTO:
         planned.substitution.set_wavelengths(plan.bands[0], plan.dispersive)
+        planned.substitution.place_window(looked_at(grid))
         cut = yield from cut_steps(scene, job, grid.finer(times), finer_region(planned.rendered, times), plan.tinting,
                                    planned.empty.sky and not planned.film, planned.passes,
                                    planned.path.with_name("look.exr"), 0.0, LOOK_SHARE * share)
@@ -336,6 +337,7 @@ def sliced_steps(planned, share, journal, times=1):
         divide_samples(scene, columns, journal)
     capture_px, slabs = (cut.capture, cut.slabs) if cut else (grid, planned.slabs)
     guard_render_state(scene, job, capture_px, planned.path, journal)
+    planned.substitution.place_window(capture_px)
     needed_bytes, scratch = room_for_capture(scene, job, capture_px.finer(times), plan,
                                              [slab.finer(times) for slab in slabs])
     return replace(planned, cut=cut, capture_px=capture_px, slabs=slabs, scratch=scratch,
