@@ -45,10 +45,10 @@ def trace_lens(scene, lens, film, wavelength_nm, journal):
     """Set the scene up for a render through a lens at one wavelength; its camera's data must be a stand-in."""
     if not traces_on_device(scene):
         journal.set(scene.cycles, "device", "CPU")
-    set_traced_camera(scene.camera.data, lens, film, wavelength_nm, mm_per_unit(scene))
+    set_traced_camera(scene.camera.data, lens, film, wavelength_nm, mm_per_unit(scene), journal)
 
 
-def set_traced_camera(camera, lens, film, wavelength_nm, unit_mm):
+def set_traced_camera(camera, lens, film, wavelength_nm, unit_mm, journal):
     """Make camera data a lens for one wavelength: it looks along -z, from the entrance pupil at its origin.
 
     Parameters
@@ -60,9 +60,11 @@ def set_traced_camera(camera, lens, film, wavelength_nm, unit_mm):
     wavelength_nm : float
     unit_mm : float
         Length of a Blender unit.
+    journal : Journal
     """
-    camera.shift_x = camera.shift_y = 0  # the film has it already
-    use_shader(camera, _shader(lens.prescription, film, float(wavelength_nm), unit_mm))
+    for name in ("shift_x", "shift_y"):
+        journal.set(camera, name, 0.0)  # the film has it already
+    use_shader(camera, _shader(lens.prescription, film, float(wavelength_nm), unit_mm), journal)
 
 
 @lru_cache(maxsize=64)  # one for each wavelength of a film: each frame of an animation uses them in turn
@@ -71,12 +73,12 @@ def _shader(prescription, film, wavelength_nm, unit_mm):
     return shader_text(lens, film, unit_mm)
 
 
-def use_shader(camera, text):
+def use_shader(camera, text, journal):
     """Give camera data an OSL shader."""
     bytecode = _compiled(text)
-    camera.type = "CUSTOM"
-    camera.custom_bytecode = bytecode
-    camera.custom_bytecode_hash = hashlib.md5(bytecode.encode(), usedforsecurity=False).hexdigest()
+    digest = hashlib.md5(bytecode.encode(), usedforsecurity=False).hexdigest()
+    for name, value in (("type", "CUSTOM"), ("custom_bytecode", bytecode), ("custom_bytecode_hash", digest)):
+        journal.set(camera, name, value)
 
 
 @lru_cache(maxsize=64)

@@ -9,6 +9,7 @@ import cycles_pictures
 import truth_scenes
 from crooked_lens import CROOKED
 from lensfield.addon.scene.traced_camera import shader_text, use_shader
+from lensfield.addon.scene.undo import Journal
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.rays.fields import aim_at_places, find_fields, view_of
 from lensfield.engine.rays.focus import build_system
@@ -75,7 +76,7 @@ def test_rays_through_every_kind_of_surface_are_those_of_the_compiled_loops(lens
     place_mm, direction, entry, before = rays_from_the_stop(lens)
     optics = aimed_along(lens_from_sensor(lens, NM, FILM.edges_mm), place_mm, direction)
     scene = truth_scenes.empty_scene()
-    use_shader(scene.camera.data, shader_text(optics, FILM, UNIT_MM))
+    use_shader(scene.camera.data, shader_text(optics, FILM, UNIT_MM), Journal())
     found, light = places_seen(scene, tmp_path, depth)
     entry = entry / UNIT_MM
     expected = (entry - (depth + entry[2]) / before[2] * before)[:2].reshape(found.shape)
