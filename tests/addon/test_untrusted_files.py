@@ -15,6 +15,7 @@ from lensfield import addon, cli
 from lensfield.addon.job.source import check_sources
 from lensfield.addon.scene.trust import forget_trust
 from lensfield.commands import confine
+from lensfield.commands.blend_paths import _Blocks, _layouts
 from lensfield.commands.confine import landlock_version
 from lensfield.commands.untrusted import OF_SYSTEM
 from lensfield.engine.runtime.errors import InputError
@@ -46,7 +47,7 @@ def job(tmp_path):
 def saved(job):
     """Save the open file; no path in it then counts as chosen in this session."""
     path = job / "scene.blend"
-    bpy.ops.wm.save_as_mainfile(filepath=str(path), relative_remap=False)
+    bpy.ops.wm.save_as_mainfile(filepath=str(path), relative_remap=False, compress=False)
     forget_trust()
     return path
 
@@ -156,6 +157,101 @@ def test_pipes_among_simulation_caches_are_rejected(paint, job, capfd):
     os.mkfifo(job / "blendcache_scene" / "0001.bphys")
     status, said = lensfield(capfd, "lint", blend, *LENS)
     assert status == 1 and "0001.bphys: cache is a device or pipe" in said
+
+
+def particles(modifiers):
+    """The point cache of new particles, external, in a folder."""
+    modifiers.new("Particles", "PARTICLE_SYSTEM")
+    cache = bpy.context.scene.objects[-1].particle_systems[0].point_cache
+    cache.use_external, cache.filepath = True, "//caches"
+    return cache
+
+
+def smoke(modifiers):
+    modifiers.new("Fluid", "FLUID").fluid_type = "DOMAIN"
+    modifiers["Fluid"].domain_settings.cache_directory = "//caches"
+
+
+def ocean(modifiers):
+    modifiers.new("Ocean", "OCEAN").filepath = "//caches"
+
+
+def bake(modifiers):
+    modifiers.new("Nodes", "NODES").bake_directory = "//caches"
+
+
+CACHES = {"point cache": (particles, "a_000001_00.bphys"), "fluid": (smoke, "data/fluid_data_0001.vdb"),
+          "mesh of a fluid": (smoke, "mesh/lMesh_0001.bobj.gz"), "bake": (bake, "12/meta/000001_00000.json"),
+          "blob": (bake, "12/blobs/000001_00000.blob")}
+
+
+def cache_job(paint, job, kind):
+    """A saved scene with a modifier, and a pipe in the place of one of its caches."""
+    add, name = CACHES[kind]
+    add(bpy.context.scene.objects[-1].modifiers)
+    blend = saved(job)
+    (job / "caches" / name).parent.mkdir(parents=True)
+    os.mkfifo(job / "caches" / name)
+    return blend, job / "caches" / name
+
+
+@pytest.mark.parametrize("kind", CACHES)
+def test_pipes_among_named_caches_are_rejected(paint, job, capfd, kind):
+    blend, cache = cache_job(paint, job, kind)
+    status, said = lensfield(capfd, "lint", blend, *LENS)
+    assert status == 1 and f"{cache}: cache is a device or pipe" in said
+    with pytest.raises(InputError, match="cache is a device or pipe: the scene names it"):
+        check_sources(bpy.context.scene)
+
+
+@pytest.mark.parametrize("name", ["tools/queue", "queue", "tools/a_000001_00.bphys", "data/queue",
+                                  "tools/disp_0001.exr"])
+@pytest.mark.parametrize("add", [particles, smoke, ocean, bake])
+def test_other_files_in_a_cache_folder_are_left_alone(paint, job, capfd, add, name):
+    """The folder may be the project's own."""
+    add(bpy.context.scene.objects[-1].modifiers)
+    blend = saved(job)
+    (job / "caches" / name).parent.mkdir(parents=True)
+    os.mkfifo(job / "caches" / name)
+    check_sources(bpy.context.scene)
+    status, said = lensfield(capfd, "lint", blend, *LENS)
+    assert status == 0, said
+
+
+def test_the_folder_of_a_cache_that_is_not_in_use_is_left_alone(paint, job, capfd):
+    """Particles are cached in memory, and the ocean is not baked."""
+    modifiers = bpy.context.scene.objects[-1].modifiers
+    particles(modifiers).use_external = False
+    ocean(modifiers)
+    blend = saved(job)
+    (job / "caches").mkdir()
+    for name in ("a_000001_00.bphys", "disp_0001.exr"):
+        os.mkfifo(job / "caches" / name)
+    check_sources(bpy.context.scene)
+    status, said = lensfield(capfd, "lint", blend, *LENS)
+    assert status == 0, said
+
+
+def test_pipes_among_the_caches_of_a_baked_ocean_are_rejected(paint, job, capfd):
+    """Only a window can mark an ocean as baked, so its mark is set in the file."""
+    ocean(bpy.context.scene.objects[-1].modifiers)
+    blend = saved(job)
+    _mark_ocean_as_baked(blend)
+    (job / "caches").mkdir()
+    os.mkfifo(job / "caches" / "disp_0001.exr")
+    status, said = lensfield(capfd, "lint", blend, *LENS)
+    assert status == 1 and "disp_0001.exr: cache is a device or pipe" in said
+
+
+def _mark_ocean_as_baked(blend):
+    with open(blend, "rb") as file:
+        layouts = _layouts(_Blocks(blend, file))
+    with open(blend, "rb") as file:
+        before, = (data for number, _, data in _Blocks(blend, file).read(layouts)
+                   if layouts[number].name == "OceanModifierData")
+    place, _ = next(each.fields["cached"] for each in layouts.values() if each.name == "OceanModifierData")
+    after = before[:place] + b"\1" + before[place + 1:]
+    blend.write_bytes(blend.read_bytes().replace(before, after))
 
 
 def test_a_scene_that_is_a_pipe_is_rejected(job, capfd):
