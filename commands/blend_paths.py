@@ -50,8 +50,8 @@ IN_USE = {
     "Image": ("source", lambda source: source not in GENERATED), "NodeShaderTexIES": ("mode", bool),
     "NodeShaderScript": ("mode", bool), "PointCache": ("flag", lambda flags: flags & EXTERNAL_CACHE),
     "OceanModifierData": ("cached", bool)}
-"""structure: a field, and whether its value means that the path is in use. Blender also saves the path of an image that is now
-generated, of a text that is now inside the .blend, and of a cache that is no longer external."""
+"""structure: a field, and whether its value means that the path is in use. Blender also saves the paths of images that
+are now generated, of texts that are now inside the .blend, and of caches that are not external any more."""
 IMPORT_NODE = "GeometryNodeImport"
 ZSTD, GZIP = b"\x28\xb5\x2f\xfd", b"\x1f\x8b"
 DESCRIPTION, END = b"DNA1", b"ENDB"
