@@ -14,11 +14,13 @@ from .arguments import (
     add_filter_options,
     add_iris,
     add_rings,
+    add_stray,
     add_untrusted,
     check_outputs,
     given_fields,
     given_settings,
     iris_option,
+    stray_option,
 )
 from .blend import import_addon
 from .progress import messages, progress
@@ -51,6 +53,7 @@ def add_options(compare):
     add_filter_options(compare, of_scene=True)
     add_rings(compare, camera=True, fields=RINGS)
     add_iris(compare, camera=True)
+    add_stray(compare, of_scene=True)
     add_followed(compare.add_argument_group("for programs that run this command"))
     add_untrusted(compare)
     compare.set_defaults(run=_compare, confines=_folders)
@@ -122,6 +125,7 @@ def _from_file(options):
     tier, engine = options.tier or TIER, given_settings(options, Options)
     if not engine.keys() & {"accuracy", "method", *KNOBS}:
         engine["accuracy"] = TIER_ACCURACY[tier]
-    given = given_fields(options) | {"options": Options(**engine), "iris": iris_option(options)}
+    given = given_fields(options) | {"options": Options(**engine), "iris": iris_option(options),
+                                     "stray": stray_option(options)}
     del given["output_folder"]
     return options.scene, {"lens_quality": tier} | given
