@@ -1,4 +1,4 @@
-"""The checks of `lensfield compare` that need neither Blender nor a file, and options that commands promise to share."""
+"""The checks of `lensfield compare` that need neither Blender nor a file, and the options that commands share."""
 
 from argparse import ArgumentParser
 
@@ -29,7 +29,8 @@ def test_an_option_of_renders_is_refused_for_a_radiance_file(tmp_path, monkeypat
 OF_FRAMES = {"--frames", "--overwrite", "--any-build", "--wait", "--scheduler", "--frames-per-task", "--blender"}
 OF_FOLLOWERS = {"--picture", "--scene-state", "--scene-source", "--progress", "--end-with-stdin", "--blend-folder",
                 "--session"}
-OF_CAMERA = {"--camera", "--iso", "--shutter", "--noise", "--no-noise", "--develop", "--no-develop", "--dng", "--no-dng"}
+OF_CAMERA = {"--camera", "--iso", "--shutter", *(f"--{no}{each}" for no in ("", "no-")
+                                                 for each in ("noise", "develop", "dng"))}
 OF_READING = {f"--{name.replace('_', '-')}" for name in NAMES}
 
 

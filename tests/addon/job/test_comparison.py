@@ -82,7 +82,7 @@ def test_a_picture_equals_a_render_through_its_lens(squares, tmp_path, lens):
 
 @pytest.mark.parametrize("by", ["scene", "command"])
 def test_pictures_have_the_requested_stray_light(squares, tmp_path, capfd, by):
-    """The scene's, or the command line's; also from a radiance file. By default, a preview has none."""
+    """From the scene's settings, or from the command line; also with a radiance file in place of the scene."""
     squares.cycles.samples = 1
     if by == "scene":
         squares.lensfield.stray_light, squares.lensfield.stray_parts = "PARTS", {"VEIL"}
