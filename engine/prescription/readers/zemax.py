@@ -27,6 +27,8 @@ BREAK, COATING = "COORDBRK", "COAT"  # a coating is a name, which another file d
 OTHER_APERTURES = ("SQAP", "ELAP", "USAP", "OBSC", "SQOB", "ELOB", "SPID")
 SURFACE_OPERANDS = ("TYPE", "CURV", "CONI", "PARM", "DISZ", "GLAS", "STOP", "DIAM", "CLAP", "FLAP", "OBDC", "SCBD",
                     "XDAT", *OTHER_APERTURES)
+APERTURE_OPERANDS = ("CLAP", "FLAP", *OTHER_APERTURES)
+WITH_EXTRA_DATA = ("TOROIDAL",)
 LAST_PARAMETERS = {"EVENASPH": 8, "ODDASPHE": 8, "TOROIDAL": 8, "BICONICX": 2}
 ZERNIKE_TERMS = 13  # parameter of a toroid: their number; in older files the first of its extra data
 AUTOMATIC, FIXED, PICKED_UP = 0, 1, 2  # source of a semi-diameter: rays, the user, or another surface
@@ -67,7 +69,7 @@ def read_zemax(path: Path, options: ReadingOptions) -> Reading:
         object_distance_mm=object_distance(rows[0]["DISZ"][-1].figure(1) * unit_mm),
         reference_wavelength_nm=_reference_nm(path, system), source=f"{path.name} (Zemax)",
         image_pose=image_pose and image_pose.scaled(unit_mm),
-        notes=_notes(system, surfaces, options, sizes)), unread=unread)
+        notes=_notes(system, surfaces, options, sizes)), unread=(*unread, *_unread_of_surfaces(rows)))
 
 
 def _operands(path):
@@ -86,6 +88,16 @@ def _operands(path):
         elif operand not in SURFACE_OPERANDS:
             system[operand].append(line)
     return system, rows, unread_names(names, ("SURF", *SURFACE_OPERANDS, *SYSTEM_OPERANDS, *HARMLESS_OPERANDS))
+
+
+def _unread_of_surfaces(rows):
+    """Names of the surfaces' figures that a surface of their type does not have, and of apertures at the ends."""
+    for number, row in enumerate(rows):
+        shape, at_end = _shape(row), number in (0, len(rows) - 1)
+        without = (*(("XDAT",) if shape not in WITH_EXTRA_DATA else ()), *(("PARM",) if shape == "STANDARD" else ()))
+        yield from (f"{operand} of surface {number}" for operand in without
+                    if any(line.figure(2) for line in row[operand]))
+        yield from (f"{operand} of surface {number}" for operand in APERTURE_OPERANDS if at_end and row[operand])
 
 
 def _unit_mm(system):

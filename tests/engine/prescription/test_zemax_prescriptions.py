@@ -357,3 +357,17 @@ def test_untraceable_lenses_are_errors_with_their_location(read, old, new, messa
 def test_a_truncated_file_is_not_read_as_a_shorter_lens(read, marker):
     with pytest.raises(LensError):
         read((ZEMAX[ZEMAX.index(marker):], ""))
+
+
+@pytest.mark.parametrize("old, new, name", [
+    ("TYPE STANDARD\n  CURV 2.0E-2", "TYPE EVENASPH\n  XDAT 1 2\n  XDAT 3 1e-6\n  CURV 2.0E-2", "XDAT of surface 2"),
+    ("TYPE STANDARD\n  CURV 2.0E-2", "TYPE STANDARD\n  XDAT 3 1e-6 0\n  CURV 2.0E-2", "XDAT of surface 2"),
+    ("TYPE STANDARD\n  CURV 2.0E-2", "TYPE STANDARD\n  PARM 2 1e-6\n  CURV 2.0E-2", "PARM of surface 2"),
+    ("DISZ INFINITY", "DISZ INFINITY\n  CLAP 0 9 0", "CLAP of surface 0"),
+    ("DISZ INFINITY", "DISZ INFINITY\n  SQAP 9 9 0", "SQAP of surface 0")])
+def test_figures_that_a_surface_does_not_use_are_noted(read, old, new, name):
+    assert read((old, new)).notes == f"Not used from the file: {name}."
+
+
+def test_extra_data_of_zero_are_not_noted(read):
+    assert not read(("TYPE STANDARD\n  CURV 2.0E-2", "TYPE EVENASPH\n  XDAT 1 0 0\n  PARM 1 0\n  CURV 2.0E-2")).notes
