@@ -206,7 +206,7 @@ def rings_option(options):
                  coating=coating_of(options.coating or RenderRequest.coating))
 
 
-def chosen_lens(options, frame_of=None):
+def chosen_lens(options, frame_of=None, wavelengths_nm=None):
     """The lens of the command line, at its focus and f-stop; prints notes on values that the lens cannot reach.
 
     Parameters
@@ -214,13 +214,15 @@ def chosen_lens(options, frame_of=None):
     options : Namespace
     frame_of : function (Pinhole), optional
         The frame of the pictures on the sensor of a lens: a PixelGrid.
+    wavelengths_nm : sequence of float, optional
+        As for `load_lens`.
     """
     source, rings = lens_source(options, options.lens), rings_option(options)
     with errors_of(options.lens), progress_bar() as on_progress:
         edges_mm = None
         if frame_of and not fits_all_frames(source, rings):
             edges_mm = frame_of(pinhole_of(source, rings)).edges_mm
-        lens = load_lens(source, rings, options.lens_quality or "standard", on_progress, edges_mm=edges_mm)
+        lens = load_lens(source, rings, options.lens_quality or "standard", on_progress, wavelengths_nm, edges_mm)
     for line in clamped_rings(source, rings) if has_rings(source) else ():
         print(f"lens: {line}")
     return lens

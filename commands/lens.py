@@ -51,6 +51,9 @@ def add_options(command):
     info = lens.add_parser("info", help="print first-order data, distortion, relative illumination and lateral colour")
     info.add_argument("lens", metavar="NAME|FILE", help=LENSES)
     info.add_argument("--json", action="store_true", help="print JSON")
+    info.add_argument("--wavelengths", metavar="SPEC",
+                      help="of a prescription's bake, in nm: first:last:number, or a list; for glasses that are known "
+                           "over a part of the visible range only (default: all of it)")
     add_lens_settings(info)
     info.set_defaults(run=_info)
     listing = lens.add_parser("list", help="list the bundled lenses: names, titles and makers")
@@ -86,7 +89,7 @@ def _cache(options):
 
 
 def _info(options):
-    info = lens_info(chosen_lens(options))
+    info = lens_info(chosen_lens(options, wavelengths_nm=_baked_nm(options)))
     prescription = prescription_of(lens_source(options, options.lens)) if has_rings(options.lens) else None
     ends = ring_ends(prescription) if prescription else ()
     if options.json:
@@ -101,6 +104,16 @@ def _info(options):
         far, near = ends
         print(f"\nfocus ring               {in_metres(far.focus_mm)} to {in_metres(near.focus_mm)}\n"
               f"f-stop ring              f/{far.f_number:.3g} to f/{near.f_number:.3g}")
+
+
+def _baked_nm(options):
+    """The wavelengths that --wavelengths requests; None without it."""
+    if options.wavelengths is None:
+        return None
+    if not has_rings(options.lens):
+        raise InputError("options", "--wavelengths", options.wavelengths,
+                         "a lens package has its own: leave it out, or give the lens's prescription")
+    return parse_wavelengths(options.wavelengths)
 
 
 def _add_check(lens):

@@ -192,9 +192,19 @@ def _indices(prescription, glasses, wavelengths_nm):
     unknown = np.argwhere(np.isnan(indices))
     if unknown.size:
         surface, wavelength = unknown[0]
-        raise LensError(prescription.name, f"surface {surface}, glass", glasses[surface - 1].name,
-                        f"not known at {nm[wavelength]:g} nm: give other wavelengths, or another glass")
+        glass, stated = glasses[surface - 1], prescription.surfaces[surface - 1].glass_figures
+        raise LensError(prescription.name, f"surface {surface}, glass", glass.name,
+                        _out_of_range(glass, stated, nm[wavelength]))
     return indices
+
+
+def _out_of_range(glass, stated, nm):
+    """The problem and the remedy for a glass that is not known at this wavelength."""
+    first, last = glass.range_nm
+    figures = stated or glass.figures
+    example = f" such as {figures}" if figures else ""
+    return (f"known from {first:g} to {last:g} nm only, not at {nm:g} nm: give wavelengths in this range, another "
+            f"glass, or its index and Abbe number as n/V{example} (--glass OLD=NEW)")
 
 
 def _last_height_mm(prescription, figures):

@@ -14,7 +14,7 @@ from ...spectral.dispersion import FORMULAS
 from ...spectral.refraction import Formula
 from ..coatings import Coating, MeasuredReflectance
 from ..glasses import Glass
-from ..prescription import APERTURES, FIELDS, ORIGINS, PARTS, Pose, Prescription, Surface
+from ..prescription import APERTURES, FIELDS, MOST_TERMS, ORIGINS, PARTS, Pose, Prescription, Surface
 from .reading import AS_IT_IS, ReadingOptions, with_stop
 
 FORMAT, VERSION = "lensfield-prescription", 1
@@ -31,7 +31,7 @@ FIELDS_OF_SURFACE = (*SURFACE_NUMBERS, "thickness_mm", "glass", "aspheric", "sto
 MEASURED = ("wavelengths_nm", "angles_deg", "reflectance")
 FIELDS_OF_COATING = ("name", "layers", *MEASURED)
 FIELDS_OF_POSE = ("offset_mm", "tilt_deg")
-HIGHEST_POWER = 40
+HIGHEST_POWER = 2 * MOST_TERMS
 WRITTEN = ("name", "title", "maker", "year", "focal_length_mm", "character", "story", "source", "notes",
            "aperture", "highest_f_number", "field", "sensor_mm", "focus", "object_distance_mm",
            "focused_at_mm", "closest_focus_mm", "reference_wavelength_nm", "image_pose", "coating")

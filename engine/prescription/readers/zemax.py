@@ -11,7 +11,7 @@ from ...runtime.errors import LensError
 from ...runtime.text import object_distance, read_text
 from ...runtime.unread import unread_names
 from ..glasses import best_name
-from ..prescription import Prescription, Surface
+from ..prescription import MOST_TERMS, Prescription, Surface
 from .field_and_aperture import field_end, in_mm, vignetting_note
 from .frames import START, check_return, posed
 from .lines import numbered
@@ -22,14 +22,16 @@ APERTURES = {("ENPD", 0): "entrance_pupil_diameter_mm", ("FNUM", 0): "f_number",
              ("OBNA", 0): "object_na"}
 FIELDS = {0: "angle_deg", 1: "object_height_mm", 2: "image_height_mm", 3: "image_height_mm"}
 REAL_IMAGE_HEIGHT = 3
-SHAPES = ("STANDARD", "EVENASPH", "ODDASPHE", "TOROIDAL", "BICONICX", "COORDBRK")
+EXTENDED = {"XASPHERE": 2, "XOSPHERE": 1}  # steps between the powers of r; coefficients are extra data
+TERMS, NORMALISATION, FIRST_TERM = 1, 2, 3  # numbers of an extended asphere's extra data
+SHAPES = ("STANDARD", "EVENASPH", "ODDASPHE", *EXTENDED, "TOROIDAL", "BICONICX", "COORDBRK")
 BREAK, COATING = "COORDBRK", "COAT"  # a coating is a name, which another file defines
 OTHER_APERTURES = ("SQAP", "ELAP", "USAP", "OBSC", "SQOB", "ELOB", "SPID")
 SURFACE_OPERANDS = ("TYPE", "CURV", "CONI", "PARM", "DISZ", "GLAS", "STOP", "DIAM", "CLAP", "FLAP", "OBDC", "SCBD",
                     "XDAT", *OTHER_APERTURES)
 APERTURE_OPERANDS = ("CLAP", "FLAP", *OTHER_APERTURES)
-WITH_EXTRA_DATA = ("TOROIDAL",)
-LAST_PARAMETERS = {"EVENASPH": 8, "ODDASPHE": 8, "TOROIDAL": 8, "BICONICX": 2}
+WITH_EXTRA_DATA = ("TOROIDAL", *EXTENDED)
+LAST_PARAMETERS = {**dict.fromkeys(EXTENDED, 0), "EVENASPH": 8, "ODDASPHE": 8, "TOROIDAL": 8, "BICONICX": 2}
 ZERNIKE_TERMS = 13  # parameter of a toroid: their number; in older files the first of its extra data
 AUTOMATIC, FIXED, PICKED_UP = 0, 1, 2  # source of a semi-diameter: rays, the user, or another surface
 SYSTEM_OPERANDS = ("MODE", "UNIT", "GCAT", "NAME", "ENPD", "FNUM", "OBNA", "FLOA", "FTYP", "XFLD", "XFLN", "YFLD",
@@ -94,10 +96,22 @@ def _unread_of_surfaces(rows):
     """Names of the surfaces' figures that a surface of their type does not have, and of apertures at the ends."""
     for number, row in enumerate(rows):
         shape, at_end = _shape(row), number in (0, len(rows) - 1)
-        without = (*(("XDAT",) if shape not in WITH_EXTRA_DATA else ()), *(("PARM",) if shape == "STANDARD" else ()))
-        yield from (f"{operand} of surface {number}" for operand in without
-                    if any(line.figure(2) for line in row[operand]))
+        last = {"PARM": 0 if shape == "STANDARD" else np.inf, "XDAT": _last_extra(row)}
+        yield from (f"{operand} of surface {number}" for operand, most in last.items()
+                    if any(line.figure(2) for line in row[operand] if line.figure(1) > most))
         yield from (f"{operand} of surface {number}" for operand in APERTURE_OPERANDS if at_end and row[operand])
+
+
+def _last_extra(row):
+    """Number of the last extra data that the surface's type uses."""
+    if _shape(row) in EXTENDED:
+        return FIRST_TERM + _numbered(row["XDAT"]).get(TERMS, 0) - 1
+    return np.inf if _shape(row) in WITH_EXTRA_DATA else 0
+
+
+def _numbered(lines):
+    """{number: value} of a surface's parameters or extra data."""
+    return {line.figure(1): line.figure(2) for line in lines}
 
 
 def _unit_mm(system):
@@ -161,7 +175,7 @@ def _surface(path, number, row, makers, glass_before):
 
 def _form(path, number, row):
     """Fields of a surface from its parameters: aspheric terms, or a second section."""
-    shape, parameters = _shape(row), {line.figure(1): line.figure(2) for line in row["PARM"]}
+    shape, parameters = _shape(row), _numbered(row["PARM"])
     unknown = [index for index, value in parameters.items() if value and index > LAST_PARAMETERS[shape]]
     extra = [line.figure(2) for line in row["XDAT"] if line.figure(1) == 1]
     if shape == "TOROIDAL":
@@ -169,11 +183,29 @@ def _form(path, number, row):
     if unknown:
         raise LensError(path, f"surface {number}, PARM", f"{max(unknown):g}",
                         f"expected at most {LAST_PARAMETERS[shape]} coefficients")
+    if shape in EXTENDED:
+        return _extended(path, number, _numbered(row["XDAT"]), EXTENDED[shape])
     terms = tuple(parameters.get(index, 0.0) for index in range(1, LAST_PARAMETERS[shape] + 1))
     if shape in ("TOROIDAL", "BICONICX"):
         return _sections(shape, *terms)
-    odd, even = (terms[::2], terms[1::2]) if shape == "ODDASPHE" else ((), terms)
+    return _powers(terms, 1 if shape == "ODDASPHE" else 2)
+
+
+def _powers(terms, step):
+    """Fields of a surface with these coefficients of r^step, r^(2 step) ..."""
+    odd, even = (terms[::2], terms[1::2]) if step == 1 else ((), terms)
     return {"aspheric": even if any(even) else (), "odd_aspheric": odd if any(odd) else ()}
+
+
+def _extended(path, number, extra, step):
+    """Fields of an extended asphere: its coefficients are of powers of r over a normalisation radius."""
+    count, radius = extra.get(TERMS, 0.0), extra.get(NORMALISATION, 0.0)
+    if count not in range(MOST_TERMS + 1):
+        raise LensError(path, f"surface {number}, XDAT {TERMS}", f"{count:g}", f"expected 0 to {MOST_TERMS} terms")
+    if count and not radius > 0:
+        raise LensError(path, f"surface {number}, XDAT {NORMALISATION}", f"{radius:g}",
+                        "expected a positive normalisation radius")
+    return _powers(tuple(extra.get(FIRST_TERM + at, 0.0) / radius**(step * (at + 1)) for at in range(int(count))), step)
 
 
 def _sections(shape, radius_x, *others):
@@ -195,7 +227,7 @@ def _frames(rows):
 
 def _broken(frame, row):
     """The frame behind a coordinate break: moved and then turned, or turned in reverse order and then moved."""
-    parameters = {line.figure(1): line.figure(2) for line in row["PARM"]}
+    parameters = _numbered(row["PARM"])
     x, y, *angles, order = (parameters.get(index, 0.0) for index in range(1, 7))
     turns = list(zip("xyz", angles, strict=True))
     if order:

@@ -11,6 +11,7 @@ from lensfield.engine import LensError
 from lensfield.engine.bake.bake import bake
 from lensfield.engine.prescription.prescription import Pose, Prescription, Surface
 from lensfield.engine.prescription.readers import ReadingOptions, read_prescription
+from lensfield.engine.prescription.readers.toml import write_prescription
 from lensfield.engine.rays.focus import build_system
 
 SINGLET = Prescription("singlet", SURFACES, ("entrance_pupil_diameter_mm", 5.0), ("angle_deg", 14.0),
@@ -19,6 +20,7 @@ GLASS = "GLAS N-BK7 0 0 1.5 40 0 0 0 0 0 0"
 NEAR = ("DISZ INFINITY", "DISZ 250")
 BREAK = "SURF 4\n  TYPE COORDBRK\n  {}\n  CURV 0\n  DISZ 0\n"
 LAST = "DISZ 4.75E+1\n"
+FRONT = "TYPE STANDARD\n  CURV 2.0E-2"
 
 
 @pytest.fixture
@@ -360,9 +362,9 @@ def test_a_truncated_file_is_not_read_as_a_shorter_lens(read, marker):
 
 
 @pytest.mark.parametrize("old, new, name", [
-    ("TYPE STANDARD\n  CURV 2.0E-2", "TYPE EVENASPH\n  XDAT 1 2\n  XDAT 3 1e-6\n  CURV 2.0E-2", "XDAT of surface 2"),
-    ("TYPE STANDARD\n  CURV 2.0E-2", "TYPE STANDARD\n  XDAT 3 1e-6 0\n  CURV 2.0E-2", "XDAT of surface 2"),
-    ("TYPE STANDARD\n  CURV 2.0E-2", "TYPE STANDARD\n  PARM 2 1e-6\n  CURV 2.0E-2", "PARM of surface 2"),
+    (FRONT, "TYPE EVENASPH\n  XDAT 1 2\n  XDAT 3 1e-6\n  CURV 2.0E-2", "XDAT of surface 2"),
+    (FRONT, "TYPE STANDARD\n  XDAT 3 1e-6 0\n  CURV 2.0E-2", "XDAT of surface 2"),
+    (FRONT, "TYPE STANDARD\n  PARM 2 1e-6\n  CURV 2.0E-2", "PARM of surface 2"),
     ("DISZ INFINITY", "DISZ INFINITY\n  CLAP 0 9 0", "CLAP of surface 0"),
     ("DISZ INFINITY", "DISZ INFINITY\n  SQAP 9 9 0", "SQAP of surface 0")])
 def test_figures_that_a_surface_does_not_use_are_noted(read, old, new, name):
@@ -370,4 +372,44 @@ def test_figures_that_a_surface_does_not_use_are_noted(read, old, new, name):
 
 
 def test_extra_data_of_zero_are_not_noted(read):
-    assert not read(("TYPE STANDARD\n  CURV 2.0E-2", "TYPE EVENASPH\n  XDAT 1 0 0\n  PARM 1 0\n  CURV 2.0E-2")).notes
+    assert not read((FRONT, "TYPE EVENASPH\n  XDAT 1 0 0\n  PARM 1 0\n  CURV 2.0E-2")).notes
+
+
+def extended(shape, *data):
+    """Replacement of the front of the singlet by an extended asphere with these extra data."""
+    lines = "".join(f"  XDAT {number} {value} 0 0 1 0 0 0\n" for number, value in enumerate(data, 1))
+    return FRONT, f"TYPE {shape}\n{lines}  CURV 2.0E-2"
+
+
+@pytest.mark.parametrize("change, terms", [
+    (extended("XASPHERE", 2, 1, 0, 1e-6), dict(aspheric=(0.0, 1e-6))),
+    (extended("XASPHERE", 3, 4, 0.5, 0, -0.25), dict(aspheric=(0.5 / 4**2, 0.0, -0.25 / 4**6))),
+    (extended("XOSPHERE", 4, 4, 0, 0, 0.5, -0.25), dict(odd_aspheric=(0.0, 0.5 / 4**3), aspheric=(0.0, -0.25 / 4**4))),
+    (extended("XOSPHERE", 2, 10, 0, 0.5), dict(aspheric=(0.5 / 10**2,))),
+    (extended("XASPHERE", 0, 0), {})])
+def test_extended_aspheres(read, change, terms):
+    assert read(change).surfaces[1] == replace(SURFACES[1], **terms)
+    assert not read(change).notes
+
+
+def test_an_extended_asphere_has_more_powers_than_sixteen(read, tmp_path):
+    """Its coefficients are in the unit of the file, and are written beyond r^40."""
+    data = (25, 0.5, *(0.0,) * 24, 1e-3)
+    lens = read(extended("XASPHERE", *data), ("UNIT MM", "UNIT CM"))
+    assert lens.surfaces[1].aspheric == (*(0.0,) * 24, pytest.approx(1e-3 * 10 / 5**50, rel=1e-12))
+    (tmp_path / "written.toml").write_text(write_prescription(lens))
+    assert read_prescription(tmp_path / "written.toml").surfaces == lens.surfaces
+
+
+def test_unused_extra_data_of_an_extended_asphere_are_noted(read):
+    lens = read(extended("XASPHERE", 1, 4, 0.5, 1e-3))
+    assert lens.surfaces[1].aspheric == (0.5 / 4**2,) and lens.notes == "Not used from the file: XDAT of surface 2."
+
+
+@pytest.mark.parametrize("data, message", [
+    ((2, 0, 0, 1e-6), "surface 2, XDAT 2 is 0: expected a positive normalisation radius"),
+    ((1.5, 1, 0), "surface 2, XDAT 1 is 1.5: expected 0 to 100 terms"),
+    ((1e9, 1, 0), "surface 2, XDAT 1 is 1e"), (("nan", 1, 0), "surface 2, XDAT 1 is nan")])
+def test_an_invalid_extended_asphere_is_an_error(read, data, message):
+    with pytest.raises(LensError, match=message):
+        read(extended("XOSPHERE", *data))
