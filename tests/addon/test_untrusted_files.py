@@ -354,16 +354,17 @@ def test_output_does_not_follow_a_link(paint, job, tmp_path, capfd):
 
 
 @pytest.mark.parametrize("link", [True, False])
-@pytest.mark.parametrize("field", ["lens", "reflectance"])
+@pytest.mark.parametrize("field", ["lens", "camera", "reflectance"])
 def test_file_contents_are_not_quoted_in_the_log(paint, job, tmp_path, capfd, field, link):
     secret = tmp_path / "shadow.toml"
     secret.write_text(SECRET)
     named = job / "own.toml" if link else secret
     if link:
         named.symlink_to(secret)
-    if field == "lens":
-        bpy.context.scene.lensfield.lens, bpy.context.scene.lensfield.lens_file = "FILE", str(named)
-        given = ()
+    if field in ("lens", "camera"):
+        setattr(bpy.context.scene.lensfield, field, "FILE")
+        setattr(bpy.context.scene.lensfield, f"{field}_file", str(named))
+        given = () if field == "lens" else LENS
     else:
         paint.lensfield.reflectance, given = str(named), LENS
     blend = saved(job)
@@ -371,8 +372,8 @@ def test_file_contents_are_not_quoted_in_the_log(paint, job, tmp_path, capfd, fi
         status, said = lensfield(capfd, command, blend, *given)
         assert status == 1 and "not valid: the .blend names the file, so its content is not quoted" in said
         assert "salt" not in said and "root:" not in said
-    status, said = lensfield(capfd, "lint", blend, "--lens", named)
-    assert "not quoted" not in said if field == "lens" else "salt" not in said
+    status, said = lensfield(capfd, "lint", blend, f"--{'camera' if field == 'camera' else 'lens'}", named, *given)
+    assert "salt" not in said if field == "reflectance" else "not quoted" not in said
 
 
 @pytest.fixture
