@@ -105,7 +105,8 @@ def shader_text(lens: FromSensor, film, unit_mm):
         "BENT": lens.terms.any(axis=1).astype(int), "TERMS_EACH": lens.terms.shape[1],
         "FIRST_POWER": lens.first_power, "POWER_STEP": lens.power_step,
         "NEWTON_STEPS": NEWTON_STEPS, "GOOD_MM": GOOD_SHARE * lens.gap_mm.sum(), "LEAST_SQUARE": LEAST_SQUARE,
-        "UNIT_MM": unit_mm, **_aim_numbers(lens.aim), **_section_numbers(lens.sections)}
+        "UNIT_MM": unit_mm, **_aim_numbers(lens.aim), **_section_numbers(lens.sections),
+        **_rectangle_numbers(lens.half_widths_mm)}
     numbers = {name: ", ".join(map(repr, np.ravel(value).tolist())) for name, value in numbers.items()}
     definitions = "".join(f"#define {name} {text}\n" for name, text in (numbers | _matrices(lens.poses)).items())
     return definitions + SHADER.read_text(encoding="utf-8")
@@ -127,6 +128,13 @@ def _section_numbers(sections):
         return {}
     return {"KINDS": sections.kinds, "ALONG_X": sections.along_x, "SECTIONS": sections.along_x.size,
             "SECTIONS_EACH": sections.along_x.shape[1], "TOROID_X": KINDS["x"], "TOROID_Y": KINDS["y"]}
+
+
+def _rectangle_numbers(half_widths_mm):
+    if half_widths_mm is None:
+        return {}
+    return {f"HALF_WIDTH_{axis}": np.minimum(half_mm, WIDE_MM)
+            for axis, half_mm in zip("XY", half_widths_mm.T, strict=True)}
 
 
 def _matrices(poses):

@@ -46,6 +46,5 @@ def _lit(system, view, places_mm, wavelengths_nm):
     """Whether light passes to places at all wavelengths."""
     points = find_fields(system, view, places_mm, wavelengths_nm)
     rays = trace_fields(system, view, points, PUPIL)
-    passing = ~rays.lost & np.all(rays.square_height_mm2 <= np.reshape(system.semi_apertures_mm, (-1, 1, 1, 1, 1))**2,
-                                  axis=0)
+    passing = ~rays.lost & np.all(system.limits(rays.square_height_mm2) <= 1, axis=0)
     return np.all((passing[..., 1:, :].sum(axis=(-2, -1)) >= LEAST_RAYS) & ~points.lost, axis=0)

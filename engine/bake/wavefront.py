@@ -38,7 +38,7 @@ class Wavefronts:
     density : array
         Logarithm of the light per area of `cosine`, which is the corresponding area of the incident beam.
     limits : array (limit, ...)
-        Squared heights at the surfaces that block some of the rays, over their squared semi-apertures.
+        `System.limits` that block some of the rays.
     spot_mm : array (2, ...)
         Ray positions on the image plane, relative to the chief ray.
     """
@@ -171,10 +171,9 @@ def light_density(pupil: Pupil, source: np.ndarray, cosine: np.ndarray) -> np.nd
 
 def _limits(system, rays):
     """`Wavefronts.limits` for surfaces whose apertures block some of the rays, and for lost rays."""
-    heights = [continued(square, rays.lost) / semi_mm**2
-               for square, semi_mm in zip(rays.square_height_mm2, system.semi_apertures_mm, strict=True)
-               if np.any(square[~rays.lost] > semi_mm**2)]
-    return np.array([*heights, *([2.0 * rays.lost] if rays.lost.any() else [])]).reshape(-1, *rays.lost.shape)
+    limits = [continued(limit, rays.lost) for limit in system.limits(rays.square_height_mm2)
+              if np.any(limit[~rays.lost] > 1)]
+    return np.array([*limits, *([2.0 * rays.lost] if rays.lost.any() else [])]).reshape(-1, *rays.lost.shape)
 
 
 def continued(values: np.ndarray, lost: np.ndarray) -> np.ndarray:

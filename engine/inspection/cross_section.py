@@ -101,7 +101,7 @@ def _fans_mm(system, section):
     with np.errstate(invalid="ignore"):
         points_mm, direction = points_from_image(system.prescription, system.indices_at(rays.wavelengths_nm)[:, 0],
                                                  image_plane, rays.direction[:, 0])
-        blocked = np.any(rays.square_height_mm2[:, 0] > np.reshape(system.semi_apertures_mm**2, (-1, 1, 1, 1)), axis=0)
+        blocked = np.any(system.limits(rays.square_height_mm2[:, 0]) > 1, axis=0)
     passing = ~(blocked | rays.lost[0])
     points_mm = np.where(passing, points_mm, np.nan)
     along_mm = np.sum(points_mm[0] * direction, axis=0)
@@ -128,7 +128,8 @@ def _rays_over_places(system, section):
 
 def _semi_diameters_mm(system, section, fans_mm):
     """The semi-diameter of each surface: its own, or the height of its outermost ray."""
-    stated_mm = np.array([surface.semi_aperture_mm for surface in system.prescription.surfaces])
+    stated_mm = np.array([min(surface.semi_aperture_mm, *surface.half_widths_mm[section:section + 1], np.inf)
+                          for surface in system.prescription.surfaces])
     marginal_mm = (system.across if section == X else system).marginal_heights_mm
     reached_mm = np.maximum.reduce([np.abs(marginal_mm),
                                     *(np.nanmax(np.abs(fan_mm[1, 1:-1]), axis=-1, initial=0.0) for fan_mm in fans_mm)])

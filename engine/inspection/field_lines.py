@@ -40,7 +40,7 @@ class FieldLine:
 
 
 def chief_ray_lines(system: System, number: int) -> Iterator[FieldLine]:
-    """Heights of chief rays on the surfaces, in semi-apertures, at `number` places of each line: (surface, place)."""
+    """Heights of chief rays on the surfaces, as `System.rims`, at `number` places of each line: (limit, place)."""
     for kind, places, rays in _traced_lines(system, number, CHIEF, CHIEF):
         yield FieldLine(kind, places, _reach(system, rays)[..., 0, 0])
 
@@ -58,8 +58,9 @@ def light_lines(system: System, number: int) -> Iterator[FieldLine]:
 
 
 def _reach(system, rays):
-    """Heights of rays on the surfaces, in semi-apertures: array (surface, place, radius, azimuth)."""
-    return np.sqrt(rays.square_height_mm2[:, 0]) / system.semi_apertures_mm[:, None, None, None]
+    """Heights of rays on the surfaces, in semi-apertures, or in the half-widths of rectangles: array (limit, place,
+    radius, azimuth)."""
+    return np.sqrt(system.rims(rays.square_height_mm2[:, 0]))
 
 
 def _traced_lines(system: System, number: int, pupil: Pupil,
@@ -93,7 +94,7 @@ def spot_contrast(system: System, lines_per_mm: float) -> float:
     y, whichever is lower."""
     view, nm = view_of(system), [system.prescription.reference_wavelength_nm]
     rays = trace_fields(system, view, find_fields(system, view, np.zeros((2, 1)), nm), SPOT)
-    passing = ~rays.lost[0, 0] & (_reach(system, rays)[:, 0].max(axis=0) <= 1)
+    passing = ~rays.lost[0, 0] & np.all(system.limits(rays.square_height_mm2[:, 0, 0]) <= 1, axis=0)
     waves = np.exp(2j * np.pi * lines_per_mm * np.where(passing, rays.position_mm[:, 0, 0], 0))
     light = SPOT.radii[:, None] * passing  # of a ring is proportional to its radius
     return float(np.abs(np.average(waves, axis=(1, 2), weights=np.broadcast_to(light, waves.shape))).min())

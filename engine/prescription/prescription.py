@@ -103,6 +103,9 @@ class Surface:
         "n/V", its index and Abbe number.
     semi_aperture_mm : float
         Light farther from the axis is blocked; inf if unknown.
+    half_widths_mm : (float, float) or ()
+        Half-widths along x and y of a rectangular aperture: light beyond them is blocked as well, at the stop, too. ()
+        without one.
     conic : float
     aspheric : tuple of float
         Coefficients of r^2, r^4, r^6 ... in mm; of the coordinate along the profile, for a toroid.
@@ -130,17 +133,24 @@ class Surface:
     skews: tuple[float, ...] = ()
     pose: Pose | None = None
     coating: str = ""
+    half_widths_mm: tuple[float, ...] = ()
+
+    @property
+    def rolls(self) -> bool:
+        """Whether turns about its own axis leave it as it is."""
+        return self.radius_x_mm is None and not self.half_widths_mm
 
     @property
     def of_revolution(self) -> bool:
         """Whether it is rotationally symmetric about the axis of the lens."""
-        return self.radius_x_mm is None and self.pose is None
+        return self.rolls and self.pose is None
 
     def scaled(self, factor: float) -> Self:
         """The surface of a lens `factor` times as large."""
         return replace(self, radius_mm=self.radius_mm * factor, thickness_mm=self.thickness_mm * factor,
                        gaps_mm=tuple(gap * factor for gap in self.gaps_mm),
                        semi_aperture_mm=self.semi_aperture_mm * factor,
+                       half_widths_mm=tuple(half * factor for half in self.half_widths_mm),
                        radius_x_mm=self.radius_x_mm and self.radius_x_mm * factor,
                        pose=self.pose and self.pose.scaled(factor),
                        aspheric=tuple(a * factor ** (1 - 2 * n) for n, a in enumerate(self.aspheric, 1)),
@@ -265,6 +275,11 @@ class Prescription:
         fronts = ("", *(surface.glass for surface in self.surfaces))
         return tuple(surface.coating or self.coating for front, surface in zip(fronts, self.surfaces, strict=False)
                      if front != surface.glass and "" in (front, surface.glass))
+
+    @property
+    def rectangles(self) -> tuple[int, ...]:
+        """Indices of the surfaces with rectangular apertures."""
+        return tuple(index for index, surface in enumerate(self.surfaces) if surface.half_widths_mm)
 
     @property
     def stop_index(self) -> int:
@@ -437,6 +452,9 @@ def _check_surface(surface, name, refuse):
                f"expected a number of at most {LARGEST_MM:g}")
     if not surface.semi_aperture_mm >= LEAST_MM:
         refuse(f"{name}, semi_aperture_mm", surface.semi_aperture_mm, "expected a positive number")
+    halves_mm = surface.half_widths_mm
+    if halves_mm and not (len(halves_mm) == 2 and all(LEAST_MM <= half <= LARGEST_MM for half in halves_mm)):
+        refuse(f"{name}, half_widths_mm", halves_mm, "expected two positive numbers")
     terms = len(surface.aspheric) + len(surface.odd_aspheric)
     if terms > MOST_TERMS:
         refuse(f"{name}, aspheric", f"{terms} terms", f"expected at most {MOST_TERMS}")

@@ -75,6 +75,40 @@ class System(FirstOrder):
         return sizes
 
     @property
+    def half_widths_mm(self) -> np.ndarray:
+        """Half-widths along x and y of the rectangular apertures: array (2 * rectangle,)."""
+        return np.array([half for index in self.prescription.rectangles
+                         for half in self.prescription.surfaces[index].half_widths_mm])
+
+    @property
+    def rim_surfaces(self) -> np.ndarray:
+        """Index of the surface of each of `rims`: int array (limit,)."""
+        return np.append(np.arange(len(self.glasses)), np.repeat(self.prescription.rectangles, 2)).astype(int)
+
+    def rims(self, square_mm2: np.ndarray) -> np.ndarray:
+        """Squared heights of rays over squared semi-apertures, and then squares of x and y over squared half-widths:
+        array (limit, ...), up to 1 for rays that pass.
+
+        Parameters
+        ----------
+        square_mm2 : array (square, ...)
+            As `BothWays.square_mm2`.
+        """
+        square_mm2 = np.asarray(square_mm2)
+        sizes_mm = np.append(self.semi_apertures_mm, self.half_widths_mm)
+        return square_mm2 / np.reshape(sizes_mm**2, (-1, *(1,) * (square_mm2.ndim - 1)))
+
+    def limits(self, square_mm2: np.ndarray) -> np.ndarray:
+        """What blocks rays, except the stop: array (limit, ...) of smooth functions, up to 1 for rays that pass.
+
+        Parameters
+        ----------
+        square_mm2 : array (square, ...)
+            As `BothWays.square_mm2`.
+        """
+        return self.rims(square_mm2)
+
+    @property
     def exit_pupil_distance_mm(self) -> float:
         """From the image plane to the exit pupil, positive along the light."""
         return self.exit_pupil_mm - self.prescription.surfaces[-1].thickness_mm

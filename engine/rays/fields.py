@@ -190,8 +190,9 @@ def _behind(prescription, media):
 
 
 def _part(prescription, surfaces):
-    """A part of a lens, at its present focus."""
-    return replace(prescription, surfaces=tuple(replace(surface, gaps_mm=()) for surface in surfaces), focused_at_mm=())
+    """A part of a lens, at its present focus, without a given image plane: its last thickness may be 0."""
+    return replace(prescription, surfaces=tuple(replace(surface, gaps_mm=()) for surface in surfaces),
+                   focused_at_mm=(), focus="paraxial")
 
 
 def _missed_places(system, view, media):

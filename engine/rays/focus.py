@@ -188,8 +188,8 @@ def _least_spot_shift_mm(system, rays: TracedRays, heights_mm, weights=1.0):
 
     A shift of dz moves a ray sideways by dz times its slope, so the mean square is a parabola in dz.
     """
-    inside = rays.square_height_mm2 <= system.semi_apertures_mm[:, None, None, None, None] ** 2
-    light = rays.pupil.radii[:, None] * (inside.all(axis=0) & ~rays.lost)  # proportional to the radius of a ring
+    inside = np.all(system.limits(rays.square_height_mm2) <= 1, axis=0)
+    light = rays.pupil.radii[:, None] * (inside & ~rays.lost)  # proportional to the radius of a ring
     dark = np.argwhere(light.sum(axis=(2, 3)) == 0)
     if dark.size:
         raise LensError(system.prescription.name, "field height", f"{heights_mm[dark[0, 1]]:.4g} mm",

@@ -314,8 +314,7 @@ def traced_quantities(system: System, traced: BothWays, from_eye: np.ndarray, be
     with np.errstate(invalid="ignore"):
         from_foot_mm = np.sum(from_eye * before, axis=0)
         path_mm = from_foot_mm + traced.path_mm
-        margin = 1 - np.max([square / semi_mm**2 for square, semi_mm in
-                             zip(traced.square_mm2, system.semi_apertures_mm, strict=True)], axis=0)
+        margin = 1 - np.max(system.limits(traced.square_mm2), axis=0)
         return np.stack([*(from_eye - from_foot_mm * before)[:2], *before[:2] / (1 + before[2]),
                          path_mm - path_mm[:, :1, :1], *traced.direction[:2]]), margin
 

@@ -36,15 +36,16 @@ RETURNING, REVERSED = "DAR", "REV"  # tilts and decentres that apply to one surf
 VIGNETTING = ("VUX", "VLX", "VUY", "VLY")
 REFUSED = (dict.fromkeys(("SPS", "SPL", "UDS", "DIF", "GRT", "MFL"),
                          f"expected a conic or an asphere (ASP), {', '.join(SHAPES)}")
-           | dict.fromkeys(("REX", "REY", "ELX", "ELY", "ADX", "ADY", "REG", "ELG", "CIG"),
-                           "expected circular apertures (CIR)")
+           | dict.fromkeys(("ELX", "ELY", "ADX", "ADY", "REG", "ELG", "CIG"),
+                           "expected centred circular (CIR) or rectangular apertures (REX, REY)")
            | dict.fromkeys(("CUY", "RDY", "THI", "GLA", "RMD", "SCA"),  # which change earlier lines
                            "expected radius, thickness and glass on the line of their surface")
            | dict.fromkeys(("BEN", "RET", "GLB"), "expected tilts and decentres that return (DAR), or in pairs (REV)"))
 OF_A_NUMBER = (*OF_SHAPES, *DECENTRES, *TILTS, *PIVOTS)
 SPHERE = "SPH"  # without conic, asphere and second section
 FLAGS = ("STO", *SHAPES, RETURNING, REVERSED, SPHERE)
-OF_SURFACE = (*FLAGS, *OF_A_NUMBER, "CIR", *REFUSED)
+CIRCLE, RECTANGLE = "CIR", ("REX", "REY")  # radius; half-widths along x and y
+OF_SURFACE = (*FLAGS, *OF_A_NUMBER, CIRCLE, *RECTANGLE, *REFUSED)
 RETURN = "RET"  # followed by the surface to return to, not by its own
 SURFACE_WORD = re.compile(r"S(?:(\d+)(?:\.\.(\d+))?|([OI]))", re.IGNORECASE)  # S3, S1..3, SO or SI
 FIELD_COMMANDS = tuple(axis + kind for axis in "XY" for kind in (*FIELDS, REAL_IMAGE_HEIGHT))
@@ -138,7 +139,7 @@ def _surface_numbers(path, rows, words, named):
 
 
 def _add(row, line, named):
-    """Add a command to a surface; an edge (CIR EDG) does not block light."""
+    """Add a command to a surface; an edge (EDG) does not block light."""
     command = line.words[0].upper()
     if command in REFUSED:
         raise line.refusal(REFUSED[command])
@@ -148,7 +149,7 @@ def _add(row, line, named):
     if command == SPHERE:
         for other in (*SHAPES, *OF_SHAPES):
             row.pop(other, None)
-    elif command != "CIR" or _is_clear(line):
+    elif command not in (CIRCLE, *RECTANGLE) or _is_clear(line):
         row[command] = line
 
 
@@ -168,10 +169,11 @@ def _is_number(word):
 
 
 def _is_clear(line):
-    """Whether a CIR is a clear aperture: without a qualifier or with CLR; EDG is the edge of the glass."""
+    """Whether an aperture is clear: without a qualifier or with CLR; EDG is the edge of the glass."""
     kind = line.words[1].upper() if len(line.words) == 3 else "CLR"
     if len(line.words) not in (2, 3) or kind not in ("CLR", "EDG") or not _is_number(line.words[-1]):
-        raise line.refusal("expected CIR and the radius of a clear aperture")
+        raise line.refusal(f"expected {line.words[0].upper()} and the "
+                           f"{'radius' if line.words[0].upper() == CIRCLE else 'half-width'} of a clear aperture")
     return kind == "CLR"
 
 
@@ -194,7 +196,7 @@ def _check_ends(path, rows):
 def _unread_of_ends(rows):
     """Apertures and conics of object and image, as names: none of them changes a lens."""
     return [f"{command} of {name}" for name, row in (("SO", rows[0]), ("SI", rows[-1]))
-            for command in ("CIR", *CONICS) if command in row and row[command].figure(-1)]
+            for command in (CIRCLE, *RECTANGLE, *CONICS) if command in row and row[command].figure(-1)]
 
 
 def _unit_mm(system):
@@ -227,9 +229,16 @@ def _surface(path, number, row, curvatures, private):
                                        f"{f' on a surface {shape}' if shape else ', or ' + ', '.join(SHAPES)}")
     value = line.figure(1, 0.0)
     surface = Surface((1 / value if curvatures else value) if value else np.inf, line.figure(2, 0.0), glass,
-                      row["CIR"].figure(-1) if "CIR" in row else np.inf, _value(row, "KY") or _value(row, "K"),
-                      _terms(row, POWERS), "STO" in row)
+                      row[CIRCLE].figure(-1) if CIRCLE in row else np.inf, _value(row, "KY") or _value(row, "K"),
+                      _terms(row, POWERS), "STO" in row, half_widths_mm=_half_widths(row))
     return replace(surface, **_second_section(surface, shape, row)) if shape else surface
+
+
+def _half_widths(row):
+    stated = [row[command] for command in RECTANGLE if command in row]
+    if len(stated) == 1:
+        raise stated[0].refusal("expected both half-widths of a rectangular aperture, REX and REY")
+    return tuple(line.figure(-1) for line in stated)
 
 
 def _value(row, command):

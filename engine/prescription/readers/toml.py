@@ -27,7 +27,7 @@ SURFACE_NUMBERS = ("radius_mm", "semi_aperture_mm", "conic", "radius_x_mm", "con
 FIELDS_OF_GLASS = ("formula", "coefficients", "range_nm")
 EVERYWHERE_NM = (0.0, np.inf)
 FIELDS_OF_SURFACE = (*SURFACE_NUMBERS, "thickness_mm", "glass", "aspheric", "stop", "profile", "skews", "pose",
-                     "coating")
+                     "coating", "half_widths_mm")
 MEASURED = ("wavelengths_nm", "angles_deg", "reflectance")
 FIELDS_OF_COATING = ("name", "layers", *MEASURED)
 FIELDS_OF_POSE = ("offset_mm", "tilt_deg")
@@ -182,6 +182,8 @@ def _surface(table):
         numbers["thickness_mm"] = numbers["gaps_mm"][0]
     elif "thickness_mm" in table:
         numbers["thickness_mm"] = table.number("thickness_mm")
+    if "half_widths_mm" in table:
+        numbers["half_widths_mm"] = tuple(table.numbers("half_widths_mm", 2))
     even, odd = _by_power(table, "aspheric")
     skews, odd_skews = _by_power(table, "skews")
     if odd_skews:
@@ -249,8 +251,8 @@ def _fields_of(surface):
     """The fields of a surface's table."""
     return {"radius_mm": surface.radius_mm, "radius_x_mm": surface.radius_x_mm,
             "thickness_mm": surface.gaps_mm or surface.thickness_mm, "glass": surface.glass,
-            "semi_aperture_mm": surface.semi_aperture_mm, "stop": surface.stop, "conic": surface.conic,
-            "conic_x": surface.conic_x, "profile": surface.profile,
+            "semi_aperture_mm": surface.semi_aperture_mm, "half_widths_mm": surface.half_widths_mm,
+            "stop": surface.stop, "conic": surface.conic, "conic_x": surface.conic_x, "profile": surface.profile,
             "aspheric": _powers(surface.aspheric, surface.odd_aspheric), "skews": _powers(surface.skews),
             "pose": _pose_table(surface.pose), "coating": surface.coating}
 

@@ -26,10 +26,10 @@ EXTENDED = {"XASPHERE": 2, "XOSPHERE": 1}  # steps between the powers of r; coef
 TERMS, NORMALISATION, FIRST_TERM = 1, 2, 3  # numbers of an extended asphere's extra data
 SHAPES = ("STANDARD", "EVENASPH", "ODDASPHE", *EXTENDED, "TOROIDAL", "BICONICX", "COORDBRK")
 BREAK, COATING = "COORDBRK", "COAT"  # a coating is a name, which another file defines
-OTHER_APERTURES = ("SQAP", "ELAP", "USAP", "OBSC", "SQOB", "ELOB", "SPID")
+RECTANGLE, OTHER_APERTURES = "SQAP", ("ELAP", "USAP", "OBSC", "SQOB", "ELOB", "SPID")
 SURFACE_OPERANDS = ("TYPE", "CURV", "CONI", "PARM", "DISZ", "GLAS", "STOP", "DIAM", "CLAP", "FLAP", "OBDC", "SCBD",
-                    "XDAT", *OTHER_APERTURES)
-APERTURE_OPERANDS = ("CLAP", "FLAP", *OTHER_APERTURES)
+                    "XDAT", RECTANGLE, *OTHER_APERTURES)
+APERTURE_OPERANDS = ("CLAP", "FLAP", RECTANGLE, *OTHER_APERTURES)
 WITH_EXTRA_DATA = ("TOROIDAL", *EXTENDED)
 LAST_PARAMETERS = {**dict.fromkeys(EXTENDED, 0), "EVENASPH": 8, "ODDASPHE": 8, "TOROIDAL": 8, "BICONICX": 2}
 ZERNIKE_TERMS = 13  # parameter of a toroid: their number; in older files the first of its extra data
@@ -47,7 +47,8 @@ PLACEHOLDER = (1.5, 40.0)  # written by Zemax after a glass name, regardless of 
 
 
 def read_zemax(path: Path, options: ReadingOptions) -> Reading:
-    """Read a sequential .zmx. Circular apertures and fixed semi-diameters block light; vignetting factors do not."""
+    """Read a sequential .zmx. Circular and rectangular apertures and fixed semi-diameters block light; vignetting
+    factors do not."""
     system, rows, unread = _operands(path)
     field = options.field
     if "MODE" in system and system["MODE"][-1].words[1:2] != ("SEQ",):
@@ -168,8 +169,8 @@ def _surface(path, number, row, makers, glass_before):
     curvature = row["CURV"][-1].figure(1)
     glass, figures = _glass(path, number, row, makers)
     conic = Surface(1 / curvature if curvature else np.inf, row["DISZ"][-1].figure(1), glass,
-                    _semi_aperture(path, number, row), row["CONI"][-1].figure(1) if "CONI" in row else 0.0,
-                    stop="STOP" in row, glass_figures=figures)
+                    conic=row["CONI"][-1].figure(1) if "CONI" in row else 0.0, stop="STOP" in row,
+                    glass_figures=figures, **_clear_aperture(path, number, row))
     return replace(conic, **_form(path, number, row)) if shape != "STANDARD" else conic
 
 
@@ -238,7 +239,7 @@ def _broken(frame, row):
 def _semi_diameters(rows, surfaces, unit_mm):
     """{surface: semi-diameter in mm} of user-fixed semi-diameters, on surfaces without another aperture."""
     return {number: unit_mm * rows[number]["DIAM"][-1].figure(1) for number, surface in enumerate(surfaces, 1)
-            if np.isinf(surface.semi_aperture_mm) and _is_fixed(rows, number, len(rows))}
+            if np.isinf(surface.semi_aperture_mm) and not surface.half_widths_mm and _is_fixed(rows, number, len(rows))}
 
 
 def _is_fixed(rows, number, steps):
@@ -270,17 +271,20 @@ def _glass(path, number, row, makers):
     return best_name(name, makers), figures
 
 
-def _semi_aperture(path, number, row):
+def _clear_aperture(path, number, row):
+    """Fields of a surface from its aperture."""
     for operand in OTHER_APERTURES:
         if operand in row:
-            raise LensError(path, f"surface {number}, aperture", operand, "expected a circle, as CLAP or FLAP")
+            raise LensError(path, f"surface {number}, aperture", operand, "expected a circle, CLAP or FLAP, or "
+                            f"a rectangle, {RECTANGLE}")
     circles = [*row["CLAP"], *row["FLAP"]]
-    if not circles:
-        return np.inf
-    least, most = circles[-1].figure(1), circles[-1].figure(2)
-    if least or any(line.figure(1) or line.figure(2, 0.0) for line in row["OBDC"]):
-        raise LensError(path, f"surface {number}, aperture", "decentred or annular", "expected a centred circle")
-    return most
+    shapes = [*circles, *row[RECTANGLE]]
+    least, most = (circles[-1].figure(1), circles[-1].figure(2)) if circles else (0.0, np.inf)
+    if least or shapes and any(line.figure(1) or line.figure(2, 0.0) for line in row["OBDC"]):
+        raise LensError(path, f"surface {number}, aperture", "decentred or annular",
+                        "expected a centred circle or rectangle")
+    halves = tuple(row[RECTANGLE][-1].figures()[:2]) if row[RECTANGLE] else ()
+    return {"semi_aperture_mm": most, "half_widths_mm": halves}
 
 
 def _aperture(path, system, rows, unit_mm):

@@ -217,6 +217,20 @@ def test_clear_apertures_stop_light_and_edges_do_not(read):
     assert read(("CIR 8.0\n", "CIR CLR 7.0\n")).surfaces[1] == replace(SURFACES[1], semi_aperture_mm=7.0)
 
 
+def test_rectangular_apertures_stop_light(read):
+    rectangle = replace(SURFACES[1], semi_aperture_mm=np.inf, half_widths_mm=(6.0, 7.5))
+    for lines in ("REX 6.0; REY 7.5", "REY CLR 7.5\nREX CLR 6.0", "REX 6; REY 7.5; REX EDG 9; REY EDG 9"):
+        lens = read(("CIR 8.0\n  CIR EDG 9.0\n", f"{lines}\n"), ("GO\n", "REX SI 9\nREY SI 9\nGO\n"))
+        assert lens.surfaces[1] == rectangle and lens.notes == "Not used from the file: REX of SI, REY of SI."
+    assert read(("DIM   M", "DIM   C"), ("CIR 8.0\n", "REX 0.6; REY 0.75\n")).surfaces[1].half_widths_mm == (6.0, 7.5)
+
+
+def test_a_turned_rectangle_keeps_its_turn(read):
+    lens = read(("CIR 8.0\n", "REX 6; REY 7; DAR; CDE 90\n"), (REAR, "  REX 2; REY 3; DAR; CDE 30\n"))
+    assert lens.surfaces[1].half_widths_mm == (7.0, 6.0) and lens.surfaces[1].pose is None
+    assert lens.surfaces[2].half_widths_mm == (2.0, 3.0) and lens.surfaces[2].pose == Pose(tilt_deg=(0.0, 0.0, 30.0))
+
+
 def test_object_distances(read):
     assert np.isinf(read().object_distance_mm) and read(NEAR).object_distance_mm == 250.0
     assert np.isinf(read(("SO    0.0 0.1e14", "SO 0 inf")).object_distance_mm)
@@ -266,8 +280,10 @@ def test_the_first_of_several_zoom_positions_is_used(read):
     ("  CON\n", "  DIF DOE\n", "surface 3 is DIF DOE: expected a conic or an asphere"),
     ("CIR 8.0\n", "CIR OBS 8.0\n", "surface 2 is CIR OBS 8.0: expected CIR and the radius of a clear aperture"),
     ("CIR 8.0\n", "CIR\n", "surface 2 is CIR: expected CIR and the radius of a clear aperture"),
-    ("CIR 8.0\n", "REX 8.0\n", "surface 2 is REX 8.0: expected circular apertures"),
-    ("CIR 8.0\n", "ADY 1.0\n", "surface 2 is ADY 1.0: expected circular apertures"),
+    ("CIR 8.0\n", "REX 8.0\n", "surface 2 is REX 8.0: expected both half-widths of a rectangular aperture"),
+    ("CIR 8.0\n", "REX OBS 8.0\n", "surface 2 is REX OBS 8.0: expected REX and the half-width of a clear aperture"),
+    ("CIR 8.0\n", "REX 0; REY 4\n", "surface 2, half_widths_mm is (0.0, 4.0): expected two positive numbers"),
+    ("CIR 8.0\n", "ADY 1.0\n", "surface 2 is ADY 1.0: expected centred circular (CIR) or rectangular apertures"),
     ("CIR 8.0\n", "THI S1 5\n", "surface 1 is THI S1 5: expected radius, thickness and glass on the line of"),
     ("S     50.0 4.0", "S     5O.0 4.0", "surface 2 is S 5O.0 4.0 NBK7_SCHOTT: expected a radius"),
     ("S     50.0 4.0 NBK7", "S     50.0 NBK7", "surface 2 is S 50.0 NBK7_SCHOTT: expected a radius or curvature"),

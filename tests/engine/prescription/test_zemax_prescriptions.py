@@ -327,7 +327,9 @@ def test_an_unusual_temperature_is_reported(read, air, reported):
     ("TYPE STANDARD\n  CURV 2.0E-2", "TYPE GRID_SAG\n  CURV 2.0E-2", "surface 2 is GRID_SAG: expected one of"),
     ("FLAP 0 8.0 0", "CLAP 0 8.0 0\n  OBDC 0 1.0", "surface 2, aperture is decentred or annular"),
     ("FLAP 0 8.0 0", "CLAP 1 8.0 0", "surface 2, aperture is decentred or annular"),
-    ("FLAP 0 8.0 0", "SQAP 4 3 0", "surface 2, aperture is SQAP: expected a circle"),
+    ("FLAP 0 8.0 0", "ELAP 4 3 0", "surface 2, aperture is ELAP: expected a circle, CLAP or FLAP, or a rectangle"),
+    ("FLAP 0 8.0 0", "SQAP 4 3 0\n  OBDC 1 0", "surface 2, aperture is decentred or annular: expected a centred"),
+    ("FLAP 0 8.0 0", "SQAP 4", "surface 2, half_widths_mm is (4.0,): expected two positive numbers"),
     ("FLAP 0 8.0 0", "OBSC 0 3 0", "surface 2, aperture is OBSC: expected a circle"),
     ("FLAP 0 8.0 0", "FLAP 0 x 0", "line 34 is FLAP 0 x 0: expected a number as word 3"),
     ("  STOP\n", "", "stop is at 0 surfaces"),
@@ -413,3 +415,26 @@ def test_unused_extra_data_of_an_extended_asphere_are_noted(read):
 def test_an_invalid_extended_asphere_is_an_error(read, data, message):
     with pytest.raises(LensError, match=message):
         read(extended("XOSPHERE", *data))
+
+
+def test_a_rectangular_aperture_is_read(read):
+    """A semi-diameter next to it is not an aperture."""
+    expected = replace(SURFACES[1], semi_aperture_mm=np.inf, half_widths_mm=(4.0, 6.0))
+    lens = read(("FLAP 0 8.0 0", "SQAP 4 6 0"))
+    assert lens.surfaces[1] == expected and not lens.notes
+    assert read(("FLAP 0 8.0 0", "SQAP .4 .6 0"), ("UNIT MM", "UNIT CM")).surfaces[1].half_widths_mm == (4.0, 6.0)
+
+
+def test_rectangles_that_clip_the_beam_are_noted(read):
+    """The beam on surface 2 has a radius of 2.5 mm."""
+    assert "Apertures clip the axial beam to 80% of its radius (surface 2)." in read(("FLAP 0 8.0 0", "SQAP 2 6")).notes
+    assert "to 60% of its radius (surface 2)." in read(("FLAP 0 8.0 0", "SQAP 4 1.5")).notes
+
+
+def test_a_rectangle_turns_with_a_coordinate_break(read):
+    """A quarter turn exchanges its sides."""
+    breaks = BREAK.format("PARM 5 {}").replace("SURF 4\n", "SURF {}\n")
+    lens = read(("FLAP 0 8.0 0", "SQAP 4 6"), ("SURF 2\n", breaks.format(2, 90) + "SURF 3\n"),
+                ("SURF 3\n  TYPE STANDARD\n  CURV -2", breaks.format(4, -90) + "SURF 5\n  TYPE STANDARD\n  CURV -2"),
+                ("SURF 4\n  TYPE STANDARD", "SURF 6\n  TYPE STANDARD"))
+    assert lens.surfaces[2].half_widths_mm == (6.0, 4.0) and lens.surfaces[2].pose is None
