@@ -123,7 +123,7 @@ def test_tables_of_rays_end_at_a_rectangle():
 
 @every_loop
 def test_ghosts_end_at_rectangles(loops):
-    """Unreflected light, whose limit is known where it enters; and compiled rays as numpy's."""
+    """The limit of unreflected light is known where it enters, and reflected light is blocked there, too."""
     for lens, place in ((WINDOW, 0), (SLIT, 0)):
         system = build_system(replace(lens, coating="none"))
         ghosts = ghost_lens(system, opening(None, bake(lens, quality="preview", wavelengths_nm=[NM], samples=9)),
