@@ -115,8 +115,10 @@ def _surface_line(path, number, words):
 
 
 def _named_surfaces(words):
-    """The words of a surface command that name surfaces."""
-    return [word for word in words[1:] if word[:1].upper() == "S" and words[0].upper() != RETURN]
+    """The words of a surface command that name surfaces; the names of glasses and shapes may also begin with S."""
+    command = words[0].upper()
+    return [word for word in words[1:] if command != RETURN and (
+        SURFACE_WORD.fullmatch(word) if command in REFUSED else word[:1].upper() == "S")]
 
 
 def _add_to_surfaces(path, rows, above, words):
