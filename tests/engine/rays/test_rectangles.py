@@ -1,4 +1,4 @@
-"""Rectangular apertures: rays beyond them end, in tracing, in bakes, in tables of rays, and in ghosts."""
+"""Rectangular apertures: rays beyond them end, in tracing, in bakes, in tables of rays, in depth, and in ghosts."""
 
 from dataclasses import replace
 
@@ -8,7 +8,10 @@ import pytest
 from crooked_lens import CROOKED
 from lensfield.engine import LensError
 from lensfield.engine.bake.bake import bake
+from lensfield.engine.depth.cast import cast
 from lensfield.engine.depth.iris import opening
+from lensfield.engine.image.layers import Layer, LayeredRadiance
+from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.inspection.screen import check_prescription
 from lensfield.engine.kernels.library import available
 from lensfield.engine.prescription.mirrors import mirrored
@@ -174,3 +177,24 @@ def test_an_invalid_rectangle_is_an_error(halves_mm):
 def test_a_rectangle_that_blocks_chief_rays_is_named():
     lens = replace(WINDOW, field=("angle_deg", 6.0), focal_length_mm=None)
     assert any(finding.field == "surface 1, half_widths_mm" for finding in check_prescription(lens))
+
+
+def test_out_of_focus_light_is_a_rectangle():
+    """A pixel 1.5 m away, cast through a lens that is focused at infinity: an even rectangle, by similar
+    triangles."""
+    lens = replace(bake(SLIT, quality="preview", wavelengths_nm=[NM], samples=17), prescription=SLIT)
+    grid, depth_mm = PixelGrid((80, 60), 4.0, (52.0, 24.0), (12, 9)), 1500.0
+    alpha = np.zeros(grid.shape_px, np.float32)
+    alpha[43, 34] = 1
+    black = Layer(np.zeros((1, *grid.shape_px), np.float32), np.ones_like(alpha), np.full_like(alpha, 1e9), (0, 0))
+    lit = Layer(alpha[None], alpha, np.full_like(alpha, depth_mm), (0, 0))
+    scene = LayeredRadiance((lit, black), lens.wavelengths_nm, grid, lens.capture_focal_length_mm)
+    plane, = cast(scene, lens, lambda: grid_ray_table(SLIT, *lens.inverted_ends_mm, lens.mirrored), most_rays=1024)
+    light, sides_um = plane.blurred, 2e3 * np.array(HALVES_MM) * lens.efl_mm / depth_mm
+    for axis, side_um in ((0, sides_um[0]), (1, sides_um[1])):
+        profile = light.sum(axis=axis) / light.sum()
+        place_px = np.arange(profile.size)
+        spread_px = np.sqrt(profile @ place_px**2 - (profile @ place_px)**2)
+        assert np.sqrt(12) * spread_px * grid.pitch_um == pytest.approx(side_um, rel=0.03)
+    inside = light > 0.5 * np.median(light[light > 0])
+    assert inside.sum() * grid.pitch_um**2 == pytest.approx(np.prod(sides_um), rel=0.05)
