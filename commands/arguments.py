@@ -26,7 +26,7 @@ from ..engine.spectral.spectra import parse_wavelengths
 from ..engine.stray.options import StrayOptions
 from ..request import CAMERA, RING_FIELDS, RenderRequest
 from .prescription_file import add_reading, errors_of, lens_source
-from .terminal import progress_bar
+from .terminal import progress_bar, say
 
 RESOLUTION_LIMITS = (4, 65536)
 LENSES = "a bundled lens, a lens package, or a prescription"
@@ -224,7 +224,7 @@ def chosen_lens(options, frame_of=None, wavelengths_nm=None):
             edges_mm = frame_of(pinhole_of(source, rings)).edges_mm
         lens = load_lens(source, rings, options.lens_quality or "standard", on_progress, wavelengths_nm, edges_mm)
     for line in clamped_rings(source, rings) if has_rings(source) else ():
-        print(f"lens: {line}")
+        say(f"lens: {line}")
     return lens
 
 

@@ -26,6 +26,7 @@ from .blend import import_addon
 from .progress import messages, progress
 from .render import add_followed, restore_copied, scene_and_fields
 from .render_options import add_capture_options
+from .terminal import say
 
 TIER = "preview"
 OF_LENSES = "view", "output_folder", *CAMERA_FIELDS
@@ -72,17 +73,17 @@ def _compare(options):
         source, given = (_from_file if of_file else _from_scene)(options)
         addon, folder = import_addon(), options.output.resolve()
         addon.check_next_to_frames(folder, options.report, options.picture)
-        print(f"output: {folder}", flush=True)
+        say(f"output: {folder}")
         with progress(options, write) as on_progress:
             comparison = addon.plan_comparison(source, lenses, f_numbers, output_folder=folder, progress=on_progress,
                                                **given)
         for line in comparison.words:
-            print(line, flush=True)
+            say(line)
         with progress(options, write) as on_progress:
             sheet = addon.render_comparison(comparison, on_progress)
         if options.report:
             sheet.report.write(options.report)
-        print(*(line for line in sheet.messages if line not in comparison.words), sep="\n")
+        say(*(line for line in sheet.messages if line not in comparison.words))
         write(sheet=str(sheet.path), messages=sheet.messages, cells=[
             {"lens": cell.lens, "f_number": cell.f_number, "label": cell.label, "box": box}
             for cell, box in sheet.cells])

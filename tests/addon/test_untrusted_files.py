@@ -336,6 +336,17 @@ def test_a_blend_can_write_below_its_folder(paint, job, capfd, folder, name):
     assert status == 0 and f"output: {(job / name).resolve()}\n" in said
 
 
+def test_escape_sequences_in_names_do_not_reach_the_terminal(paint, job, capfd):
+    """They could change the terminal's title, colours and keys, or hide a line."""
+    bpy.context.scene.lensfield.output_folder = "//a\x1b]0;owned\x07\nrefused: b\x9b31m"
+    paint.name = "Paint\x1b[2J"
+    blend = saved(job)
+    for command, *more in (("lint",), ("render", "--frames", "1"), ("render", "--frames", "1")):
+        status, said = lensfield(capfd, command, blend, *more, *LENS)
+        assert status == 0 and "owned" in said, said
+        assert not set(said) & {"\x1b", "\x07", "\x9b"} and "\nrefused" not in said
+
+
 def test_one_line_states_the_output_folder(paint, job, tmp_path, capfd):
     bpy.context.scene.lensfield.output_folder = "/"
     status, said = lensfield(capfd, "render", saved(job), *LENS, "--output", tmp_path / "out")
