@@ -40,7 +40,15 @@ from .layering import layered_radiance
 from .light import GatheredLight
 from .outside_sources import outside_steps
 from .remarks import colour_remarks, scale_remarks, scene_remarks, unlayered_remarks
-from .sampled_passes import CONTROL_CUBES, MOST_FINE_PX, SampledPasses, WholePasses, detail_times, shares_noise
+from .sampled_passes import (
+    CONTROL_CUBES,
+    MOST_FINE_PX,
+    DetailedPasses,
+    SampledPasses,
+    WholePasses,
+    detail_times,
+    shares_noise,
+)
 from .scene_plan import plan_scene
 from .slabs import cut_steps, finer_region, looked_at, single_slab
 from .steps import RenderPass, Work
@@ -152,7 +160,7 @@ def room_for_capture(scene, job, grid, plan, slabs=()):
     light_bytes = 0 if scratch else SAMPLE_BYTES * planes
     control_bytes = 0 if scratch else SAMPLE_BYTES * control_planes
     flat_bytes = light_bytes * pixels // grid.across if len(slabs) > 1 else 0  # the pinhole's view, after the passes
-    times = detail_times(scene, job, plan, pixels)
+    times = detail_times(scene, job, pixels)
     needed = (gathered_px * (light_bytes + control_bytes + PLANES_BYTES) + detail_bytes(gathered_px, times)
               + max(pass_bytes(times**2 * pixels, lamps, job.denoises), flat_bytes))
     check_room(f"scene {scene.name!r}", needed, "render a smaller picture, or fewer wavelengths")
@@ -347,9 +355,10 @@ def sliced_steps(planned, share, journal, times=1):
 def _passes(ready, journal):
     """The passes of a capture, which share their noise if possible."""
     scene, job, plan, count = ready.scene, ready.job, ready.plan, len(ready.plan.bands)
+    times = detail_times(scene, job, math.prod(ready.capture_px.shape_px))
     if not shares_noise(scene, job, plan):
-        return WholePasses(ready.passes, ready.path, count)
-    times = detail_times(scene, job, plan, math.prod(ready.capture_px.shape_px))
+        of_all = ready.passes, ready.path, count
+        return DetailedPasses(*of_all, scene, ready.capture_px, times) if times > 1 else WholePasses(*of_all)
     return SampledPasses(ready.passes, ready.path, count, scene, ready.scratch, journal, job.denoises,
                          ready.capture_px, times)
 

@@ -16,16 +16,16 @@ KIND, MOST_BYTES, MOST_IN_PROCESS = "plans", 2**20, 64
 _plans: dict[bytes, Plan] = {}
 
 
-def cached_plan(options: Options, lens: Lens, sampling: Sampling) -> Plan:
+def cached_plan(options: Options, lens: Lens, sampling: Sampling, known: int = 1) -> Plan:
     """The result of `make_plan`, cached for each sampling; its seconds are always predicted anew."""
     if cache.is_off():
-        return make_plan(options, lens, sampling)
-    key = digest_of((options, lens.digest.hex(), sampling.grid, sampling.wavelengths_nm))
-    known = _plans.get(key)
-    plan = priced(known, lens, sampling) if known else cache.load(
+        return make_plan(options, lens, sampling, known)
+    key = digest_of((options, lens.digest.hex(), sampling.grid, sampling.wavelengths_nm, known))
+    cached = _plans.get(key)
+    plan = priced(cached, lens, sampling) if cached else cache.load(
         KIND, key, lambda content: priced(_from_text(content), lens, sampling))
     if plan is None:
-        plan = make_plan(options, lens, sampling)
+        plan = make_plan(options, lens, sampling, known)
         cache.store(KIND, key, _as_text(plan), MOST_BYTES)
     _plans[key] = plan
     for oldest in list(_plans)[:-MOST_IN_PROCESS]:
