@@ -91,7 +91,7 @@ def _value(kind, array):
     """A field of a table of rays from an array; raises an error for another type."""
     if kind is np.ndarray:
         return array
-    if kind is float:
-        return float(array)
+    if kind in (float, bool):
+        return kind(array)
     first, last = array.tolist()
     return first, last

@@ -126,6 +126,12 @@ class System(FirstOrder):
             return self.efl_mm * np.tan(fields)
         return self.magnification * fields
 
+    def height_slopes(self, fields: np.ndarray) -> np.ndarray:
+        """Derivatives of `heights_of`, in mm per radian, or per mm."""
+        if self.object_at_infinity:
+            return self.efl_mm / np.cos(fields)**2
+        return np.full_like(fields, self.magnification)
+
     def indices_at(self, wavelengths_nm: Sequence[float] | np.ndarray) -> np.ndarray:
         """Refractive indices in front of each surface and behind the last: array (surface + 1, wavelength).
 

@@ -35,4 +35,4 @@ def first_order_rays(lens: RadialLens, reach: float = 1.0) -> RayTable:
     light = illumination[..., None, None] / (4 * lens.f_number_effective**2)
     values = in_focus_rays(pupil_mm, np.stack([0 * chief, chief]), focus_nearness(lens), light)
     return RayTable(lens.name, wavelengths_nm, float(last_mm), lens.entrance_pupil_mm,
-                    spline_coefficients(values).astype(np.float32), reach)
+                    spline_coefficients(values).astype(np.float32), reach, lens.dark_beyond)
