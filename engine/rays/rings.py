@@ -264,8 +264,9 @@ def _reduction(lens, distance_mm):
     ends = _reductions(lens)
 
     def excess(reduction):
-        moved = replace(_moved(lens, reduction), object_distance_mm=distance_mm)
-        return -system_of(moved).magnification - reduction
+        """By Newton's equation: positive even if the lens with these gaps forms no real image so close."""
+        moved = system_of(_moved(lens, reduction))
+        return moved.efl_mm / distance_mm - reduction * (1 - moved.front_focus_mm / distance_mm)
 
     if excess(ends[0]) <= 0 or excess(ends[-1]) >= 0:  # at an end, except for rounding
         return ends[0] if excess(ends[0]) <= 0 else ends[-1]

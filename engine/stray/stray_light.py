@@ -187,6 +187,8 @@ def no_ghosts(lens: Lens, wavelengths_nm: np.ndarray) -> str:
     """Why a lens has no ghosts, and the remedy; "" if it has."""
     if lens.prescription is None:
         return f"{lens.name}: lens data without a prescription have no ghosts; use a prescription"
+    if lens.prescription.mirrors:
+        return f"{lens.name}: ghosts of mirror lenses are not computed; choose other stray light"
     if not _pairs_share(lens, wavelengths_nm).any():
         return f"{lens.name}: its coatings are unknown and count as ideal, without ghosts; choose them (--coating)"
     return ""

@@ -177,7 +177,7 @@ def test_a_title_may_contain_a_semicolon(read):
     "CYL {0}; CUX {0} 0.0", "YTO {0}; RDX {0} -80.0; A {0} 2e-6", "XTO {0}; CUX {0} 0.01; K {0} -0.5; B {0} 1e-9",
     "AAS {0}; CUX {0} -0.0125; KX {0} 0.7; KY {0} -0.5; AR {0} 2e-6; AP {0} 0.1; DR {0} 1e-20; DP {0} 3.0",
     "DAR {0}; XDE {0} 0.3; YDE {0} -0.2; ADE {0} 2.0; CDE {0} 1.0", "CIR {0} 6.5", "CIR {0} CLR 6.5", "CIR CLR {0} 6.5",
-    "CIR {0} EDG 6.5"])
+    "CIR {0} EDG 6.5", "CIR {0} OBS 1.5; CIR {0} 6.5"])
 def test_commands_may_name_their_surface(read, commands, before):
     """They were lost behind SI: an aspheric singlet was read as a sphere."""
     here = read((REAR, f"{commands.format('')}\n"))
@@ -262,7 +262,7 @@ def test_the_first_of_several_zoom_positions_is_used(read):
     ("  CON\n", "  YTO; CUX 0; AR 1e-6\n", "surface 3 is AR 1e-6: expected one of K, A, B"),
     ("  CON\n", "  AAS; CUX 0; A 1e-6\n", "surface 3 is A 1e-6: expected one of K, KY, KX"),
     ("  CON\n", "  AAS; CUX S3 x\n", "surface 3 is CUX x: expected a number as word 2"),
-    ("GO\n", "CIR S1 OBS 6\nGO\n", "surface 1 is CIR OBS 6: expected CIR and the radius of a clear aperture"),
+    ("GO\n", "REX S1 OBS 6\nGO\n", "surface 1 is REX OBS 6: expected REX and the half-width of a clear aperture"),
     ("GO\n", "K S4..5 0.1\nGO\n", "command is K S4..5 0.1: expected one surface, S0 to S4, or several such as S1..3"),
     ("GO\n", "K SA 0.1\nGO\n", "command is K SA 0.1: expected one surface"),
     ("GO\n", "K S1 S2 0.1\nGO\n", "command is K S1 S2 0.1: expected one surface"),
@@ -278,10 +278,10 @@ def test_the_first_of_several_zoom_positions_is_used(read):
     ("GO\n", "A SI 1e-6\nGO\n", "SI is not a plane in air: expected a flat object and a flat image"),
     ("GO\n", "CYL SO; CUX SO 0.1\nGO\n", "SO is not a plane in air: expected a flat object and a flat image"),
     ("  CON\n", "  UDS\n", "surface 3 is UDS: expected a conic or an asphere"),
-    ("NBK7_SCHOTT", "REFL", "surface 2 is a mirror: expected refracting surfaces"),
+    ("NBK7_SCHOTT", "REFL", "mirrors is 1: expected an even number"),
     ("  CON\n", "  SPS ODD\n", "surface 3 is SPS ODD: expected a conic or an asphere"),
     ("  CON\n", "  DIF DOE\n", "surface 3 is DIF DOE: expected a conic or an asphere"),
-    ("CIR 8.0\n", "CIR OBS 8.0\n", "surface 2 is CIR OBS 8.0: expected CIR and the radius of a clear aperture"),
+    ("CIR 8.0\n", "CIR HOL 8.0\n", "surface 2 is CIR HOL 8.0: expected CIR and the radius of a clear aperture, or CIR"),
     ("CIR 8.0\n", "CIR\n", "surface 2 is CIR: expected CIR and the radius of a clear aperture"),
     ("CIR 8.0\n", "REX 8.0\n", "surface 2 is REX 8.0: expected both half-widths of a rectangular aperture"),
     ("CIR 8.0\n", "REX OBS 8.0\n", "surface 2 is REX OBS 8.0: expected REX and the half-width of a clear aperture"),
