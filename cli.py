@@ -174,7 +174,7 @@ def _end_unread():
 
 
 def _cancel():
-    passes_text = "".join(f"; finished passes are stored in {folder}" for folder in _remove_pending())
+    passes_text = "".join(f"; finished passes are stored in {_printable(folder)}" for folder in _remove_pending())
     with suppress(OSError):  # standard error may be closed
         print(f"\nlensfield: cancelled{passes_text}", file=sys.stderr)
     _leave(CANCELLED)
@@ -185,6 +185,13 @@ def _remove_pending():
     `engine.runtime.files` is loaded, there are neither."""
     files = sys.modules.get(f"{__package__}.engine.runtime.files")
     return getattr(files, "remove_pending", list)()
+
+
+def _printable(folder):
+    """The folder's path, without control characters for the terminal."""
+    from .engine.runtime.errors import printable
+
+    return printable(str(folder))
 
 
 def _leave(status):

@@ -134,13 +134,6 @@ class RenderRequest:
         choices={BY_SCENE: ("As the Scene", "Follow the Denoise setting of Cycles, but never denoise in Reference"),
                  ON: ("On", "Denoise, regardless of the scene"),
                  OFF: ("Off", "Do not denoise, regardless of the scene")})
-    detail: str = setting(
-        OFF, name="Detail", panel="quality",
-        text="Sharpness of in-focus light in Standard, with two or more passes of at least 32 samples",
-        choices={OFF: ("Off", "Light is even inside each pixel of the capture"),
-                 ON: ("On", "One pass is rendered in pixels of half the side, and light is blurred and sharpened in "
-                            "these. Edges are as sharp as the lens and the pixels; the lens takes longer, and noise "
-                            "increases slightly")})
     camera: CameraSource = setting(
         "", name="Camera", metavar="NAME|FILE", recorded=False,
         text="Camera that takes a picture of the lens image: a bundled camera (lensfield camera list), or a camera's "

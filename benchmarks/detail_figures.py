@@ -20,7 +20,7 @@ from lensfield.addon.job.radiance import capture
 from lensfield.addon.job.render import job_of_frame
 from lensfield.addon.job.result import Result
 from lensfield.commands.terminal import quiet
-from lensfield.engine import simulate
+from lensfield.engine import Options, simulate
 
 FINER = 4
 TRUE_SAMPLES = 48  # in each of FINER x FINER parts of a pixel
@@ -37,8 +37,8 @@ def lens_image(scene, options, seed, samples, detail, finer=1):
     scene.cycles.seed, scene.cycles.samples, scene.lensfield.tier = seed, samples, "STANDARD"
     with tempfile.TemporaryDirectory() as folder, quiet(1):
         job = job_of_frame(scene, scene.frame_current, lens=options.lens, f_number=options.f_number, view="camera",
-                           output_folder=Path(folder), depth="off", unfit="render", denoise="off", detail=detail,
-                           lens_quality="preview")
+                           output_folder=Path(folder), depth="off", unfit="render", denoise="off",
+                           options=Options(detail=detail), lens_quality="preview")
         captured, seconds = drained(capture(scene, job, Result.of(scene, Path(folder), job.frame), 1.0))
         radiance = captured.radiance
         if finer > 1:

@@ -23,6 +23,7 @@ from .blend import import_addon
 from .outcome import finish
 from .prescription_file import lens_source
 from .progress import add_progress_options, messages, progress
+from .terminal import say
 
 
 def add_options(apply):
@@ -66,6 +67,6 @@ def _apply(options):
         addon.check_next_to_frames(options.output or options.radiance.parent, options.report)
         with progress(options, write) as on_progress:
             result = addon.apply_lens(options.radiance, progress=on_progress, **given)
-        print(f"plan: {result.report.lens_image.plan.text}")
+        say(f"plan: {result.report.lens_image.plan.text}")
         finish(options, result.report, result.files)
         write(lens_image=str(result.lens_image), messages=result.messages)

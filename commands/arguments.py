@@ -26,7 +26,7 @@ from ..engine.spectral.spectra import parse_wavelengths
 from ..engine.stray.options import StrayOptions
 from ..request import CAMERA, RING_FIELDS, RenderRequest
 from .prescription_file import add_reading, errors_of, lens_source
-from .terminal import progress_bar
+from .terminal import progress_bar, say
 
 RESOLUTION_LIMITS = (4, 65536)
 LENSES = "a bundled lens, a lens package, or a prescription"
@@ -88,7 +88,7 @@ def add_engine_options(command, of_scene=False):
 def add_filter_options(command, of_scene=False):
     """Add options for the report, and for every field of `Options`."""
     unset = scene_defaults(Options) if of_scene else None
-    add_settings(command, Options, ["out_of_field", "fireflies"], unset)
+    add_settings(command, Options, ["out_of_field", "fireflies", "detail"], unset)
     command.add_argument("--report", type=Path, metavar="FILE.json",
                          help="write a report: the seconds of each stage, the plan, and the light in and out")
     add_settings(command.add_argument_group("accuracy"), Options, ["accuracy", "method", "supersampling"], unset)
@@ -206,7 +206,7 @@ def rings_option(options):
                  coating=coating_of(options.coating or RenderRequest.coating))
 
 
-def chosen_lens(options, frame_of=None):
+def chosen_lens(options, frame_of=None, wavelengths_nm=None):
     """The lens of the command line, at its focus and f-stop; prints notes on values that the lens cannot reach.
 
     Parameters
@@ -214,15 +214,17 @@ def chosen_lens(options, frame_of=None):
     options : Namespace
     frame_of : function (Pinhole), optional
         The frame of the pictures on the sensor of a lens: a PixelGrid.
+    wavelengths_nm : sequence of float, optional
+        As for `load_lens`.
     """
     source, rings = lens_source(options, options.lens), rings_option(options)
     with errors_of(options.lens), progress_bar() as on_progress:
         edges_mm = None
         if frame_of and not fits_all_frames(source, rings):
             edges_mm = frame_of(pinhole_of(source, rings)).edges_mm
-        lens = load_lens(source, rings, options.lens_quality or "standard", on_progress, edges_mm=edges_mm)
+        lens = load_lens(source, rings, options.lens_quality or "standard", on_progress, wavelengths_nm, edges_mm)
     for line in clamped_rings(source, rings) if has_rings(source) else ():
-        print(f"lens: {line}")
+        say(f"lens: {line}")
     return lens
 
 

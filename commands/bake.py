@@ -21,7 +21,7 @@ from ..engine.runtime.files import atomic_path
 from ..engine.spectral.spectra import parse_wavelengths
 from .arguments import check_outputs, distance_mm
 from .prescription_file import add_reading, errors_of, reading_options
-from .terminal import progress_bar
+from .terminal import progress_bar, say
 
 
 def add(commands):
@@ -75,7 +75,7 @@ def _bake(options):
                              pitch_um=options.pitch, samples=options.samples, workers=options.workers,
                              progress=on_progress)
         write_package(lens, path)
-        print(f"{path}\n  {table_summary(lens)}")
+        say(path, f"  {table_summary(lens)}")
 
 
 def _convert(options):
@@ -85,14 +85,14 @@ def _convert(options):
     check_outputs([(options.output, ".toml")], [options.prescription])
     with atomic_path(options.output) as temporary:
         temporary.write_text(text, encoding="utf-8", newline="\n")
-    print(options.output)
+    say(options.output)
     _print_notes(options, prescription)
 
 
 def _print_notes(options, prescription):
     """Print the reader's notes on the file; the notes of bundled lenses do not come from a reader."""
     if prescription.notes and str(options.prescription) not in bundled_names():
-        print(f"notes: {prescription.notes}", file=sys.stderr)
+        say(f"notes: {prescription.notes}", file=sys.stderr)
 
 
 def _requested_prescription(options):
@@ -108,7 +108,7 @@ def _focused(prescription, options):
         return prescription
     lens = turned(prescription, Rings(distance_mm(options.focus)))
     for line in lens.words:
-        print(f"lens: {line}")
+        say(f"lens: {line}")
     return lens.prescription
 
 

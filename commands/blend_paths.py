@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..engine import InputError
+from ..engine.runtime.blender_caches import FLUID, OCEAN, POINTS, blend_caches, cache_files
 from ..engine.runtime.inputs import (
     MOST_BYTES,
     MOST_FONT_BYTES,
@@ -37,12 +38,20 @@ PATHS = {  # structure: kind of file, the field with its path (older name first)
     "Camera": ("camera shader", ("custom_filepath",), MOST_TEXT_BYTES),
     "NodeShaderTexIES": ("IES lamp", ("filepath",), MOST_TEXT_BYTES),
     "NodeShaderScript": ("shader script", ("filepath",), MOST_TEXT_BYTES)}
-FOLDERS = {"PointCache": ("path",), "FluidDomainSettings": ("cache_directory",), "OceanModifierData": ("cachepath",)}
+FOLDERS = {  # structure: names of the caches, the field with their folder
+    "PointCache": (POINTS, ("path",)), "FluidDomainSettings": (FLUID, ("cache_directory",)),
+    "OceanModifierData": (OCEAN, ("cachepath",))}
 TEXTS = {"bNodeSocketValueString": ("value",)}  # most are not paths
 NODES = {"bNode": ("idname",)}
-FIELDS = {structure: fields for structure, (_, fields, _) in PATHS.items()} | FOLDERS | TEXTS | NODES
-UNUSED = {"Image": ("source", (4, 5)), "NodeShaderTexIES": ("mode", (0,)), "NodeShaderScript": ("mode", (0,))}
-"""Fields whose values mean that no file is in use: generated images, texts inside the .blend."""
+FIELDS = ({structure: fields for structure, (_, fields, _) in PATHS.items()}
+          | {structure: fields for structure, (_, fields) in FOLDERS.items()} | TEXTS | NODES)
+GENERATED, EXTERNAL_CACHE = (4, 5), 1 << 9
+IN_USE = {
+    "Image": ("source", lambda source: source not in GENERATED), "NodeShaderTexIES": ("mode", bool),
+    "NodeShaderScript": ("mode", bool), "PointCache": ("flag", lambda flags: flags & EXTERNAL_CACHE),
+    "OceanModifierData": ("cached", bool)}
+"""structure: a field, and whether its value means that the path is in use. Blender also saves the paths of images that
+are now generated, of texts that are now inside the .blend, and of caches that are not external any more."""
 IMPORT_NODE = "GeometryNodeImport"
 ZSTD, GZIP = b"\x28\xb5\x2f\xfd", b"\x1f\x8b"
 DESCRIPTION, END = b"DNA1", b"ENDB"
@@ -67,7 +76,7 @@ def check_blend(path: Path) -> None:
 
 def _check_one(blend):
     """Check the files that a .blend names, and return its libraries."""
-    libraries, folders = [], [blend.with_name(f"blendcache_{blend.stem}")]
+    libraries, caches = [], blend_caches(blend)
     for structure, text in _paths_in(blend):
         path = _path(text, blend.parent)
         if structure in PATHS:
@@ -75,16 +84,14 @@ def _check_one(blend):
             check_named(path, kind, blend, most_bytes)
             libraries += [path.resolve()] if kind == "library" and path.is_file() else []
         elif structure in FOLDERS:
-            folders.append(path)
+            caches += cache_files(path, FOLDERS[structure][0])
         elif structure in TEXTS and _is_special(path):
             check_named(path, "file of a node", blend)
         elif structure in NODES and is_confined() and text.startswith(IMPORT_NODE):
             raise InputError(blend, "node", text, "--untrusted refuses import nodes, because their path may be "
                                                   "computed: apply the modifier")
-    for folder in folders:
-        for above, _, names in os.walk(folder):
-            for name in names:
-                check_named(Path(above, name), "cache", blend, None)
+    for path in caches:
+        check_named(path, "cache", blend, None)
     return libraries
 
 
@@ -127,10 +134,10 @@ class _Layout:
         return (data[first:first + self.size] for first in range(0, min(self.size * count, len(data)), self.size))
 
     def uses_file(self, one):
-        """Whether the path is in use: the file is not packed into the .blend, and no field of UNUSED rules it out."""
-        field, values = UNUSED.get(self.name, ("", ()))
+        """Whether the path is in use: the file is not packed into the .blend, and IN_USE does not rule it out."""
+        field, uses = IN_USE.get(self.name, ("", lambda _: True))
         packed = any(any(self.bytes_of(one, name)) for name in ("packedfile", "packedfiles"))
-        return not packed and not (values and int.from_bytes(self.bytes_of(one, field), "little") in values)
+        return not packed and bool(uses(int.from_bytes(self.bytes_of(one, field), "little")))
 
     def text(self, one):
         raw = next((value for name in FIELDS[self.name] if (value := self.bytes_of(one, name))), b"")

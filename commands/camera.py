@@ -9,6 +9,7 @@ from ..engine.library.bodies import find_cameras, load_camera
 from ..engine.sensor.camera import NUMBERS
 from ..engine.sensor.exposure import Exposure
 from ..engine.sensor.metering import full_scale_e
+from .terminal import say
 
 CAMERAS = "a bundled camera (lensfield camera list), or a camera's file (.toml)"
 
@@ -28,8 +29,8 @@ def add_options(command):
 def _list(options):
     for name, camera in find_cameras(options.words).items():
         (rows, columns), (across_mm, up_mm) = camera.shape_px, camera.size_mm
-        print(f"{name:<22} {camera.title:<46} {across_mm:5.1f} x {up_mm:4.1f} mm  {columns:>5} x {rows:<5}px  "
-              f"{camera.pitch_um:.2f} um")
+        say(f"{name:<22} {camera.title:<46} {across_mm:5.1f} x {up_mm:4.1f} mm  {columns:>5} x {rows:<5}px  "
+            f"{camera.pitch_um:.2f} um")
 
 
 def camera_info(camera, iso=None):
@@ -53,7 +54,7 @@ def camera_info(camera, iso=None):
 
 def _info(options):
     info = camera_info(load_camera(options.camera), options.iso)
-    print(json.dumps(info, indent=2) if options.json else _text(info))
+    say(*(json.dumps(info, indent=2) if options.json else _text(info)).split("\n"))
 
 
 def _text(info):

@@ -19,7 +19,7 @@ from .farm_log import LENS_IMAGE
 from .messages import paced
 from .sequence import frames_text
 from .task import frames_by_task, lensfield_in, scene_path, task_arguments
-from .terminal import progress_bar
+from .terminal import progress_bar, say
 
 RETRIES = 2  # of a task whose render has crashed: another machine may have more memory, for example
 LOOK_S = 0.5  # between checks for a cancelled task
@@ -49,11 +49,11 @@ def render_on_cluster(options, write):
         for frames, outcome in _finished_tasks(client, tasks, arguments, options.blender, on_progress):
             for frame, image in outcome["frames"]:
                 images[frame] = image
-                print(f"frame {frame}: {image}", flush=True)
+                say(f"frame {frame}: {image}")
                 write(lens_image=image, frame=frame)
             if "error" in outcome and (lost := [frame for frame in frames if frame not in images]):
                 failures |= dict.fromkeys(lost, outcome["error"])
-                print(f"{_named(lost)}: {outcome['error']}", flush=True)
+                say(f"{_named(lost)}: {outcome['error']}")
     if failures:
         first = next(iter(failures.values()))
         raise InputError(_named(failures), "render", "incomplete",
@@ -62,7 +62,7 @@ def render_on_cluster(options, write):
     if older := sorted({frame for task in tasks for frame in task} - images.keys()):
         remarks.append(f"the scene has changed since {len(older)} of the finished frames, from frame {older[0]} on: "
                        "--overwrite renders them again")
-    print(*remarks, sep="\n")
+    say(*remarks)
     return together({}, {frame: _record(image) for frame, image in images.items()} if options.report else {}), remarks
 
 
@@ -85,7 +85,7 @@ def _client(address):
         raise InputError("options", "--scheduler", address, f"no scheduler answers at this address: {error}") from None
     for worker, threads in client.nthreads().items():
         if threads > 1:
-            print(f"{worker} renders {threads} tasks at once: start workers with --nthreads 1", flush=True)
+            say(f"{worker} renders {threads} tasks at once: start workers with --nthreads 1")
     return client
 
 

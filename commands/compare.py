@@ -14,16 +14,19 @@ from .arguments import (
     add_filter_options,
     add_iris,
     add_rings,
+    add_stray,
     add_untrusted,
     check_outputs,
     given_fields,
     given_settings,
     iris_option,
+    stray_option,
 )
 from .blend import import_addon
 from .progress import messages, progress
 from .render import add_followed, restore_copied, scene_and_fields
 from .render_options import add_capture_options
+from .terminal import say
 
 TIER = "preview"
 OF_LENSES = "view", "output_folder", *CAMERA_FIELDS
@@ -51,6 +54,7 @@ def add_options(compare):
     add_filter_options(compare, of_scene=True)
     add_rings(compare, camera=True, fields=RINGS)
     add_iris(compare, camera=True)
+    add_stray(compare, of_scene=True)
     add_followed(compare.add_argument_group("for programs that run this command"))
     add_untrusted(compare)
     compare.set_defaults(run=_compare, confines=_folders)
@@ -69,17 +73,17 @@ def _compare(options):
         source, given = (_from_file if of_file else _from_scene)(options)
         addon, folder = import_addon(), options.output.resolve()
         addon.check_next_to_frames(folder, options.report, options.picture)
-        print(f"output: {folder}", flush=True)
+        say(f"output: {folder}")
         with progress(options, write) as on_progress:
             comparison = addon.plan_comparison(source, lenses, f_numbers, output_folder=folder, progress=on_progress,
                                                **given)
         for line in comparison.words:
-            print(line, flush=True)
+            say(line)
         with progress(options, write) as on_progress:
             sheet = addon.render_comparison(comparison, on_progress)
         if options.report:
             sheet.report.write(options.report)
-        print(*(line for line in sheet.messages if line not in comparison.words), sep="\n")
+        say(*(line for line in sheet.messages if line not in comparison.words))
         write(sheet=str(sheet.path), messages=sheet.messages, cells=[
             {"lens": cell.lens, "f_number": cell.f_number, "label": cell.label, "box": box}
             for cell, box in sheet.cells])
@@ -122,6 +126,7 @@ def _from_file(options):
     tier, engine = options.tier or TIER, given_settings(options, Options)
     if not engine.keys() & {"accuracy", "method", *KNOBS}:
         engine["accuracy"] = TIER_ACCURACY[tier]
-    given = given_fields(options) | {"options": Options(**engine), "iris": iris_option(options)}
+    given = given_fields(options) | {"options": Options(**engine), "iris": iris_option(options),
+                                     "stray": stray_option(options)}
     del given["output_folder"]
     return options.scene, {"lens_quality": tier} | given

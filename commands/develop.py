@@ -12,7 +12,7 @@ from .arguments import add_lens_settings, add_settings, add_untrusted, check_out
 from .camera import CAMERAS
 from .outcome import finish
 from .sequence import find_shots
-from .terminal import quiet
+from .terminal import quiet, say
 
 OUTPUTS = ".dng", ".png", ".exr"
 
@@ -62,7 +62,7 @@ def _develop(options):
         for shot in shots:
             with report.stage(f"write {shot.output.suffix}"):
                 _write(raw, shot, options, lens)
-            print(shot.output, flush=True)
+            say(shot.output)
     finish(options, reports[None] if None in reports else together(reports), [])
 
 
@@ -117,7 +117,7 @@ def _take(shot, options, camera, given, report):
     with report.stage("read irradiance"), quiet(1, 2):  # the EXR library prints long messages about damage
         irradiance = read_exr(shot.radiance, options.pitch_um)
     if line := missing_text(missing_channels(camera, irradiance.wavelengths_nm)):
-        print(f"camera: {line}", flush=True)
+        say(f"camera: {line}")
     try:
         with report.stage("camera"):
             return photograph(irradiance, camera, **given, report=report, noise=options.noise is not False,
@@ -133,7 +133,7 @@ def _write(raw, shot, options, lens):
     suffix = shot.output.suffix.lower()
     if suffix == ".dng":
         for line in write_raw_file(raw, _header(shot, options), shot.output, lens):
-            print(f"lens: {line}", flush=True)
+            say(f"lens: {line}")
     elif suffix == ".png":
         write_png(developed(raw), shot.output, 1.0)
     else:

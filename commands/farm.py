@@ -12,6 +12,7 @@ from .arguments import check_outputs
 from .render_options import add_farm_options, add_frame_options, add_scene_options
 from .sequence import frames_text
 from .task import frames_by_task, resolved_anywhere, scene_path, task_arguments
+from .terminal import say
 
 LONGEST_NAME = 100  # Open Job Description allows 128
 OPENS = "{{"  # starts a reference in Open Job Description, which cannot escape it
@@ -45,7 +46,7 @@ def _write_openjd(options):
         if (path := getattr(options, name)) and (path := resolved_anywhere(path)) and Path(path).is_absolute()}
     _write(template, _template(options, paths))
     _write(values, {"parameterValues": [{"name": PATHS[name][0], "value": path} for name, path in paths.items()]})
-    print(template, values, sep="\n")
+    say(template, values)
 
 
 def _template(options, paths):

@@ -37,7 +37,7 @@ from .frame_records import record_frame, record_stamp, recorded_build, remove_re
 from .outcome import finish
 from .reading import frame_of, read_picture
 from .sequence import find_shots
-from .terminal import progress_bar, quiet
+from .terminal import progress_bar, quiet, say
 
 WAIT_S = 0.5
 CAMERA_FIGURES = {"--pitch-um": ("pitch_um",), "--fov": ("fov",), "--focal-mm": ("focal_mm", "sensor_width_mm")}
@@ -100,7 +100,7 @@ def _filter(options):
                    (options.report, ".json")], [options.lens, *(shot.radiance for shot in shots)])
     if shots[0].frame is None:
         report = _Run(options, lens, chosen, shots[0], 1).put_through(shots[0])
-        print(*shots[0].targets, sep="\n", flush=True)
+        say(*shots[0].targets)
     else:
         report = _filter_sequence(options, lens, chosen, shots)
     finish(options, report, [])
@@ -122,10 +122,9 @@ def _filter_sequence(options, lens, chosen, shots):
     builds = {} if options.overwrite else {shot: recorded_build(shot, first, by) for shot in shots}
     pending = [shot for shot in shots if not is_accepted(builds.get(shot), options.any_build)]
     for line in other_builds_line(builds.values(), options.any_build, "filtered"):
-        print(line, flush=True)
+        say(line)
     if len(pending) < len(shots):
-        print(f"{len(shots) - len(pending)} of {len(shots)} frames are finished: {len(pending)} to filter",
-              flush=True)
+        say(f"{len(shots) - len(pending)} of {len(shots)} frames are finished: {len(pending)} to filter")
     run = _Run(options, lens, chosen, first, len(pending))
 
     def is_left(shot):
@@ -136,7 +135,7 @@ def _filter_sequence(options, lens, chosen, shots):
                     remove_record(shot)
                     reports[shot.frame] = run.put_through(shot)
                     record_frame(shot, first, by)
-                    print(*shot.targets, sep="\n", flush=True)
+                    say(*shot.targets)
         except Busy:
             return True
         return False
@@ -148,7 +147,7 @@ def _filter_sequence(options, lens, chosen, shots):
     # the second attempt takes over frames of processes that were stopped in the meantime
     left = [shot for shot in [shot for shot in pending if is_left(shot)] if is_left(shot)]
     if left:
-        print(f"left to other processes: {len(left)} of the frames, from frame {left[0].frame} on", flush=True)
+        say(f"left to other processes: {len(left)} of the frames, from frame {left[0].frame} on")
     return together(reports, {shot.frame: {} for shot in shots if shot.frame not in reports})
 
 
@@ -226,7 +225,7 @@ class _Run:
         for line in lines:
             kind = FIGURE.sub("", line) if line.startswith("depth") else line  # with different figures in each frame
             if kind not in self._reported:
-                print(line, flush=True)
+                say(line)
             self._reported.add(kind)
 
     def _through_lens(self, shot, radiance, layers, outside, report):

@@ -41,6 +41,7 @@ from .arguments import (
     shown_iris,
 )
 from .prescription_file import add_reading, lens_source, reading_options_for
+from .terminal import say
 
 MOST_ANGLE_DEG = 89.0
 MACRO_SUFFIXES = {"zemax": ".zpl", "codev": ".seq", "zospy": ".py"}
@@ -51,6 +52,9 @@ def add_options(command):
     info = lens.add_parser("info", help="print first-order data, distortion, relative illumination and lateral colour")
     info.add_argument("lens", metavar="NAME|FILE", help=LENSES)
     info.add_argument("--json", action="store_true", help="print JSON")
+    info.add_argument("--wavelengths", metavar="SPEC",
+                      help="of a prescription's bake, in nm: first:last:number, or a list; for glasses that are known "
+                           "over a part of the visible range only (default: all of it)")
     add_lens_settings(info)
     info.set_defaults(run=_info)
     listing = lens.add_parser("list", help="list the bundled lenses: names, titles and makers")
@@ -68,7 +72,7 @@ def add_options(command):
 
 def _list(options):
     for name, lens in find_bundled(options.words).items():
-        print(f"{name:<30} {lens.title:<48} {lens.maker}")
+        say(f"{name:<30} {lens.title:<48} {lens.maker}")
 
 
 def _add_cache(lens):
@@ -81,12 +85,12 @@ def _cache(options):
     if options.clear:
         cache.clear(baked.KIND)
     number, size = cache.size_bytes(baked.KIND)
-    print(f"{cache.cache_folder() or 'no cache'}: {number} baked lenses, {size / 1e6:.1f} MB of at most "
-          f"{baked.MOST_BYTES / 1e6:.0f} MB")
+    say(f"{cache.cache_folder() or 'no cache'}: {number} baked lenses, {size / 1e6:.1f} MB of at most "
+        f"{baked.MOST_BYTES / 1e6:.0f} MB")
 
 
 def _info(options):
-    info = lens_info(chosen_lens(options))
+    info = lens_info(chosen_lens(options, wavelengths_nm=_baked_nm(options)))
     prescription = prescription_of(lens_source(options, options.lens)) if has_rings(options.lens) else None
     ends = ring_ends(prescription) if prescription else ()
     if options.json:
@@ -94,13 +98,23 @@ def _info(options):
         print(json.dumps(info | {"rings": json_value([asdict(end) for end in ends]), "provenance": provenance},
                          indent=2))
         return
-    print(lens_text(info))
+    say(*lens_text(info).split("\n"))
     if prescription and prescription.passport:
-        print(f"\nfigures                  {prescription.passport}")
+        say("", f"figures                  {prescription.passport}")
     if ends:
         far, near = ends
-        print(f"\nfocus ring               {in_metres(far.focus_mm)} to {in_metres(near.focus_mm)}\n"
-              f"f-stop ring              f/{far.f_number:.3g} to f/{near.f_number:.3g}")
+        say("", f"focus ring               {in_metres(far.focus_mm)} to {in_metres(near.focus_mm)}",
+            f"f-stop ring              f/{far.f_number:.3g} to f/{near.f_number:.3g}")
+
+
+def _baked_nm(options):
+    """The wavelengths that --wavelengths requests; None without it."""
+    if options.wavelengths is None:
+        return None
+    if not has_rings(options.lens):
+        raise InputError("options", "--wavelengths", options.wavelengths,
+                         "a lens package has its own: leave it out, or give the lens's prescription")
+    return parse_wavelengths(options.wavelengths)
 
 
 def _add_check(lens):
@@ -121,7 +135,7 @@ def _check(options):
     else:
         summary = ", ".join(f"{counts[severity]} {severity}{'s' * (counts[severity] > 1)}"
                             for severity in SEVERITIES if counts[severity])
-        print(*findings, summary or "no findings", sep="\n")
+        say(*findings, summary or "no findings")
     return int(counts["error"] > 0)
 
 
@@ -168,7 +182,7 @@ def _plot(options):
         lens = lens_at_depth(lens, lens_rays(lens), distance_mm(options.depth, "--depth"))
     path = _sheet_path(options)
     write_lens_plot(lens, path, frequencies)
-    print(path)
+    say(path)
 
 
 def _sheet_path(options, ending=""):
@@ -188,7 +202,7 @@ def _plot_ghosts(options):
     path, lens = _sheet_path(options, "_ghosts"), chosen_lens(options)
     table = ghost_table(lens, options.ghosts, shown_iris(options))
     write_ghost_sheet(lens, table, path)
-    print(*ghost_lines(table), path, sep="\n")
+    say(*ghost_lines(table), path)
 
 
 def _frequencies(text):
@@ -225,7 +239,7 @@ def _stmap(options):
     check_outputs([(path, ".exr") for path in maps], [options.lens])
     for path, places in maps.items():
         write_rgb_exr(places, path)
-        print(path)
+        say(path)
 
 
 def _add_export_macro(lens):
@@ -273,4 +287,4 @@ def _import(options):
     check_outputs([(options.output, ".npz")], [options.path])
     lens = import_lens(options.path, options.name)
     write_package(lens, options.output)
-    print("\n".join(filter(None, (str(options.output), lens.notes))))
+    say(options.output, *filter(None, [lens.notes]))

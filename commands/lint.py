@@ -6,7 +6,7 @@ from dataclasses import asdict
 from .arguments import check_limits
 from .render import scene_and_fields
 from .render_options import FRAME_LIMITS, add_scene_options
-from .terminal import quiet
+from .terminal import quiet, say
 
 
 def add_options(lint):
@@ -43,14 +43,14 @@ def _lint(options):
             "nodes": [asdict(finding) for finding in result.findings]}, indent=2))
         return int(bool(result.refusals))
     for finding in result.findings:
-        print(finding)
-    print(counts_text(result.findings))
+        say(finding)
+    say(counts_text(result.findings))
     for remark in result.remarks:
-        print(remark)
+        say(remark)
     if result.plan:
-        print(f"scene: {result.plan.text}")
+        say(f"scene: {result.plan.text}")
     if not result.refusals:
-        print(f"output: {folder_for(scene, given.get('output_folder'))}")
+        say(f"output: {folder_for(scene, given.get('output_folder'))}")
     for refusal in result.refusals:
-        print(f"refused: {refusal}")
+        say(f"refused: {refusal}")
     return int(bool(result.refusals))

@@ -1,6 +1,7 @@
 """The result of a command: its files, seconds and remarks on the picture, or its error."""
 
 from ..engine import InputError
+from .terminal import say
 
 FAILURES = InputError, OSError, MemoryError
 """Reported in one line; any other exception is a bug."""
@@ -11,8 +12,8 @@ def finish(options, report, files):
     if options.report:
         report.write(options.report)
     for path in files:
-        print(path)
+        say(path)
     for stage, seconds in report.stages.items():
-        print(f"  {stage:<40}{seconds:8.2f} s")
+        say(f"  {stage:<40}{seconds:8.2f} s")
     for remark in report.remarks():
-        print(f"  {remark}")
+        say(f"  {remark}")

@@ -26,6 +26,7 @@ from .render_options import (
     add_scene_options,
     requested_frames,
 )
+from .terminal import say
 
 SAMPLE_LIMITS = 1, 1 << 24  # Blender's
 
@@ -91,7 +92,7 @@ def _render_here(options, write):
     given["source"] = _source(options, scene)
     restore_copied(options)
     _check_next_to_frames(options, scene)
-    print(f"output: {_output_folder(options, scene)}", flush=True)
+    say(f"output: {_output_folder(options, scene)}")
     _print_camera_words(scene, given)
     return (_render_one if options.frames is None else _render_frames)(options, scene, given, write)
 
@@ -118,7 +119,7 @@ def _print_camera_words(scene, given):
     from ..addon import camera_words
 
     for line in camera_words(scene.lensfield.to_request(**given)):
-        print(f"camera: {line}", flush=True)
+        say(f"camera: {line}")
 
 
 def _output_folder(options, scene):
@@ -163,7 +164,7 @@ def _render_frames(options, scene, given, write):
     for frame, path in animation.current.items():
         write(lens_image=str(path), frame=frame)
     for line in animation.beforehand:
-        print(line, flush=True)
+        say(line)
     known = set()
     for frame in animation.turns:
         with progress(options, write) as on_progress:
@@ -172,7 +173,7 @@ def _render_frames(options, scene, given, write):
             _report_frame(result, known, write, frame=frame)
         elif frame in animation.current:
             write(lens_image=str(animation.current[frame]), frame=frame)
-    print(*animation.summary, sep="\n")
+    say(*animation.summary)
     return animation.report, animation.messages
 
 
@@ -182,7 +183,7 @@ def _report_frame(result, known, write, **facts):
     for line in (f"scene: {scene.scene_plan}", *([f"samples: {scene.samples}"] if scene.samples else ()),
                  *([f"plan: {filtered.plan.text}"] if filtered else ()), *result.report.files.values()):
         if line not in known:
-            print(line, flush=True)
+            say(line)
         known.add(line)
     write(lens_image=str(result.lens_image), seconds=round(sum(result.report.stages.values()), 1), **facts)
 

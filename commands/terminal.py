@@ -5,9 +5,17 @@ import sys
 import time
 from contextlib import contextmanager
 
+from ..engine.runtime.errors import printable
 from .messages import time_left
 
 BAR_CELLS = 24
+
+
+def say(*lines, file=None):
+    """Print each line without control characters: paths, names and notes may come from untrusted files, and a terminal
+    obeys the escape sequences in them."""
+    for line in lines:
+        print(printable(" ".join(str(line).split("\n"))), file=file, flush=True)
 
 
 @contextmanager
@@ -23,8 +31,8 @@ def progress_bar():
         first[:] = first or (fraction, time.monotonic())
         completed = (fraction - first[0]) / (1 - first[0]) if first[0] < 1 else 1.0
         left, filled = time_left(completed, time.monotonic() - first[1]), round(BAR_CELLS * fraction)
-        print(f"\r[{'#' * filled}{'.' * (BAR_CELLS - filled)}] {fraction:4.0%}  {left:<11} {label:<36.36}", end="",
-              file=sys.stderr, flush=True)
+        print(f"\r[{'#' * filled}{'.' * (BAR_CELLS - filled)}] {fraction:4.0%}  {left:<11} "
+              f"{printable(label):<36.36}", end="", file=sys.stderr, flush=True)
 
     try:
         yield draw

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from ..engine import ImageError
 from .arguments import LENSES, add_lens_settings, check_outputs, chosen_lens, resolution
-from .terminal import progress_bar, quiet
+from .terminal import progress_bar, quiet, say
 
 
 def add_options(tradeoff):
@@ -40,7 +40,7 @@ def _tradeoff(options):
         raise error.at(options.image or error.where) from None
     write_table(rows, table)
     write_plot(rows, plot, description(lens, pictures))
-    print(table, plot, sep="\n")
+    say(table, plot)
 
 
 def _tradeoff_pictures(options, lens):

@@ -28,6 +28,7 @@ import OpenEXR
 import truth_scenes
 from lensfield import addon
 from lensfield.addon.scene.traced_camera import use_shader
+from lensfield.addon.scene.undo import Journal
 from lensfield.commands.terminal import quiet
 from lensfield.engine.prescription.prescription import Surface
 from lensfield.engine.prescription.readers import ReadingOptions, read_prescription
@@ -136,7 +137,7 @@ def photograph(shader, wall_m, frame_px, samples):
     truth_scenes.add_mesh(scene, "Wall", np.column_stack([corners, np.full(4, -wall_m)]), np.arange(4)[None],
                           _glow_of_places(wall_m))
     camera, render, cycles = scene.camera.data, scene.render, scene.cycles
-    use_shader(camera, shader)
+    use_shader(camera, shader, Journal())
     camera.cycles_custom["chromatic_aberration"], camera.dof.focus_distance = 0, 0.0  # 0 is infinity
     camera.sensor_fit, (camera.sensor_width, camera.sensor_height) = "HORIZONTAL", SENSOR_MM
     (render.resolution_y, render.resolution_x), cycles.samples = frame_px, samples

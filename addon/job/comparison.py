@@ -240,8 +240,8 @@ def _plan_of_scene(scene, lenses, f_numbers, folder, on_progress, given):
             for name, cell in _announced(rows, on_progress)}
     for job in jobs.values():
         check_job(scene, job)
-    fields = {name: {"lens": cell.lens, "view": CAMERA_VIEW, "options": jobs[name].options, "iris": jobs[name].iris,
-                     "lens_quality": jobs[name].lens_quality or jobs[name].spectral.tier,
+    fields = {name: {"lens": cell.lens, "view": CAMERA_VIEW, "options": jobs[name].options, "stray": jobs[name].stray,
+                     "iris": jobs[name].iris, "lens_quality": jobs[name].lens_quality or jobs[name].spectral.tier,
                      "depth": OFF if jobs[name].depth == OFF else AUTO, **ring_fields(cell.rings)}
               for name, cell in _by_folder(rows).items()}
     radiance = Result.of(scene, folder / CAPTURE, scene.frame_current).radiance

@@ -12,7 +12,6 @@ from ...engine import Lens
 from ...engine.depth.depth_range import OFF
 from ...engine.runtime.errors import InputError
 from ...engine.runtime.files import temporary_root
-from ...engine.runtime.inputs import note_who_names
 from ...engine.spectral.wavelength_choice import REFERENCE
 from ...request import BY_SCENE, ON, RING_FIELDS, RenderRequest
 from ..scene.rings import scene_iris, scene_lens
@@ -76,8 +75,6 @@ def job_of(scene, quality=None, **given):
     InputError
         The lens, or a value of the settings, is not valid.
     """
-    if isinstance(given.get("lens"), str | os.PathLike):
-        note_who_names(given["lens"], None)
     request = scene.lensfield.to_request(**given)
     if not request.lens:
         raise InputError("scene settings", "lens file", "empty", "choose a prescription or a lens package")

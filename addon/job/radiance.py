@@ -40,9 +40,17 @@ from .layering import layered_radiance
 from .light import GatheredLight
 from .outside_sources import outside_steps
 from .remarks import colour_remarks, scale_remarks, scene_remarks, unlayered_remarks
-from .sampled_passes import CONTROL_CUBES, MOST_FINE_PX, SampledPasses, WholePasses, detail_times, shares_noise
+from .sampled_passes import (
+    CONTROL_CUBES,
+    MOST_FINE_PX,
+    DetailedPasses,
+    SampledPasses,
+    WholePasses,
+    detail_times,
+    shares_noise,
+)
 from .scene_plan import plan_scene
-from .slabs import cut_steps, finer_region, single_slab
+from .slabs import cut_steps, finer_region, looked_at, single_slab
 from .steps import RenderPass, Work
 from .targets import check_files
 
@@ -152,7 +160,7 @@ def room_for_capture(scene, job, grid, plan, slabs=()):
     light_bytes = 0 if scratch else SAMPLE_BYTES * planes
     control_bytes = 0 if scratch else SAMPLE_BYTES * control_planes
     flat_bytes = light_bytes * pixels // grid.across if len(slabs) > 1 else 0  # the pinhole's view, after the passes
-    times = detail_times(scene, job, plan, pixels)
+    times = detail_times(scene, job, pixels)
     needed = (gathered_px * (light_bytes + control_bytes + PLANES_BYTES) + detail_bytes(gathered_px, times)
               + max(pass_bytes(times**2 * pixels, lamps, job.denoises), flat_bytes))
     check_room(f"scene {scene.name!r}", needed, "render a smaller picture, or fewer wavelengths")
@@ -326,6 +334,7 @@ def sliced_steps(planned, share, journal, times=1):
     scene, job, plan, grid, cut = planned.scene, planned.job, planned.plan, planned.grid, None
     if job.depth == AUTO:
         planned.substitution.set_wavelengths(plan.bands[0], plan.dispersive)
+        planned.substitution.place_window(looked_at(grid))
         cut = yield from cut_steps(scene, job, grid.finer(times), finer_region(planned.rendered, times), plan.tinting,
                                    planned.empty.sky and not planned.film, planned.passes,
                                    planned.path.with_name("look.exr"), 0.0, LOOK_SHARE * share)
@@ -336,6 +345,7 @@ def sliced_steps(planned, share, journal, times=1):
         divide_samples(scene, columns, journal)
     capture_px, slabs = (cut.capture, cut.slabs) if cut else (grid, planned.slabs)
     guard_render_state(scene, job, capture_px, planned.path, journal)
+    planned.substitution.place_window(capture_px)
     needed_bytes, scratch = room_for_capture(scene, job, capture_px.finer(times), plan,
                                              [slab.finer(times) for slab in slabs])
     return replace(planned, cut=cut, capture_px=capture_px, slabs=slabs, scratch=scratch,
@@ -345,9 +355,10 @@ def sliced_steps(planned, share, journal, times=1):
 def _passes(ready, journal):
     """The passes of a capture, which share their noise if possible."""
     scene, job, plan, count = ready.scene, ready.job, ready.plan, len(ready.plan.bands)
+    times = detail_times(scene, job, math.prod(ready.capture_px.shape_px))
     if not shares_noise(scene, job, plan):
-        return WholePasses(ready.passes, ready.path, count)
-    times = detail_times(scene, job, plan, math.prod(ready.capture_px.shape_px))
+        of_all = ready.passes, ready.path, count
+        return DetailedPasses(*of_all, scene, ready.capture_px, times) if times > 1 else WholePasses(*of_all)
     return SampledPasses(ready.passes, ready.path, count, scene, ready.scratch, journal, job.denoises,
                          ready.capture_px, times)
 

@@ -12,9 +12,11 @@ from ...engine.rays.rings import in_metres
 from ...engine.spectral.wavelength_choice import REFERENCE, STANDARD_COLOUR_ERROR
 from ..scene.camera import matching_focal_length_mm, pixel_aspect
 from ..scene.compositor import unreplaced_passes
+from ..scene.instances import rendered_blocks
 from ..scene.render_state import effective_samples
 from ..scene.traced_camera import traces_on_device
 from ..shading.lobes import MIRRORED, REFRACTED
+from ..shading.node_paths import uses_window
 from .unlayered import VOLUME, unlayered
 
 MOST_NAMED = 3
@@ -146,6 +148,9 @@ def _of_traced_lens(scene, job):
     yield Remark("Depth", "Traced Lens", "rays only, no diffraction; the scene's light is not stored for other lenses")
     if not traces_on_device(scene):
         yield Remark("Device", "GPU Compute", "the CPU renders instead", "only OptiX traces lenses on the GPU")
+    if names := [block.name for block in rendered_blocks(scene) if uses_window(block)]:
+        yield Remark("Window Coordinates", f"of {min(names)!r}", "Cycles has none for a traced lens",
+                     "set Depth to As Needed")
 
 
 def _of_reference(scene, job):

@@ -1,5 +1,7 @@
 """The samples of a capture's passes: one pass takes all, the others a few, with that pass as their control variate.
 
+Samples may be in the parts of pixels, which resolve how light is distributed inside pixels (`Detail`).
+
 The passes of a frame share their seed, so their noise is correlated: see `engine/spectral/control_variate.py`. The
 noise that the control variate leaves is estimated from the two halves of the few samples. A pass with too much of it
 takes more samples.
@@ -14,12 +16,21 @@ from itertools import pairwise
 
 import numpy as np
 
+from ...engine.plan.options import OFF
 from ...engine.runtime.scratch import new_array, release_memory
 from ...engine.spectral.control_variate import estimate, noise_growth, remaining_shares
 from ...engine.spectral.wavelength_choice import STANDARD
-from ...request import ON
 from ..scene.denoise import denoised, guide_planes, render_with_guides
-from ..scene.render_state import effective_samples, rendered_layer, show_noise, show_samples, show_slab
+from ..scene.render_state import (
+    divide_samples,
+    effective_samples,
+    read_again,
+    rendered_layer,
+    show_noise,
+    show_samples,
+    show_slab,
+)
+from ..scene.undo import Journal
 from .bands import WAVELENGTHS_PER_PASS
 from .light import PassLight, place_in
 from .steps import Work
@@ -36,25 +47,19 @@ CONTROL_CUBES = LEVELS + 2  # pictures that a control variate stores for each sl
 
 def shares_noise(scene, job, plan):
     """Whether one pass is the control variate of the others."""
-    return may_share_noise(scene, job) and len(plan.bands) > 1 and plan.per_pass == WAVELENGTHS_PER_PASS
+    return (job.spectral.tier == STANDARD and _may_divide_samples(scene, job) and len(plan.bands) > 1
+            and plan.per_pass == WAVELENGTHS_PER_PASS and effective_samples(scene) >= 2 * LEAST_FEW)
 
 
-def may_share_noise(scene, request):
-    """Whether one pass may be the control variate of the others, if there are any."""
+def _may_divide_samples(scene, request):
     cycles = scene.cycles
-    return (request.spectral.tier == STANDARD and not request.traced and not cycles.time_limit
-            and not cycles.use_sample_subset and effective_samples(scene) >= 2 * LEAST_FEW)
+    return not request.traced and not cycles.time_limit and not cycles.use_sample_subset
 
 
-def detail_times(scene, job, plan, pixels):
-    """Parts of a capture's pixels, down and across, in which the rest of a pass's samples are rendered; 1 for whole
-    pixels."""
-    return possible_detail_times(scene, job, pixels) if shares_noise(scene, job, plan) else 1
-
-
-def possible_detail_times(scene, request, pixels):
-    """As `detail_times`, if there are two passes or more."""
-    if request.detail != ON or not may_share_noise(scene, request) or pixels * FINER**2 > MOST_FINE_PX:
+def detail_times(scene, request, pixels):
+    """Parts of a capture's pixels, down and across, in which one pass is rendered; 1 for whole pixels."""
+    if (request.options.detail == OFF or request.spectral.tier == "preview" or pixels * FINER**2 > MOST_FINE_PX
+            or not _may_divide_samples(scene, request)):
         return 1
     ends = _sample_ends(scene)
     return FINER if ends[-1] - ends[-2] >= LEAST_FINE * FINER**2 else 1
@@ -99,6 +104,43 @@ class WholePasses:
         """
         planes = yield from self._passes.planes(step, self._path, gathered.planes, index, *gathered.slab.facts)
         return gathered.light_of(planes)
+
+
+class DetailedPasses(WholePasses):
+    """The passes of a capture, each with all samples; those of the first are in the parts of its pixels.
+
+    Parameters
+    ----------
+    passes, path, count
+        As for `WholePasses`.
+    scene : bpy.types.Scene
+    capture : PixelGrid
+    times : int
+        From `detail_times`, above 1.
+    """
+
+    def __init__(self, passes, path, count, scene, capture, times):
+        super().__init__(passes, path, count)
+        self.order.insert(0, self.order.pop((count - 1) // 2))  # the one in the middle of the spectrum
+        self._scene, self._capture, self._times = scene, capture, times
+
+    def light(self, index, gathered, step):
+        if index != self.order[0]:
+            return (yield from super().light(index, gathered, step))
+        times, slab = self._times, gathered.slab
+        with Journal() as journal:
+            show_slab(self._scene, slab.finer(times), self._capture.finer(times), journal)
+            divide_samples(self._scene, times**2, journal)
+            read_again(self._scene)
+            planes = yield from self._passes.planes(step, self._path, gathered.planes, index, times, *slab.facts)
+        read_again(self._scene)
+        detail = gathered.detail_of(index, gathered.picture(planes), times)
+        whole = gathered.in_whole_pixels(planes, gathered.planes, times)
+        return replace(gathered.light_of(whole), detail=detail)
+
+    @property
+    def text(self):
+        return _detail_text(self._times)
 
 
 class SampledPasses(WholePasses):
@@ -222,7 +264,11 @@ class SampledPasses(WholePasses):
         return (f"{' or '.join(map(str, numbers))} of {self._samples} samples in {len(self.order) - 1} of "
                 f"{len(self.order)} passes, with the other pass as control variate: three quarters of the picture have "
                 f"at most {max(growth for _, growth in self._taken):.2f} times the noise of all samples" + (
-                    f"; detail of {self._times} x {self._times} parts of each pixel" if self._times > 1 else ""))
+                    f"; {_detail_text(self._times)}" if self._times > 1 else ""))
+
+
+def _detail_text(times):
+    return f"detail of {times} x {times} parts of each pixel"
 
 
 def _power_of_two(number):

@@ -11,6 +11,15 @@ from pathlib import Path
 
 import bpy
 
+from ...engine.runtime.blender_caches import (
+    BAKES,
+    FLUID,
+    MODIFIER_BAKES,
+    OCEAN,
+    POINTS,
+    blend_caches,
+    cache_files,
+)
 from ...engine.runtime.files import file_status
 from ...engine.runtime.inputs import MOST_BYTES, MOST_FONT_BYTES, check_named
 from ..scene.fingerprint import blocks_of
@@ -71,9 +80,17 @@ def _others(scene):
     files = {Path(bpy.path.abspath(library.filepath)): library for library in bpy.data.libraries}
     for block, paths in bpy.data.file_path_map(subset=blocks).items():
         files |= {Path(bpy.path.abspath(path, library=block.library)): block for path in (*paths, *_spectra(block))}
-    for folder in _cache_folders(blocks):
-        files |= {Path(above, name): None for above, _, names in os.walk(folder) for name in names}
-    return files
+    return files | dict.fromkeys(_caches([scene, *blocks]))
+
+
+def _caches(blocks):
+    """Files of simulations and bakes."""
+    blends = filter(None, (bpy.data.filepath, *(bpy.path.abspath(library.filepath) for library in bpy.data.libraries)))
+    caches = [path for blend in blends for path in blend_caches(blend)]
+    for block in blocks:
+        for folder, names in _cache_folders(block):
+            caches += cache_files(bpy.path.abspath(folder, library=block.library), names) if folder else []
+    return caches
 
 
 def _all_alike(paths):
@@ -100,14 +117,30 @@ def _spectra(block):
     return [path for field in fields_of(block) if (path := spectrum_path(block, field))]
 
 
-def _cache_folders(blocks):
-    """Folders of simulations and bakes."""
-    blend = Path(bpy.data.filepath)
-    if blend.name:
-        yield blend.with_name(f"blendcache_{blend.stem}")
-    for modifier in (modifier for block in blocks if block.id_type == "OBJECT" for modifier in block.modifiers):
+def _cache_folders(block):
+    """(folder, names of its files) of the simulations and bakes that an object or scene names; the folder may be ""."""
+    if block.id_type == "SCENE" and block.rigidbody_world:
+        yield from _external([block.rigidbody_world])
+    for modifier in block.modifiers if block.id_type == "OBJECT" else ():
         if modifier.type == "NODES":
-            yield from (bpy.path.abspath(folder) for folder in (
-                modifier.bake_directory, *(bake.directory for bake in modifier.bakes)) if folder)
+            yield modifier.bake_directory, MODIFIER_BAKES
+            yield from ((bake.directory, BAKES) for bake in modifier.bakes if bake.use_custom_path)
         elif modifier.type == "FLUID" and modifier.domain_settings:
-            yield bpy.path.abspath(modifier.domain_settings.cache_directory)
+            yield modifier.domain_settings.cache_directory, FLUID
+        elif modifier.type == "OCEAN" and modifier.is_cached:
+            yield modifier.filepath, OCEAN
+        else:
+            yield from _external(_with_point_caches(modifier))
+
+
+def _with_point_caches(modifier):
+    """The owners of a modifier's point caches: the simulation itself, its particles or its surfaces."""
+    if modifier.type == "PARTICLE_SYSTEM":
+        return [modifier.particle_system]
+    if modifier.type == "DYNAMIC_PAINT":
+        return modifier.canvas_settings.canvas_surfaces if modifier.canvas_settings else []
+    return [modifier] if modifier.type in ("CLOTH", "SOFT_BODY") else []
+
+
+def _external(simulations):
+    return ((each.point_cache.filepath, POINTS) for each in simulations if each.point_cache.use_external)

@@ -334,13 +334,14 @@ def aim_camera(scene, rotation=None):
     camera.location = Vector((low + high) / 2) + away * float(radius / np.sin(half_angle))
 
 
-def set_up_capture(camera, lens, capture):
+def set_up_capture(camera, lens, capture, journal):
     """Set up camera data for a capture: a perspective camera, or a panoramic one with the capture's projection. The
     render's resolution must be `capture.shape_px`, and its pixels `capture.squeeze` times as wide as tall."""
-    if capture.projection.is_plane:
-        _make_perspective(camera, lens.capture_focal_length_mm / capture.squeeze, capture)
-    else:
-        _make_panoramic(camera, lens.capture_focal_length_mm, capture)
+    focal_mm = lens.capture_focal_length_mm
+    plane = capture.projection.is_plane
+    settings = _perspective(focal_mm / capture.squeeze, capture) if plane else _panoramic(focal_mm, capture)
+    for name, value in settings.items():
+        journal.set(camera, name, value)
 
 
 def match_camera_to_lens(camera, lens, frame):
@@ -355,11 +356,11 @@ def match_camera_to_lens(camera, lens, frame):
     nm = reference_nm(lens)
     plane = frame.with_overscan(field_map(lens).overscan_px(frame, [nm], 0))
     if np.prod(plane.shape_px) <= MOST_PLANE * np.prod(frame.shape_px):
-        _make_perspective(camera, focal_mm, frame)
+        _assign(camera, _perspective(focal_mm, frame))
         return
     edge_mm, _ = field_map(lens).at_wavelength(nm).source_mm(width_mm / 2, 0.0)
-    _make_perspective(camera, focal_mm * width_mm / 2 / edge_mm, frame)
-    _make_panoramic(camera, focal_mm, replace(frame, projection=lens_projection(lens, frame)))
+    _assign(camera, _perspective(focal_mm * width_mm / 2 / edge_mm, frame))
+    _assign(camera, _panoramic(focal_mm, replace(frame, projection=lens_projection(lens, frame))))
 
 
 def lens_for_view(scene, lens, view):
@@ -460,31 +461,35 @@ def shift_warning(lens, frame):
             "there")
 
 
-def _make_perspective(camera, focal_length_mm, grid):
-    camera.type = "PERSP"
-    camera.lens_unit = "MILLIMETERS"
-    camera.lens = focal_length_mm * CAMERA_SENSOR_MM / _place_sensor(camera, grid)
+def _perspective(focal_mm, grid):
+    """The properties of a perspective camera with a grid's view."""
+    return _sensor(grid, "PERSP") | {"lens_unit": "MILLIMETERS",
+                                     "lens": focal_mm * CAMERA_SENSOR_MM / _width_mm(grid)}
 
 
-def _place_sensor(camera, grid):
-    """Give camera data a sensor for a grid, shifted to its place in the image circle; returns the grid's width in
-    mm."""
-    (rows, columns), (row, column) = grid.shape_px, grid.centre_px
-    camera.sensor_fit = "HORIZONTAL"
-    camera.sensor_width = CAMERA_SENSOR_MM
-    camera.shift_x, camera.shift_y = np.divide(((columns - 1) / 2 - column, row - (rows - 1) / 2),
-                                               _shift_units_px(camera, grid.shape_px, grid.squeeze))
-    return columns * grid.pitch_um * 1e-3
-
-
-def _make_panoramic(camera, focal_mm, grid):
-    """Make camera data a panorama of a grid's projection. Cycles expects its polynomial with the opposite sign, for a
-    radius in mm on the camera's sensor."""
-    camera.type = "PANO"
-    width_mm, projection = _place_sensor(camera, grid), grid.projection
-    camera.panorama_type = FISHEYE_TYPE
-    camera.fisheye_fov = WHOLE_SPHERE
+def _panoramic(focal_mm, grid):
+    """The properties of a panoramic camera with a grid's projection. Cycles expects its polynomial with the opposite
+    sign, for a radius in mm on the camera's sensor."""
     coefficients = np.zeros(5)
-    coefficients[1:1 + len(projection.angle_per_radius)] = projection.angle_per_radius
-    for power, coefficient in enumerate(coefficients):
-        setattr(camera, f"fisheye_polynomial_k{power}", -coefficient * (width_mm / CAMERA_SENSOR_MM / focal_mm)**power)
+    coefficients[1:1 + len(grid.projection.angle_per_radius)] = grid.projection.angle_per_radius
+    scale = _width_mm(grid) / CAMERA_SENSOR_MM / focal_mm
+    return _sensor(grid, "PANO") | {"panorama_type": FISHEYE_TYPE, "fisheye_fov": WHOLE_SPHERE} | {
+        f"fisheye_polynomial_k{power}": -coefficient * scale**power for power, coefficient in enumerate(coefficients)}
+
+
+def _sensor(grid, camera_type):
+    """The properties of a camera of this type with a sensor for a grid, shifted to its place in the image circle."""
+    (rows, columns), (row, column) = grid.shape_px, grid.centre_px
+    shift_x = ((columns - 1) / 2 - column) / columns
+    shift_y = (row - (rows - 1) / 2) / (rows if camera_type == "PANO" else columns * grid.squeeze)
+    return {"type": camera_type, "sensor_fit": "HORIZONTAL", "sensor_width": CAMERA_SENSOR_MM, "shift_x": shift_x,
+            "shift_y": shift_y}
+
+
+def _width_mm(grid):
+    return grid.shape_px[1] * grid.pitch_um * 1e-3
+
+
+def _assign(camera, settings):
+    for name, value in settings.items():
+        setattr(camera, name, value)

@@ -13,6 +13,7 @@ from ...engine.lens.entrance_pupil import focus_rise
 from ...engine.library import LensSource, has_rings, prescription_of
 from ...engine.prescription.system import system_of
 from ...engine.rays import field_heights, fields
+from ...engine.rays.light_end import light_end
 from ...engine.rays.rings import AT_REST, Rings, resized_rings, ring_ends, turned
 from ...engine.rays.view import focus_lean, sensor_axes, tilted
 from .lens_cache import identity_of, load_lens
@@ -136,7 +137,8 @@ def _facts(source, changed, rings, focal_mm):
 def _curves(system):
     """`LensFacts.fields` of a prescription."""
     if system.prescription.radial:
-        return 3 * (_pairs(*field_heights.chief_ray_curve(system)),)
+        last_mm = light_end(system, (system.prescription.reference_wavelength_nm,)).height_mm
+        return 3 * (_pairs(*field_heights.chief_ray_curve(system, last_mm)),)
     end_mm, sides_mm = system.last_height_mm, system.prescription.sensor_mm or four_by_three(system.last_height_mm)
     ends_mm = (end_mm, 0.0), (0.0, end_mm), end_mm / np.hypot(*sides_mm) * np.array(sides_mm)
     return tuple(_pairs(*fields.chief_ray_curve(system, each)) for each in ends_mm)

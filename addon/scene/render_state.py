@@ -73,7 +73,7 @@ def guard_render_state(scene, job, capture, path, journal):
     for name in (p.identifier for p in layer.bl_rna.properties if p.identifier.startswith("use_pass_")):
         journal.set(layer, name, name in ("use_pass_combined", "use_pass_z"))
     _guard_format(scene.render.image_settings, journal)
-    set_up_capture(scene.camera.data, job.lens, capture)
+    set_up_capture(scene.camera.data, job.lens, capture, journal)
 
 
 def clamps_of(scene):

@@ -33,7 +33,7 @@ def check_scene(scene, *, frames=(), view_layer=None, view=None, output_folder=N
         _check_file_names(scene)
     cameras = dict.fromkeys(camera_at(scene, frame) for frame in frames) or [scene.camera]
     for camera in cameras:
-        check_camera(scene, settings.view_text() if view is None else view, camera)
+        check_camera(scene, settings.chosen_view() if view is None else view, camera)
     _check_pixels(scene, lens)
     if not 0 < scene.unit_settings.scale_length < inf:
         raise SceneError(f"scene {scene.name!r}", "unit scale", f"{scene.unit_settings.scale_length:g}",

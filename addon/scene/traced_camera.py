@@ -45,10 +45,10 @@ def trace_lens(scene, lens, film, wavelength_nm, journal):
     """Set the scene up for a render through a lens at one wavelength; its camera's data must be a stand-in."""
     if not traces_on_device(scene):
         journal.set(scene.cycles, "device", "CPU")
-    set_traced_camera(scene.camera.data, lens, film, wavelength_nm, mm_per_unit(scene))
+    set_traced_camera(scene.camera.data, lens, film, wavelength_nm, mm_per_unit(scene), journal)
 
 
-def set_traced_camera(camera, lens, film, wavelength_nm, unit_mm):
+def set_traced_camera(camera, lens, film, wavelength_nm, unit_mm, journal):
     """Make camera data a lens for one wavelength: it looks along -z, from the entrance pupil at its origin.
 
     Parameters
@@ -60,9 +60,11 @@ def set_traced_camera(camera, lens, film, wavelength_nm, unit_mm):
     wavelength_nm : float
     unit_mm : float
         Length of a Blender unit.
+    journal : Journal
     """
-    camera.shift_x = camera.shift_y = 0  # the film has it already
-    use_shader(camera, _shader(lens.prescription, film, float(wavelength_nm), unit_mm))
+    for name in ("shift_x", "shift_y"):
+        journal.set(camera, name, 0.0)  # the film has it already
+    use_shader(camera, _shader(lens.prescription, film, float(wavelength_nm), unit_mm), journal)
 
 
 @lru_cache(maxsize=64)  # one for each wavelength of a film: each frame of an animation uses them in turn
@@ -71,12 +73,12 @@ def _shader(prescription, film, wavelength_nm, unit_mm):
     return shader_text(lens, film, unit_mm)
 
 
-def use_shader(camera, text):
+def use_shader(camera, text, journal):
     """Give camera data an OSL shader."""
     bytecode = _compiled(text)
-    camera.type = "CUSTOM"
-    camera.custom_bytecode = bytecode
-    camera.custom_bytecode_hash = hashlib.md5(bytecode.encode(), usedforsecurity=False).hexdigest()
+    digest = hashlib.md5(bytecode.encode(), usedforsecurity=False).hexdigest()
+    for name, value in (("type", "CUSTOM"), ("custom_bytecode", bytecode), ("custom_bytecode_hash", digest)):
+        journal.set(camera, name, value)
 
 
 @lru_cache(maxsize=64)
@@ -103,7 +105,8 @@ def shader_text(lens: FromSensor, film, unit_mm):
         "BENT": lens.terms.any(axis=1).astype(int), "TERMS_EACH": lens.terms.shape[1],
         "FIRST_POWER": lens.first_power, "POWER_STEP": lens.power_step,
         "NEWTON_STEPS": NEWTON_STEPS, "GOOD_MM": GOOD_SHARE * np.abs(lens.gap_mm).sum(), "LEAST_SQUARE": LEAST_SQUARE,
-        "UNIT_MM": unit_mm, **_aim_numbers(lens.aim), **_section_numbers(lens.sections)}
+        "UNIT_MM": unit_mm, **_aim_numbers(lens.aim), **_section_numbers(lens.sections),
+        **_rectangle_numbers(lens.half_widths_mm)}
     numbers = {name: ", ".join(map(repr, np.ravel(value).tolist())) for name, value in numbers.items()}
     definitions = "".join(f"#define {name} {text}\n" for name, text in (numbers | _matrices(lens.poses)).items())
     return definitions + SHADER.read_text(encoding="utf-8")
@@ -125,6 +128,13 @@ def _section_numbers(sections):
         return {}
     return {"KINDS": sections.kinds, "ALONG_X": sections.along_x, "SECTIONS": sections.along_x.size,
             "SECTIONS_EACH": sections.along_x.shape[1], "TOROID_X": KINDS["x"], "TOROID_Y": KINDS["y"]}
+
+
+def _rectangle_numbers(half_widths_mm):
+    if half_widths_mm is None:
+        return {}
+    return {f"HALF_WIDTH_{axis}": np.minimum(half_mm, WIDE_MM)
+            for axis, half_mm in zip("XY", half_widths_mm.T, strict=True)}
 
 
 def _matrices(poses):

@@ -78,7 +78,10 @@ class Journal:
             if getattr(user, "data", None) == old:
                 user.data = new
         if old.users:  # other kinds of users; this ignores linked ones, and scans the complete file
+            others = bpy.data.user_map(subset={old})[old]
             old.user_remap(new)
+            for user in others:  # which Blender does not: evaluated users would keep a pointer to the removed block
+                user.update_tag()
 
     def _users_of(self, data_block):
         """A data-block's known users: searched for all of its kind together, as each search scans the complete file."""

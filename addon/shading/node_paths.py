@@ -1,5 +1,7 @@
 """Tracing inputs backwards through a node tree as Cycles does: past reroutes and muted nodes, in and out of groups."""
 
+from ..scene.instances import nodes_within, uses_nodes
+
 CONSTANT_NODES = {"ShaderNodeRGB", "ShaderNodeValue"}
 GLOWING_TYPES = {"RGBA", "VECTOR", "VALUE", "INT", "BOOLEAN"}
 
@@ -61,6 +63,18 @@ def constant_of(socket, groups=()):
     value = holder.default_value
     values = tuple(value) if hasattr(value, "__len__") else (value,) * 3
     return values if socket.type in ("RGBA", "VECTOR") else sum(values[:3]) / len(values[:3])
+
+
+def window_outputs(nodes):
+    """Generator of the linked outputs of these nodes that give Window coordinates."""
+    for node in nodes:
+        if node.bl_idname == "ShaderNodeTexCoord" and not node.mute and node.outputs["Window"].is_linked:
+            yield node.outputs["Window"]
+
+
+def uses_window(block):
+    """Whether a material, light or world uses Window coordinates."""
+    return uses_nodes(block) and any(window_outputs(nodes_within(block.node_tree)))
 
 
 def _inside(group, output):

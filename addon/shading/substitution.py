@@ -27,7 +27,7 @@ from .closure_rules import is_idle
 from .lamps import Lamp, blackbody_temperature
 from .lobes import EMISSIONS, shared_closures
 from .lumens import give_lumens, luminous_efficacy
-from .node_paths import constant_of, feeding, glowing_colour, source_of
+from .node_paths import constant_of, feeding, glowing_colour, source_of, window_outputs
 from .spectral_sockets import CHANNELS, EMISSION, INDEX, REFLECTANCE, is_shader, kind, takes_reflectance
 from .wiring import attribute_node, emission_between, multiplied, single_shader, upsampler
 
@@ -95,6 +95,7 @@ class Substitution:
         self._values, self._indices, self._copies, self._sharing = {}, set(), {}, set()
         self._group_of = {}  # the lamp of the light group, by the names of properties for emission
         self._shown = ()  # the arguments of the last `set_wavelengths`
+        self._window = {}  # names of the properties that place Window coordinates, by what they do; once in use
         self.factors, self.mixed_colours, self.refusals = [], False, []
         self._upsamplers = {basis: self._make_upsampler(basis) for basis in set(BASIS.values())}
         worlds = {scene.world, *(layer.world_override for layer in scene.view_layers)} - {None}
@@ -123,6 +124,22 @@ class Substitution:
                 # without dispersion, all three channels take the index at the D line
                 at_nm = np.full(3, D_LINE_NM) if name in self._indices and not dispersive else wavelengths_nm
                 self._scene[name] = [float(value) for value in values_at(at_nm)]
+        read_again(self._scene)
+
+    def place_window(self, capture):
+        """Let Window coordinates span the frame of the picture, without the overscan of a capture, a PixelGrid.
+
+        In Cycles they span the capture, from its lower left corner; those of a panorama ignore the camera's shift.
+        """
+        if not self._window:
+            return
+        (rows, columns), (row, column) = capture.shape_px, capture.centre_px
+        margin_px = np.array(capture.overscan_px[::-1], dtype=float)
+        if not capture.projection.is_plane:
+            margin_px += (columns - 1) / 2 - column, row - (rows - 1) / 2
+        frame_px = np.array(capture.frame_px[::-1])
+        self._scene[self._window["scale"]] = [*((columns, rows) / frame_px), 1.0]
+        self._scene[self._window["offset"]] = [*(-margin_px / frame_px), 0.0]
         read_again(self._scene)
 
     def brightest(self, wavelengths_nm):
@@ -177,6 +194,8 @@ class Substitution:
         emission = self._lamps.assigned(light)
         lamp = self._lamps.blackbody(light.temperature) if light.use_temperature and not emission else None
         tint = (1.0, 1.0, 1.0) if emission else tuple(light.color)
+        if lamp and light.lensfield.power_unit == "BLENDER":
+            tint = tuple(self._gain_to_white(lamp) * value for value in tint)
         assigned = self._assigned(light, emission=emission, lamp=lamp, tint=tint)
         stand_in = self._stand_in(light)
         if not uses_nodes(light):
@@ -209,6 +228,8 @@ class Substitution:
 
     def _substitute_tree(self, tree, assigned):
         """Wire the inputs of every shader node of a tree, and of the groups in it."""
+        for window in list(window_outputs(tree.nodes)):
+            self._move_window(tree, window)
         for socket in [socket for node in tree.nodes for socket in node.inputs]:
             if colour := glowing_colour(socket):
                 emission_between(tree, colour, socket)
@@ -220,6 +241,18 @@ class Substitution:
                     source = self._source(tree, node, socket, assigned)
                     if source:
                         tree.links.new(source, socket)
+
+    def _move_window(self, tree, window):
+        """Insert the scale and offset of `place_window` behind an output of Window coordinates."""
+        takers = [link.to_socket for link in window.links if not link.is_muted]
+        self._window = self._window or {"scale": self._free_property(), "offset": self._free_property()}
+        placed = tree.nodes.new("ShaderNodeVectorMath")
+        placed.operation = "MULTIPLY_ADD"
+        tree.links.new(window, placed.inputs[0])
+        for name, socket in zip(("scale", "offset"), placed.inputs[1:], strict=False):
+            tree.links.new(attribute_node(tree, self._window[name]).outputs["Vector"], socket)
+        for taker in takers:
+            tree.links.new(placed.outputs[0], taker)
 
     def _substituted_group(self, group, assigned):
         key = group.session_uid, assigned
@@ -276,8 +309,8 @@ class Substitution:
 
         if assigned.emission:
             return self._glow(tree, light_at, group)
-        if temperature_k:  # Blender gives it the luminance of white
-            gain = luminous_efficacy(self._lamps.daylight) / luminous_efficacy(lamp)
+        if temperature_k:
+            gain = self._gain_to_white(lamp)
             return self._glow(tree, lambda nm: gain * light_at(nm), group)
         constant = constant_of(socket)
         if constant is None:
@@ -287,6 +320,10 @@ class Substitution:
             return colour if unchanged else multiplied(tree, colour, self._glow(tree, light_at, group))
         colour = np.array(constant[:3])
         return self._glow(tree, lambda nm: light_at(nm) * np.maximum(colour_basis(nm) @ colour, 0), group)
+
+    def _gain_to_white(self, lamp):
+        """The factor for the luminance of white light of the same watts, which Blender gives to a temperature."""
+        return luminous_efficacy(self._lamps.daylight) / luminous_efficacy(lamp)
 
     def _index(self, tree, refraction):
         node = attribute_node(tree, self._property(refraction.n_at))
@@ -313,10 +350,15 @@ class Substitution:
         return attribute_node(tree, self._property(values_at)).outputs["Color"]
 
     def _property(self, values_at):
+        name = self._free_property()
+        self._values[name] = values_at
+        return name
+
+    def _free_property(self):
+        """The name of a new property of the scene: three numbers, removed at the end."""
         index = len(self._values)
         while (name := f"{PROPERTY_PREFIX}{index}") in self._scene:  # one of the user's properties
             index += 1
-        self._values[name] = values_at
         self._scene[name] = [0.0, 0.0, 0.0]
         self._journal.on_exit(lambda: self._scene.pop(name, None))
         return name

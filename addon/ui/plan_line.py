@@ -11,7 +11,7 @@ from ...engine.plan.plan_cache import cached_plan
 from ..job.bands import pass_count
 from ..job.job import denoises
 from ..job.radiance import detail_bytes, pass_bytes
-from ..job.sampled_passes import detail_times, possible_detail_times
+from ..job.sampled_passes import detail_times
 from ..scene.camera import frame_capture, frame_grid, frame_px, lens_for_view
 from .areas import areas
 from .lint_panel import checked_settings
@@ -39,7 +39,7 @@ def plan_text(scene, lens):
     request = scene.lensfield.to_request(lens=lens)
     wavelengths_nm = request.wavelengths_nm
     lens = lens_for_view(scene, lens, request.view_on_sensor)[0]
-    times = _detail_times(scene, request)
+    times = detail_times(scene, request, math.prod(frame_px(scene)))
     future = _planned(request.options, lens, frame_grid(scene, lens), wavelengths_nm, times)
     text = _passes(scene, len(wavelengths_nm))
     if not future.done() or future.exception():  # the plan is not ready, or not possible
@@ -48,10 +48,11 @@ def plan_text(scene, lens):
     pixels = rows * columns
     light_mb = 4e-6 * pixels * len(wavelengths_nm)
     pass_mb = 1e-6 * pass_bytes(pixels * times**2, 1, denoises(scene, request))
-    filter_mb = plan.memory_mb + 1e-6 * splitting_bytes(pixels, times)
+    filter_mb = plan.memory_mb + 1e-6 * splitting_bytes(pixels, plan.known)
     memory_mb = light_mb + 1e-6 * detail_bytes(pixels, times) + max(pass_mb, filter_mb + light_mb)  # and irradiance
     memory = f"{memory_mb / 1e3:.1f} GB" if memory_mb >= 1e3 else f"{memory_mb:.0f} MB"
-    return f"{text} \u00b7 lens {max(plan.seconds, 0.1):.1f} s \u00b7 {memory}"
+    detail = " with detail" * (plan.known > 1)
+    return f"{text} \u00b7 lens {max(plan.seconds, 0.1):.1f} s{detail} \u00b7 {memory}"
 
 
 def _checked(scene):
@@ -60,15 +61,6 @@ def _checked(scene):
     if check.scene_uid == scene.session_uid and check.result.plan and check.settings == checked_settings(scene):
         return check.result
     return None
-
-
-def _detail_times(scene, request):
-    """Parts of a pixel, down and across, that a render will resolve: exact after a scene check, otherwise the most
-    possible."""
-    checked, pixels = _checked(scene), math.prod(frame_px(scene))
-    if checked:
-        return detail_times(scene, request, checked.plan, pixels)
-    return possible_detail_times(scene, request, pixels) if pass_count(len(request.wavelengths_nm)) > 1 else 1
 
 
 def _passes(scene, wavelengths):
@@ -98,7 +90,7 @@ def _planned(options, lens, frame, wavelengths_nm, times):
 
 def _plan(options, lens, frame, wavelengths_nm, times):
     grid = frame_capture(lens, frame, wavelengths_nm, options)
-    return grid.shape_px, cached_plan(options.for_detail(times), lens, Sampling(grid, wavelengths_nm))
+    return grid.shape_px, cached_plan(options, lens, Sampling(grid, wavelengths_nm), times)
 
 
 def _redraw_when_ready(future):

@@ -27,6 +27,7 @@ from ...engine.library.bodies import bundled_cameras
 from ...engine.plan.options import AUTO, KNOBS, TIER_ACCURACY
 from ...engine.prescription.readers import READERS
 from ...engine.runtime.errors import InputError
+from ...engine.runtime.inputs import note_who_names
 from ...engine.runtime.setting import settings_of
 from ...engine.spectral.refraction import refraction_names
 from ...engine.spectral.spectra import library_names, parse_wavelengths
@@ -84,9 +85,13 @@ class LensfieldLightSpectra(bpy.types.PropertyGroup):
 
     emission: _emission()
     power_unit: EnumProperty(
-        name="Power", default="WATT",
-        items=[("WATT", "Watts", "The light's own Power, emitted between 380 and 780 nm (for a sun, per m\u00b2)"),
-               ("LUMEN", "Lumens", "Luminous flux, as printed on a lamp's package, instead of Power (for a sun, lux)")])
+        name="Power", default="BLENDER",
+        items=[("BLENDER", "As in Blender", "The light's own Power. A light with a temperature is as bright as in "
+                "Blender, which gives every temperature the luminance of white", 2),
+               ("WATT", "Watts", "The light's own Power, emitted between 380 and 780 nm whatever its temperature (for "
+                "a sun, per m\u00b2)", 0),
+               ("LUMEN", "Lumens", "Luminous flux, as printed on a lamp's package, instead of Power (for a sun, lux)",
+                1)])
     lumens: FloatProperty(name="Lumens", default=800, min=0, soft_max=1e5,
                           description="Luminous flux in lumens; for a sun, illuminance in lux")
 
@@ -285,8 +290,11 @@ class LensfieldSettings(bpy.types.PropertyGroup):
 
     def view_text(self):
         """The field of view in the syntax of `lensfield render --view`, on the camera's sensor if there is one."""
-        view = "{:.6g}x{:.6g}".format(*self.sensor_mm) if self.view == "SENSOR" else self.view.lower()
-        return view_on_sensor(view, self.camera_name_or_path())
+        return view_on_sensor(self.chosen_view(), self.camera_name_or_path())
+
+    def chosen_view(self):
+        """As `view_text`, without regard to the camera's sensor."""
+        return "{:.6g}x{:.6g}".format(*self.sensor_mm) if self.view == "SENSOR" else self.view.lower()
 
     def wavelengths_text(self):
         """The wavelengths in the syntax of `lensfield render --wavelengths`."""
@@ -309,8 +317,12 @@ class LensfieldSettings(bpy.types.PropertyGroup):
             The lens's file is not trusted, or the wavelengths are not valid.
         """
         given = {name: value for name, value in given.items() if value is not None}
+        for file in (given.get("lens"), given.get("camera")):
+            if isinstance(file, str | os.PathLike):
+                note_who_names(file, None)
         readers = {name: partial(self.value_of, name) for name in settings_of(RenderRequest) if name in SETTINGS} | {
-            "lens": self.lens_name_or_path, "view": self.view_text, "camera": self.camera_name_or_path,
+            "lens": self.lens_name_or_path, "view": self.chosen_view if "camera" in given else self.view_text,
+            "camera": self.camera_name_or_path,
             "wavelengths_nm": self.wavelengths_nm, "options": self.to_options,
             "spectral": self.to_spectral_options, "stray": self.to_stray_options, "output_folder": lambda: None}
         request = RenderRequest(**{name: read() for name, read in readers.items() if name not in given} | given)

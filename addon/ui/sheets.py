@@ -6,9 +6,11 @@ If `lensfield lens plot` has written a sheet next to a lens package, it is shown
 import os
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
+from io import BytesIO
 from pathlib import Path
 
 import bpy
+from PIL import Image
 
 from ...engine.inspection.sheet import write_lens_plot
 from ...engine.library import has_rings
@@ -89,10 +91,17 @@ def _tick():
     return None if finished else TICK_S
 
 
+def _png(content):
+    """The bytes of a PNG; raises an error for any others."""
+    with Image.open(BytesIO(content), formats=["PNG"]) as picture:
+        picture.verify()
+    return content
+
+
 def _drawn(lens, folder):
     """Draw a sheet into a folder, or take it from the cache, and return its path."""
     path = Path(folder, f"Lens Sheet {lens.digest.hex()[:8]}.png")
-    known = cache.load(KIND, lens.digest)
+    known = cache.load(KIND, lens.digest, _png)
     if known is not None:
         with atomic_path(path, overwrite=True) as temporary:
             temporary.write_bytes(known)

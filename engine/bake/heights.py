@@ -20,7 +20,7 @@ PUPIL, SUMS = HalfPupil(17, 21), Sums(degree=12, oversampling=0.9, repeat=1.1, b
 
 
 def adaptive_heights_mm(system: System, wavelengths_nm: Sequence[float] | np.ndarray, tolerance: float, most: int,
-                       least: int = LEAST) -> tuple[np.ndarray, float]:
+                       least: int = LEAST, last_mm: float | None = None) -> tuple[np.ndarray, float]:
     """Paraxial heights between which PSFs can be interpolated, by halving intervals until the error is small enough.
 
     Parameters
@@ -33,6 +33,8 @@ def adaptive_heights_mm(system: System, wavelengths_nm: Sequence[float] | np.nda
         heights at equal distances in it.
     most, least : int
         Numbers of heights.
+    last_mm : float or None
+        The last height; None for the end of the prescription's field.
 
     Returns
     -------
@@ -41,15 +43,15 @@ def adaptive_heights_mm(system: System, wavelengths_nm: Sequence[float] | np.nda
         The actual share; 0 if any is allowed.
     """
     if np.isinf(tolerance):
-        return even_heights_mm(system, most), 0.0
-    heights_mm = even_heights_mm(system, min(least, most))
+        return even_heights_mm(system, most, last_mm), 0.0
+    heights_mm = even_heights_mm(system, min(least, most), last_mm)
     places_mm = np.sort(np.concatenate([heights_mm, (heights_mm[1:] + heights_mm[:-1]) / 2]))
     wavefronts = trace_wavefronts(system, places_mm, wavelengths_nm, PUPIL)
     width_um = needed_width_um(wavefronts)
-    psfs = survey_psfs(system, wavefronts, width_um)
+    real_mm, psfs = wavefronts.chief_height_mm[0], survey_psfs(system, wavefronts, width_um)
     while True:  # places alternate between heights and their midpoints
         errors = np.abs((psfs[:-2:2] + psfs[2::2]) / 2 - psfs[1::2]).sum(axis=(2, 3)).mean(axis=1)
-        error = np.average(errors, weights=np.diff(places_mm[::2]))
+        error = np.average(errors, weights=np.diff(real_mm[::2]))
         room = most - errors.size - 1
         if error <= tolerance or not room:
             return places_mm[::2], error
@@ -57,10 +59,11 @@ def adaptive_heights_mm(system: System, wavelengths_nm: Sequence[float] | np.nda
         edges = 2 * np.concatenate([worst, worst])
         halves = np.concatenate([np.zeros_like(worst), np.ones_like(worst)])
         new_mm = (places_mm[edges + halves] + places_mm[edges + halves + 1]) / 2
+        wavefronts = trace_wavefronts(system, new_mm, wavelengths_nm, PUPIL)
         order = np.argsort(np.concatenate([places_mm, new_mm]))
-        places_mm = np.concatenate([places_mm, new_mm])[order]
-        psfs = np.concatenate([psfs, survey_psfs(system, trace_wavefronts(system, new_mm, wavelengths_nm, PUPIL),
-                                                  width_um)])[order]
+        places_mm, real_mm, psfs = (np.concatenate(each)[order] for each in (
+            (places_mm, new_mm), (real_mm, wavefronts.chief_height_mm[0]),
+            (psfs, survey_psfs(system, wavefronts, width_um))))
 
 
 def survey_psfs(system: System, wavefronts: Wavefronts, width_um: float) -> np.ndarray:

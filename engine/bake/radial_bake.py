@@ -1,11 +1,13 @@
 """Lens data of rotationally symmetric lenses: tables over heights."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from ..lens.radial_lens import RadialLens
 from ..prescription.system import System
+from ..rays.light_end import LightEnd, light_end
 from ..rays.pupil import polynomial_weights
 from ..rays.rays import HalfPupil, trace_pupil
 from ..rays.transmission import transmittance
@@ -17,7 +19,8 @@ from .sampling import limit_notes, picture_samples, sensor_mm, traced_nm
 from .wavefront import Wavefronts, trace_wavefronts
 from .window import needed_width_um, pitch_for_um
 
-CHIEF_STEP = 1e-3  # relative to the last height: step between chief rays, for the derivative of areas
+CHIEF_STEP = 1e-3  # relative to the last field: step between chief rays, for the derivative of areas
+LAST_LIT = 0.9995  # of the field at the end of the light: the last height with a PSF
 HALFWAY = "Halfway between two heights"
 
 
@@ -25,7 +28,8 @@ def bake_radial(system: System, quality: Quality, heights: int | None, wavelengt
                 pitch_um: float | None, samples: int | None, workers: int | None,
                 progress: Callable[[float, str], object]) -> RadialLens:
     """Compute the lens data of a rotationally symmetric lens; parameters as of `bake`."""
-    heights_mm, between = _heights(system, heights, wavelengths_nm, quality)
+    end = _end(system, wavelengths_nm)
+    heights_mm, between = _heights(system, end, heights, wavelengths_nm, quality)
     traced = trace_wavefronts(system, heights_mm, traced_nm(wavelengths_nm, quality.traced), quality.pupil)
     area, flux = _illumination(system, heights_mm, traced, wavelengths_nm, quality)
     reference_area = _reference_area(system, quality)
@@ -35,16 +39,26 @@ def bake_radial(system: System, quality: Quality, heights: int | None, wavelengt
     sample_um = pitch_um or pitch_for_um(needed_um, samples)
     psf, fringes = _psfs(traced, wavefronts, sample_um, samples, quality, workers, progress)
     notes = limit_notes(system.prescription.notes, fringes, HALFWAY, between, quality)
-    return _lens(system, heights_mm, wavefronts, area, reference_area, flux, sample_um, psf, notes)
+    lens = _lens(system, heights_mm, wavefronts, area, reference_area, flux, sample_um, psf, notes)
+    return _with_darkness(lens, system, end.height_mm) if end.dark else lens
 
 
-def _heights(system, number, wavelengths_nm, quality: Quality):
+def _end(system, wavelengths_nm) -> LightEnd:
+    ends_nm = wavelengths_nm[np.unique([0, wavelengths_nm.size - 1])]
+    return light_end(system, tuple(ends_nm.tolist()))
+
+
+def _heights(system, end: LightEnd, number, wavelengths_nm, quality: Quality):
     """Heights in mm, as many as requested or needed, and the share of misplaced light between them."""
     middle = np.argmin(np.abs(wavelengths_nm - system.prescription.reference_wavelength_nm))
     survey_nm = np.unique([wavelengths_nm[0], wavelengths_nm[middle]])
+    last_mm = end.height_mm
+    if end.dark:
+        last_mm, = system.heights_of(LAST_LIT * system.fields_of([end.height_mm]))
     if number is None:
-        return adaptive_heights_mm(system, survey_nm, quality.between, quality.most_heights)
-    return adaptive_heights_mm(system, survey_nm, 0.0, number, least=1 + number // 2)
+        return adaptive_heights_mm(system, survey_nm, quality.between, quality.most_heights, last_mm=last_mm)
+    number -= end.dark
+    return adaptive_heights_mm(system, survey_nm, 0.0, number, least=1 + number // 2, last_mm=last_mm)
 
 
 def _illumination(system, heights_mm, traced: Wavefronts, wavelengths_nm, quality: Quality):
@@ -85,11 +99,14 @@ def _beam_per_image(system, heights_mm):
 
 def _image_per_real(system, heights_mm, wavelengths_nm):
     """Area of the paraxial image over the area of the real, distorted image: array (wavelength, height)."""
-    step_mm = CHIEF_STEP * heights_mm[-1]
-    between = [np.clip(heights_mm + offset_mm, 0, heights_mm[-1]) for offset_mm in (-step_mm, step_mm)]
-    before, here, behind = (trace_pupil(system, each, wavelengths_nm, HalfPupil(1, 1)).chief_height_mm for each in
-                            (between[0], np.maximum(heights_mm, step_mm), between[1]))
-    return (between[1] - between[0]) / (behind - before) * np.maximum(heights_mm, step_mm) / here
+    fields = system.fields_of(heights_mm)
+    step, ends = CHIEF_STEP * fields[-1], np.sort([0.0, fields[-1]])
+    before, behind = (np.clip(fields + offset, *ends) for offset in (-step, step))
+    here_mm = np.maximum(heights_mm, system.heights_of(step))
+    before_mm, real_mm, behind_mm = (
+        trace_pupil(system, each, wavelengths_nm, HalfPupil(1, 1)).chief_height_mm
+        for each in (system.heights_of(before), here_mm, system.heights_of(behind)))
+    return system.height_slopes(fields) * (behind - before) / (behind_mm - before_mm) * here_mm / real_mm
 
 
 def _psfs(traced, wavefronts, pitch_um, samples, quality: Quality, workers, progress):
@@ -122,3 +139,17 @@ def _lens(system: System, heights_mm, wavefronts, area, reference_area, flux, pi
         psf=psf / energy[..., None, None], psf_pitch_um=pitch_um, enclosed_energy=np.minimum(energy, 1),
         transmittance=transmittance(system, wavelengths_nm),
         point_flux=flux / area * area[:, :1] / reference_area)
+
+
+def _with_darkness(lens: RadialLens, system: System, height_mm: float) -> RadialLens:
+    """The lens with one more height, from which on it is dark, and with the last PSFs there."""
+    chief = trace_pupil(system, [height_mm], lens.wavelengths_nm, HalfPupil(1, 1))
+
+    def longer(table):
+        return np.concatenate([table, table[:, -1:]], axis=1)
+
+    return replace(lens, heights_mm=np.append(lens.heights_mm, height_mm),
+                   real_height_mm=np.concatenate([lens.real_height_mm, chief.chief_height_mm], axis=1),
+                   relative_illumination=np.pad(lens.relative_illumination, [(0, 0), (0, 1)]),
+                   point_flux=longer(lens.point_flux), psf=longer(lens.psf),
+                   enclosed_energy=longer(lens.enclosed_energy))

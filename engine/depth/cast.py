@@ -217,7 +217,7 @@ def _sharp(layers: list[PreparedLayer], shares, index, layered, times=1):
     sharp, nm = np.zeros([times * n for n in layered.grid.shape_px], np.float32), layered.wavelengths_nm[index]
     for layer, share in zip(layers, shares, strict=True):
         if share is not None:
-            light, detail = share * layer.layer.cube[index], layer.layer.detail if times > 1 else None
+            light = share * layer.layer.cube[index]
             place = (slice(times * side.start, times * side.stop) for side in layer.layer.place)
-            sharp[*place] += split_by_detail(light, detail, nm, times)
+            sharp[*place] += split_by_detail(light, layer.layer.detail, nm, times)
     return sharp

@@ -279,7 +279,7 @@ class MonochromaticField(Protocol):
         """Whether the lens data cover these positions."""
 
     def share_beyond(self, frame: PixelGrid) -> float:
-        """The fraction of a frame's pixels that are beyond the lens data."""
+        """The fraction of a frame's pixels that are beyond the lens data, unless these end where the light does."""
 
     def psfs(self, part: Callable[[Any], Any], planes: Planes) -> PlacedPsfs:
         """A part of the PSFs, such as the trimmed ones, at the pixels of planes."""
@@ -304,10 +304,15 @@ class FieldMap(Protocol):
     def extent_mm(self) -> float:
         """Distance from the axis that the lens data reach at all wavelengths."""
 
+    @property
+    def light_extent_mm(self) -> float:
+        """Distance from the axis beyond which no light arrives; inf unless the lens data reach it."""
+
     def at_wavelength(self, wavelength_nm: float) -> MonochromaticField: ...
 
     def covered_diagonal(self, sensor_mm: tuple[float, float]) -> float:
-        """The fraction of a sensor's diagonal that the lens data cover at the reference wavelength, up to 1."""
+        """The fraction of a sensor's diagonal that the lens data cover at the reference wavelength, up to 1; and 1 if
+        they end where the light does."""
 
     def overscan_px(self, capture: PixelGrid, wavelengths_nm: Sequence[float] | np.ndarray,
                     psf_radius_px: int) -> tuple[int, int]:

@@ -63,7 +63,8 @@ def columns_for_blur(lens: Lens) -> int:
 
 def lens_projection(lens: Lens, grid: PixelGrid) -> Projection:
     """The panorama that is closest to a lens's distortion over a grid, at the reference wavelength."""
-    focal_mm, last_mm = lens.capture_focal_length_mm, grid.farthest_px * grid.pitch_um * 1e-3
+    focal_mm = lens.capture_focal_length_mm
+    last_mm = min(grid.farthest_px * grid.pitch_um * 1e-3, field_map(lens).light_extent_mm)
     real_mm = np.linspace(0, last_mm, FIT_SAMPLES)
     nm = float(lens.nearest_nm(lens.reference_wavelength_nm))
     ideal_mm, _ = field_map(lens).at_wavelength(nm).source_mm(real_mm, np.zeros_like(real_mm))

@@ -118,8 +118,11 @@ class Detail:
 
 
 def split_by_detail(picture: np.ndarray, detail: Detail | None, wavelength_nm: float, times: int) -> np.ndarray:
-    """A picture (row, column) with each pixel split: by its detail or, without one, evenly into `times` x `times`."""
-    return split_pixels(picture, times) if detail is None else detail.split(picture, wavelength_nm)
+    """A picture (row, column) with each pixel split: by its detail or, without one, evenly into `times` x `times`.
+
+    With 1, pixels remain whole, with a detail, too.
+    """
+    return split_pixels(picture, times) if detail is None or times == 1 else detail.split(picture, wavelength_nm)
 
 
 def splitting_bytes(pixels: int, times: int) -> int:

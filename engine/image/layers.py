@@ -173,6 +173,10 @@ class LayeredRadiance:
         """An array (wavelength, row, column) that is stored where the layers are: in memory or in a file."""
         return self.layers[0].cube
 
+    def even(self) -> "LayeredRadiance":
+        """The layers without their detail."""
+        return replace(self, layers=tuple(replace(layer, detail=None) for layer in self.layers))
+
     def cropped(self, margin_px: tuple[int, int]) -> "LayeredRadiance":
         """The layers without `margin_px` (rows, columns) of the sensor's pixels on each side of the capture. They share
         memory with these."""

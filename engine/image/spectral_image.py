@@ -156,6 +156,10 @@ class SpectralImage:
         """An array (wavelength, row, column) that is stored where the image is: in memory or in a file."""
         return self.cube
 
+    def even(self) -> "SpectralImage":
+        """The image without its detail."""
+        return replace(self, detail=None)
+
     def frame(self) -> "SpectralImage":
         """The image cropped to the sensor's frame."""
         return self.cropped(self.overscan_px)

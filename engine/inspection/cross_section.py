@@ -155,7 +155,8 @@ def _rays_over_places(system, section):
 
 def _semi_diameters_mm(system, section, fans_mm):
     """The semi-diameter of each surface: its own, or the height of its outermost ray."""
-    stated_mm = np.array([surface.semi_aperture_mm for surface in system.prescription.surfaces])
+    stated_mm = np.array([min(surface.semi_aperture_mm, *surface.half_widths_mm[section:section + 1], np.inf)
+                          for surface in system.prescription.surfaces])
     marginal_mm = (system.across if section == X else system).marginal_heights_mm
     reached_mm = np.maximum.reduce([np.abs(marginal_mm),
                                     *(np.nanmax(np.abs(fan_mm[1, 1:-1]), axis=-1, initial=0.0) for fan_mm in fans_mm)])

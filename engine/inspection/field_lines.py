@@ -40,7 +40,7 @@ class FieldLine:
 
 
 def chief_ray_lines(system: System, number: int) -> Iterator[FieldLine]:
-    """Heights of chief rays on the surfaces, in semi-apertures, at `number` places of each line: (surface, place)."""
+    """Heights of chief rays on the surfaces, as `System.rims`, at `number` places of each line: (limit, place)."""
     for kind, places, rays in _traced_lines(system, number, CHIEF, CHIEF):
         yield FieldLine(kind, places, _reach(system, rays)[..., 0, 0])
 
@@ -58,8 +58,9 @@ def light_lines(system: System, number: int) -> Iterator[FieldLine]:
 
 
 def _reach(system, rays):
-    """Heights of rays on the surfaces, in semi-apertures: array (surface, place, radius, azimuth)."""
-    return np.sqrt(rays.square_height_mm2[:, 0]) / system.semi_apertures_mm[:, None, None, None]
+    """Heights of rays on the surfaces, in semi-apertures, or in the half-widths of rectangles: array (limit, place,
+    radius, azimuth)."""
+    return np.sqrt(system.rims(rays.square_height_mm2[:, 0]))
 
 
 def _traced_lines(system: System, number: int, pupil: Pupil,

@@ -4,13 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..field.radial.distortion import (
-    DISTORTION_TOLERANCE,
-    ILLUMINATION_TOLERANCE,
-    ORDERS,
-    FieldGeometry,
-    fit_polynomial,
-)
+from ..field.radial.distortion import ORDERS, FieldGeometry, fit_distortion, fit_illumination, lit_heights
 from ..runtime.errors import LensError
 from .finding import AXIS_SCALE_TOLERANCE, FIELD_ANGLES_DEG, UNIT_FACTOR, LensFinding, graded, greatest, place
 
@@ -22,14 +16,15 @@ def _field_angle(lens):
     image_distance_mm = lens.efl_mm * (1 + abs(lens.magnification))
     angle, real = np.degrees(np.arctan(np.array([lens.heights_mm[-1], np.abs(lens.real_height_mm[:, -1]).max()])
                                        / image_distance_mm))
-    if not FIELD_ANGLES_DEG[0] <= angle <= FIELD_ANGLES_DEG[1]:
+    if angle < FIELD_ANGLES_DEG[0] or min(angle, real) > FIELD_ANGLES_DEG[1]:  # paraxially infinite at 90 degrees
         yield LensFinding("error", "heights_mm", f"{lens.heights_mm[-1]:g} mm at the last",
                           f"out of proportion to a focal length of {lens.efl_mm:g} mm, check the units: they give a "
                           f"half field of {angle:.4g} degrees ({real:.4g} from the real height)")
 
 
 def _sensor(lens):
-    yield from beyond_the_field(lens.sensor_mm, np.abs(lens.real_height_mm[:, -1]).min())
+    if not lens.dark_beyond:
+        yield from beyond_the_field(lens.sensor_mm, np.abs(lens.real_height_mm[:, -1]).min())
 
 
 def beyond_the_field(sensor_mm: tuple[float, float], covered_mm: float) -> Iterator[LensFinding]:
@@ -93,13 +88,13 @@ def _folding(lens):
 
 def _fit_residuals(lens):
     """Errors of the engine's polynomials: more than a tenth of a pixel or a pixel, 1 % or 5 % of the light."""
-    last_mm = lens.heights_mm[-1]
-    for field, power, tolerance, note_above, warning_above in (
-            ("real_height_mm", 1, DISTORTION_TOLERANCE * last_mm, AXIS_TOLERANCE * last_mm, 1e-3 * last_mm),
-            ("relative_illumination", 0, ILLUMINATION_TOLERANCE, 1e-2, 5e-2)):
-        table = getattr(lens, field)
-        fitted = np.array([fit_polynomial(lens.heights_mm, row, power, tolerance)(lens.heights_mm) for row in table])
-        off = np.abs(fitted - table)
+    last_mm, optics = lens.heights_mm[-1], [lens.at_wavelength(nm) for nm in lens.wavelengths_nm]
+    for field, fit, note_above, warning_above in (
+            ("real_height_mm", fit_distortion, AXIS_TOLERANCE * last_mm, 1e-3 * last_mm),
+            ("relative_illumination", fit_illumination, 1e-2, 5e-2)):
+        lit = max(lit_heights(each.relative_illumination) for each in optics)
+        fitted = np.array([fit(each)(lens.heights_mm[:lit]) for each in optics])
+        off = np.abs(fitted - getattr(lens, field)[:, :lit])
         worst = greatest(off)
         shown = f"{1e3 * off[worst]:.3g} um" if field == "real_height_mm" else f"{off[worst]:.3g}"
         yield from graded(off[worst], note_above, warning_above, field,

@@ -117,15 +117,15 @@ def _aperture(prescription, system):
     """Whether the surfaces transmit the bundle that the aperture specifies."""
     pupil = FAN if prescription.radial else CROSS
     rays = trace_pupil(system, [0.0], [system.prescription.reference_wavelength_nm], pupil)
-    reach = np.sqrt(rays.square_height_mm2[:, 0, 0]) / system.semi_apertures_mm[:, None, None]
+    reach = np.sqrt(system.rims(rays.square_height_mm2[:, 0, 0]))
     reach = np.where(rays.lost[0, 0], np.inf, reach).max(axis=-1)
     widest = float(np.interp(1.0, np.maximum.accumulate(reach.max(axis=0)), FAN.radii))
     if widest < 1 - ROUNDING:
-        narrow = int(np.argmax(reach[:, -1])) + 1
+        narrow = system.rim_surfaces[np.argmax(reach[:, -1])] + 1
         kind, value = prescription.aperture
         yield LensFinding("error" if widest * THIRD_OF_A_STOP < 1 else "note", f"aperture, {kind}",
                           f"{value:g}, and {widest:.0%} of its width passes on the axis",
-                          f"surface {narrow} is the narrowest: check its radius and semi-aperture")
+                          f"surface {narrow} is the narrowest: check its radius and aperture")
 
 
 def _mirrors(prescription):
@@ -198,11 +198,13 @@ def _chief_rays(system: System, at: str):
     for line in chief_ray_lines(system, CHIEF_RAYS):
         clipped = np.argwhere(line.values > 1)
         if clipped.size:
-            surface, place = min(clipped, key=lambda at: at[1])
-            yield LensFinding("error", f"surface {surface + 1}, semi_aperture_mm",
-                              f"{system.semi_apertures_mm[surface]:g}, and blocks chief rays from {line.kind}"
+            limit, place = min(clipped, key=lambda at: at[1])
+            surface, size_mm = system.rim_surfaces[limit], np.append(system.semi_apertures_mm, system.half_widths_mm)
+            field = "semi_aperture_mm" if limit < len(system.glasses) else "half_widths_mm"
+            yield LensFinding("error", f"surface {surface + 1}, {field}",
+                              f"{size_mm[limit]:g}, and blocks chief rays from {line.kind}"
                               f"{line.places[place]}, focused {at}",
-                              "check its radius and semi-aperture, or end the field there")
+                              "check its radius and aperture, or end the field there")
             return
 
 

@@ -8,7 +8,8 @@ typedef int32_t eight_ints __attribute__((vector_size(32), aligned(4), may_alias
 
 typedef struct {
     ray ray;
-    doubles light, limit; /* the part of the light that is left; the largest square of height over semi-aperture */
+    doubles light, limit; /* the part of the light that is left; the largest square of height over semi-aperture, or
+                             of a place over the half-widths of a rectangle */
     doubles stop_x[LF_CROSSINGS], stop_y[LF_CROSSINGS];
     int crossings, lives; /* lives: whether any ray does */
 } passage;
@@ -27,6 +28,9 @@ INLINE doubles reflectance(const lf_beam *b, int64_t n, doubles square)
     return here + place * (next - here);
 }
 
+/* The larger number; the first if the second is NaN. */
+INLINE doubles larger_of(doubles a, doubles b) { return chosen(b > a, b, a); }
+
 /* To a surface, and reflected or refracted there; `heading` is the sign of the direction behind it. */
 static void meet(const lf_system *s, const lf_beam *b, int64_t n, int reflecting, double heading, double before,
                  double behind, passage *p)
@@ -37,11 +41,13 @@ static void meet(const lf_system *s, const lf_beam *b, int64_t n, int reflecting
     const triple at = r->position;
     const double per_mm = b->per_semi_aperture[n];
     const doubles square = (at.x * at.x + at.y * at.y) * (per_mm * per_mm);
+    const doubles x = at.x * b->per_half_width[2 * n], y = at.y * b->per_half_width[2 * n + 1];
+    p->limit = larger_of(p->limit, larger_of(x * x, y * y));
     if (n == s->stop) {
         const int k = p->crossings < LF_CROSSINGS ? p->crossings++ : LF_CROSSINGS - 1;
         p->stop_x[k] = at.x * per_mm, p->stop_y[k] = at.y * per_mm;
     } else {
-        p->limit = chosen(square > p->limit, square, p->limit);
+        p->limit = larger_of(p->limit, square);
     }
     const triple normal = normal_at(s, n, at);
     const doubles cosine = product(r->direction, normal);

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from ctypes import byref
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -97,7 +98,22 @@ class Meshes:
     irradiance: float
 
 
-def ghost_rays(surfaces: TracedSurfaces, coated: Coated, per_semi_aperture: np.ndarray, beam: Beam, pairs: np.ndarray,
+class Openings(NamedTuple):
+    """The apertures of a lens.
+
+    Attributes
+    ----------
+    per_semi_aperture : array (surface,)
+        One over the semi-aperture of each surface in mm, and of the stop's opening; 0 for unlimited surfaces.
+    per_half_width : array (surface, 2)
+        One over the half-widths of rectangular apertures along x and y; 0 without one.
+    """
+
+    per_semi_aperture: np.ndarray
+    per_half_width: np.ndarray
+
+
+def ghost_rays(surfaces: TracedSurfaces, coated: Coated, openings: Openings, beam: Beam, pairs: np.ndarray,
                boxes: np.ndarray, shape: tuple[int, int], farthest: float = np.inf) -> np.ndarray:
     """Trace rays on even grids across a beam, reflected at two surfaces, to the image plane.
 
@@ -105,8 +121,7 @@ def ghost_rays(surfaces: TracedSurfaces, coated: Coated, per_semi_aperture: np.n
     ----------
     surfaces : TracedSurfaces
     coated : Coated
-    per_semi_aperture : array (surface,)
-        One over the semi-aperture of each surface in mm, and of the stop's opening.
+    openings : Openings
     beam : Beam
     pairs : int array (pair, 2)
         Surfaces that reflect, the one nearer to the object first; (-1, -1) for light that is not reflected.
@@ -121,7 +136,8 @@ def ghost_rays(surfaces: TracedSurfaces, coated: Coated, per_semi_aperture: np.n
     -------
     array (pair, QUANTITIES, row, column)
         Position x, y on the image plane in mm; the part of the irradiance that is left, on the beam's cross section,
-        NaN for lost rays; the largest square of a height over its semi-aperture, except at the stop; and positions x, y
+        NaN for lost rays; the largest square of a height over its semi-aperture, except at the stop, or of a place
+        over the half-widths of a rectangle; and positions x, y
         at each crossing of the stop, in semi-apertures, the last one again if there are fewer than CROSSINGS.
 
     Raises
@@ -131,12 +147,13 @@ def ghost_rays(surfaces: TracedSurfaces, coated: Coated, per_semi_aperture: np.n
     """
     loops, variant = chosen()
     system, _arrays = surfaces.system(coated.indices)
-    reflectances, per_mm, boxes = (np.ascontiguousarray(each, np.float64)
-                                   for each in (coated.reflectances, per_semi_aperture, boxes))
+    reflectances, per_mm, per_half, boxes = (np.ascontiguousarray(each, np.float64)
+                                             for each in (coated.reflectances, *openings, boxes))
     pairs = np.ascontiguousarray(pairs, np.int64)
     count, steps = len(surfaces.shapes), reflectances.shape[-1] - 1
     source = np.where(np.isfinite(beam.source_mm), beam.source_mm, 0)
     request = BEAM(address(reflectances, np.float64, (count, steps + 1)), address(per_mm, np.float64, (count,)),
+                   address(per_half, np.float64, (count, 2)),
                    address(pairs, np.int64, (len(boxes), 2)), address(boxes, np.float64, (len(boxes), 4)),
                    *(tuple(axis) for axis in beam.axes), tuple(source), beam.distance_mm, coated.steps_per_unit,
                    farthest, steps, len(boxes), *shape, int(np.isfinite(beam.distance_mm)))

@@ -158,6 +158,8 @@ typedef struct { /* a lens at a wavelength, in mm */
                                y; p of each term, with (1 - p) x^2 + (1 + p) y^2 for r^2 */
     const double *poses;    /* (surface + 1, 12): offset, and the matrix of the tilt by rows, of the surfaces and of the
                                image plane; 0 if all are on the axis */
+    const int64_t *rectangles; /* (surface): the row of x^2 among the traced squares, in front of y^2; 0: no rectangular
+                                  aperture, and for all of them */
 } lf_system;
 
 typedef int lf_trace_loop(const lf_system *, const double *rays, int64_t count, double *out);
@@ -186,6 +188,7 @@ typedef int lf_aim_loop(const lf_system *, const lf_targets *, double *out);
 typedef struct { /* light in front of a lens: rays through a grid in its cross section through the first vertex */
     const double *reflectances; /* (surface, steps + 1): at even steps of (n sin)^2 from 0 */
     const double *per_semi_aperture; /* (surface): one over the semi-aperture in mm; 0 for unlimited surfaces */
+    const double *per_half_width;    /* (surface, 2): the same along x and y of a rectangular aperture */
     const int64_t *surfaces;    /* (pair, 2): that reflect, the nearer one to the object first; the second below 0: none */
     const double *boxes;        /* (pair, 4): first place and step, across and up */
     double across[3], up[3], along[3]; /* axes of the cross section, and the light's direction through the first vertex */

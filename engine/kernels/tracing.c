@@ -32,9 +32,13 @@ static ray started(const lf_system *s, doubles x, doubles y, doubles slope_x, do
     return (ray){r.position, {slope_x / length, slope_y / length, 1 / length}, zero};
 }
 
-INLINE void note(double *squares, int64_t step, int64_t n, int64_t count, triple at)
+INLINE void note(const lf_system *s, double *squares, int64_t step, int64_t n, int64_t count, triple at)
 {
-    if (squares) stored(squares + n * step, count, at.x * at.x + at.y * at.y);
+    if (!squares) return;
+    stored(squares + n * step, count, at.x * at.x + at.y * at.y);
+    if (!s->rectangles || !s->rectangles[n]) return;
+    double *to = squares + s->rectangles[n] * step;
+    stored(to, count, at.x * at.x), stored(to + step, count, at.y * at.y);
 }
 
 /* By parts, because compilers for ARM copy all of it by memcpy, which the library does not have. */
@@ -49,7 +53,7 @@ static ray traced_back(const lf_system *s, const ray *from, double *squares, int
         r.position.z += shape_of(s, n)[2];
         enter(s, n, &r);
         pass(s, n, &r, s->indices[n + 1], s->indices[n]);
-        note(squares, step, n, count, r.position);
+        note(s, squares, step, n, count, r.position);
         leave(s, n, &r);
     }
     r.direction = times(even(-1), r.direction);
@@ -61,14 +65,14 @@ static ray traced_on(const lf_system *s, const ray *from, double *squares, int64
 {
     ray r = copy_of(from);
     enter(s, s->stop, &r);
-    note(squares, step, s->stop, count, r.position);
+    note(s, squares, step, s->stop, count, r.position);
     refract(s, s->stop, &r, s->indices[s->stop], s->indices[s->stop + 1]);
     leave(s, s->stop, &r);
     for (int64_t n = s->stop + 1; n < s->surfaces; n++) {
         r.position.z -= shape_of(s, n - 1)[2];
         enter(s, n, &r);
         pass(s, n, &r, s->indices[n], s->indices[n + 1]);
-        note(squares, step, n, count, r.position);
+        note(s, squares, step, n, count, r.position);
         leave(s, n, &r);
     }
     r.position.z -= shape_of(s, s->surfaces - 1)[2];

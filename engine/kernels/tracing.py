@@ -36,6 +36,9 @@ class TracedSurfaces:
         is replaced by (1 - p) x^2 + (1 + p) y^2.
     poses : array (surface + 1, 12) or None
         Offset, and the matrix of the tilt by rows, of each surface and of the image plane; None if all are on the axis.
+    rectangles : int64 array (surface,) or None
+        For a surface with a rectangular aperture, the row of the traced squares that x^2 is in, in front of y^2; 0 for
+        another one. None without any.
     """
 
     shapes: np.ndarray
@@ -45,6 +48,12 @@ class TracedSurfaces:
     kinds: np.ndarray | None = None
     sections: np.ndarray | None = None
     poses: np.ndarray | None = None
+    rectangles: np.ndarray | None = None
+
+    @property
+    def squares(self) -> int:
+        """Number of squares of a traced ray."""
+        return len(self.shapes) + 2 * (0 if self.rectangles is None else int(np.count_nonzero(self.rectangles)))
 
     def system(self, indices: np.ndarray) -> tuple[Structure, tuple[np.ndarray, ...]]:
         """The structure for the loops, with refractive indices (surface + 1,), and its arrays, which it points to."""
@@ -54,7 +63,8 @@ class TracedSurfaces:
                         address(indices, np.float64, (surfaces + 1,)), surfaces, self.stop, *terms,
                         _address_or_none(self.kinds, np.int64, (surfaces,)),
                         _address_or_none(self.sections, np.float64, (surfaces, 2 + self.even_terms)),
-                        _address_or_none(self.poses, np.float64, (surfaces + 1, 12)))
+                        _address_or_none(self.poses, np.float64, (surfaces + 1, 12)),
+                        _address_or_none(self.rectangles, np.int64, (surfaces,)))
         return system, (shapes, indices)
 
 
@@ -79,8 +89,8 @@ def trace(surfaces: TracedSurfaces, indices: np.ndarray, rays: Sequence[np.ndarr
     array (13, ray)
         Position on the first surface (3) and direction in front of it (3); position on the image plane (3) and
         direction there (3); optical path from the first surface to the image plane. NaN for lost rays.
-    array (surface, ray)
-        Squared heights.
+    array (square, ray)
+        Squared heights at the surfaces, and x^2 and y^2 at those with rectangular apertures.
 
     Raises
     ------
@@ -91,7 +101,7 @@ def trace(surfaces: TracedSurfaces, indices: np.ndarray, rays: Sequence[np.ndarr
     system, _arrays = surfaces.system(indices)
     starts = np.array(rays, dtype=np.float64)
     count = starts.shape[1]
-    out = np.empty((QUANTITIES + len(surfaces.shapes), count))
+    out = np.empty((QUANTITIES + surfaces.squares, count))
     check(loops.lf_trace(variant, byref(system), address(starts, np.float64, (4, count)), count,
                          address(out, np.float64)))
     return out[:QUANTITIES], out[QUANTITIES:]

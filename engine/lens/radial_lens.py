@@ -28,6 +28,8 @@ class RadialLens(Lens):
         Actual height at which the chief ray meets the image plane.
     psf : float32 array (wavelength, height, v, u)
         +v points radially away from the axis, u along the tangent.
+
+    No light arrives beyond the last height if the relative illumination is 0 there.
     """
 
     heights_mm: np.ndarray
@@ -48,6 +50,11 @@ class RadialLens(Lens):
         """See `Lens`."""
         return (0,)
 
+    @property
+    def dark_beyond(self) -> bool:
+        """Whether no light arrives beyond the last height."""
+        return not self.relative_illumination[:, -1].any()
+
     @cached_property
     def mirror_symmetric(self) -> bool:
         """Whether the PSFs are symmetric about the meridional plane except for noise, as a centred lens's are."""
@@ -62,7 +69,7 @@ class RadialLens(Lens):
             The wavelength is outside the range of the lens data.
         """
         tables = self._tables_at(wavelength_nm)
-        return MonochromaticLens(heights_mm=self.heights_mm,
+        return MonochromaticLens(heights_mm=self.heights_mm, capture_focal_length_mm=self.capture_focal_length_mm,
                                  real_height_mm=self.real_height_at(tables["wavelength_nm"]), **tables)
 
     def real_height_at(self, wavelengths_nm: ArrayLike) -> np.ndarray:
@@ -88,9 +95,10 @@ class RadialLens(Lens):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MonochromaticLens(Value):
-    """Lens data at one wavelength: the tables of `RadialLens` without their wavelength axis."""
+    """Lens data at one wavelength: the tables of `RadialLens` without their wavelength axis, and its focal length."""
 
     wavelength_nm: float
+    capture_focal_length_mm: float
     heights_mm: np.ndarray
     real_height_mm: np.ndarray
     relative_illumination: np.ndarray

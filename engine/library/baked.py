@@ -45,12 +45,17 @@ def baked_lens(prescription: Prescription, rings: Rings = AT_REST, quality: str 
     baked_nm, ends_mm = needed_wavelengths_nm(wavelengths_nm), needed_ends_mm(fixed, edges_mm)
     design = fixed.coated()
     key = digest_of((design, quality, baked_nm, *(ends_mm or ())))
-    package = cache.load(KIND, key)
-    if package is None:
+    lens = cache.load(KIND, key, _of_package)
+    if lens is None:
         package = package_bytes(bake(design, quality=quality, wavelengths_nm=baked_nm, ends_mm=ends_mm,
                                      progress=progress))
         cache.store(KIND, key, package, MOST_BYTES)
-    return with_prescription(read_package(BytesIO(package)), fixed)
+        lens = _of_package(package)
+    return with_prescription(lens, fixed)
+
+
+def _of_package(package):
+    return read_package(BytesIO(package))
 
 
 def with_prescription(lens: Lens, prescription: Prescription) -> Lens:

@@ -18,6 +18,7 @@ from ..runtime.values import digest_of
 KIND, MOST_BYTES = "rays", 2**28
 REACHES = 8  # steps of `reach` per semi-aperture: irises with smaller differences at their corners share a table
 ROUNDING = 1e-6
+AXES, QUANTITIES = {RayTable: 5, GridRayTable: 6}, 7  # of a table's coefficients
 Rays = Callable[[Lens, float], LensRays]
 
 
@@ -63,23 +64,34 @@ def _traced(lens: Lens, prescription: Prescription, reach: float, *, sketch: boo
 def _cached(lens: Lens, prescription: Prescription, reach: float) -> LensRays:
     ends_mm = (lens.inverted_ends_mm, lens.mirrored) if isinstance(lens, GridLens) else ()
     key = digest_of((prescription.coated(), reach, *ends_mm))
-    archive_bytes = cache.load(KIND, key)
-    if archive_bytes is None:
-        table, stream = _traced(lens, prescription, reach), BytesIO()
-        np.savez(stream, **{name: getattr(table, name) for name in _arrays(type(table))})
-        archive_bytes = stream.getvalue()
-        cache.store(KIND, key, archive_bytes, MOST_BYTES)
     kind = GridRayTable if isinstance(lens, GridLens) else RayTable
-    with np.load(BytesIO(archive_bytes), allow_pickle=False) as archive:
-        return kind(prescription.name, **{name: _value(name, archive[name]) for name in _arrays(kind)})
+    table = cache.load(KIND, key, lambda content: _table(kind, prescription.name, content))
+    if table is None:
+        table, stream = _traced(lens, prescription, reach), BytesIO()
+        np.savez(stream, **{field.name: getattr(table, field.name) for field in _arrays(kind)})
+        cache.store(KIND, key, stream.getvalue(), MOST_BYTES)
+    return table
+
+
+def _table(kind, name, content):
+    """The table of rays in an archive's bytes."""
+    with np.load(BytesIO(content), allow_pickle=False) as archive:
+        table = kind(name, **{field.name: _value(field.type, archive[field.name]) for field in _arrays(kind)})
+    shape, stored = table.coefficients.shape, table.coefficients.dtype
+    if len(shape) != AXES[kind] or shape[:1] != table.wavelengths_nm.shape or shape[-1] != QUANTITIES or stored != "f4":
+        raise ValueError("not the arrays of a table")
+    return table
 
 
 def _arrays(kind):
-    return [field.name for field in fields(kind) if field.name != "name"]
+    return [field for field in fields(kind) if field.name != "name"]
 
 
-def _value(name, array):
-    """A field of a table of rays from an array."""
-    if name in ("wavelengths_nm", "coefficients"):
+def _value(kind, array):
+    """A field of a table of rays from an array; raises an error for another type."""
+    if kind is np.ndarray:
         return array
-    return tuple(array.tolist()) if array.ndim else float(array)
+    if kind in (float, bool):
+        return kind(array)
+    first, last = array.tolist()
+    return first, last

@@ -31,6 +31,7 @@ from ..runtime.scratch import is_large, new_array, release_memory
 from ..runtime.threads import thread_count
 from ..stray.sources import Sources
 from .detail_channels import detail_of, detail_planes, is_detail
+from .exr_header import check_header
 from .preview import to_rec709
 from .stored_sources import ATTRIBUTE, sources_attribute, sources_of
 
@@ -440,6 +441,7 @@ def read_parts(path: str | os.PathLike, header_only: bool = False) -> list[tuple
     """
     check_input(path, "file", "expected an EXR picture", error=ImageError)
     try:
+        check_header(path)
         with exr_threads():
             headers = _headers(path)
             if header_only and headers:
@@ -457,7 +459,7 @@ def read_parts(path: str | os.PathLike, header_only: bool = False) -> list[tuple
                          ) from None
     except ImageError:
         raise
-    except (RuntimeError, ValueError, TypeError, IndexError) as error:
+    except (RuntimeError, ValueError, TypeError, IndexError, ArithmeticError) as error:
         raise ImageError(path, "file", "not readable", f"expected an EXR picture ({error})") from None
     return parts
 

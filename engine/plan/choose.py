@@ -17,7 +17,7 @@ from ..lens.lens import Lens
 from ..runtime.errors import ImageError, InputError
 from ..runtime.scratch import SAMPLE_BYTES
 from . import cost
-from .options import AUTO, BY_KNOBS, DEFAULT_ACCURACY, Options
+from .options import AUTO, BY_KNOBS, DEFAULT_ACCURACY, OFF, ON, Options
 from .plan import Plan
 
 SINGLE_RANGE = 1e3  # the dimmest pixel stays accurate to about 1e-4
@@ -32,12 +32,23 @@ SINGLE_ACCURACY = 3e-5  # the smallest that single precision can meet
 SINGLE_NOISE = 1.2e-7  # rounding error relative to the light, per unit of dynamic range
 STEP_CHOICES = tuple(sorted({round(2 ** (k / 2)) for k in range(2, 21)}))
 GUESS_STEPS, GUESS_POWER = 8, 2  # errors decrease with approximately this power of the steps
+DETAIL_PARTS = 2  # of a pixel, down and across, in which light with a detail is blurred
+LITTLE_NS, LEAST_PX = 150, 2**18  # work for a pixel at a wavelength that detail may multiply, by up to 16; and pixels
+# of a picture that always takes little
 
 
-def make_plan(options: Options, lens: Lens, sampling: Sampling) -> Plan:
+def make_plan(options: Options, lens: Lens, sampling: Sampling, known: int = 1) -> Plan:
     """The plan for filtering pictures of this sampling: by its knobs, or by the requested accuracy.
 
     The plan's seconds include the time to choose it.
+
+    Parameters
+    ----------
+    options : Options
+    lens : Lens
+    sampling : Sampling
+    known : int
+        Parts of a pixel, down and across, whose light is known: 1 without a detail.
 
     Raises
     ------
@@ -48,14 +59,38 @@ def make_plan(options: Options, lens: Lens, sampling: Sampling) -> Plan:
     LensError
         If a wavelength is outside the lens data, or the distortion folds the field.
     """
-    begin, times = time.perf_counter(), options.supersampling
+    begin = time.perf_counter()
+    plan = priced(_plan(options, lens, sampling, known), lens, sampling)
+    return replace(plan, seconds=plan.seconds + time.perf_counter() - begin)
+
+
+def _plan(options, lens, sampling, known):
+    """The plan, with or without detail, without its price."""
+    if known == 1 or options.detail != ON:
+        even = _plan_in_parts(options, lens, sampling)
+        if known == 1 or options.detail == OFF or not _takes_little(even, options, lens, sampling):
+            return even
+    finer = replace(options, supersampling=max(options.supersampling, min(known, DETAIL_PARTS)))
+    return replace(_plan_in_parts(finer, lens, sampling), known=known)
+
+
+def _takes_little(plan, options, lens, sampling):
+    """Whether the plan for pixels with even light leaves room for detail: the same on every machine."""
+    if not options.by_result:
+        return False
+    most_ns = LITTLE_NS * max(math.prod(sampling.grid.shape_px), LEAST_PX)
+    return options.supersampling > 1 or cost.nanoseconds(workload(plan, lens, sampling), plan) <= most_ns
+
+
+def _plan_in_parts(options, lens, sampling):
+    """The plan in pixels that are divided by supersampling, without its price."""
+    times = options.supersampling
     finer = sampling.finer(times)
     try:
         plan = _Planner(options, lens, finer).best() if options.by_result else _knob_plan(options, lens, finer)
     except ImageError as error:
         raise InputError("options", "supersampling", times, error.remedy) if times > 1 else error from None
-    plan = priced(replace(plan, supersampling=times), lens, sampling)
-    return replace(plan, seconds=plan.seconds + time.perf_counter() - begin)
+    return replace(plan, supersampling=times)
 
 
 def _knob_plan(options, lens, sampling):

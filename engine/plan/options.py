@@ -1,6 +1,6 @@
 """Options: the user's settings of the engine, as a target accuracy or as knobs."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from numbers import Integral, Real
 
 import numpy as np
@@ -10,13 +10,12 @@ from ..blur.method import AZIMUTHS, SECTION_SIZE
 from ..runtime.errors import InputError
 from ..runtime.setting import check_choices, setting
 
-AUTO = "auto"
+AUTO, OFF, ON = "auto", "off", "on"
 DEFAULT_ACCURACY = 0.01
 TIER_ACCURACY = {"preview": 0.1, "standard": DEFAULT_ACCURACY, "reference": 0.001}
 MOST_RAYS = ((0.05, 64, 256), (0.005, 64, 1024), (0.0, 256, 4096))  # least accuracy, rays of a pixel, with lamps
 KNOBS = ("section_size", "azimuths", "psf_energy", "flat_tolerance", "precision")
 MOST_SUPERSAMPLING = 16  # it reduces the error to a 256th
-DETAIL_PARTS = 2  # of a pixel, down and across, in which light with a detail is blurred
 BY_KNOBS = "sections"  # if a knob is set and no method
 
 
@@ -54,6 +53,9 @@ class Options:
     out_of_field : "hold" or "vignette"
         Pixels beyond the last tabulated field height: "hold" uses its PSF and relative illumination, with linear
         extrapolation of the distortion; "vignette" leaves them black. In both cases the report states their number.
+    detail : "auto", "off" or "on"
+        Whether in-focus light that is known inside pixels, by the detail of a radiance, is blurred and sharpened in
+        finer pixels: "auto" does so if the picture's pixels need little work without it, and no knobs are set.
     supersampling : int
         Number of pixels that each pixel is divided into, across and down, for PSFs finer than a pixel (1): up to 16.
         The radiance of a pixel is then a uniform square instead of a point in its centre, and the result is averaged
@@ -106,6 +108,14 @@ class Options:
         "refuse", name="Fireflies", text="NaN and infinite pixels", panel="quality",
         choices={"refuse": ("Refuse", "Stop with an error that names the first"),
                  "clamp": ("Clamp", "Replace them with their brightest neighbour")})
+    detail: str = setting(
+        AUTO, name="Detail", panel="quality",
+        text="Sharpness of in-focus light in Standard, with at least 32 samples",
+        choices={AUTO: ("Automatic", "On, unless the lens spreads light so far that this would take long"),
+                 OFF: ("Off", "Light is even inside each pixel of the capture"),
+                 ON: ("On", "One pass is rendered in pixels of half the side, and light is blurred and sharpened in "
+                            "these. Edges are as sharp as the lens and the pixels; the lens takes longer, and noise "
+                            "increases slightly")})
     supersampling: int = setting(
         1, name="Supersampling", kind=int, limits=(1, MOST_SUPERSAMPLING), metavar="N", panel="",
         text="Divide each pixel into N x N for filtering, for lens blur finer than a pixel. Takes the time and memory "
@@ -143,10 +153,6 @@ class Options:
         for field in self.knobs:
             if self.accuracy is not None or field not in method.knobs:
                 raise InputError("options", field, getattr(self, field), f"leave it out: {reason}")
-
-    def for_detail(self, times: int) -> "Options":
-        """The options for light that is known in `times` x `times` parts of each pixel: 1 without a detail."""
-        return replace(self, supersampling=max(self.supersampling, min(times, DETAIL_PARTS)))
 
     @property
     def depth_accuracy(self) -> float:

@@ -38,6 +38,9 @@ class Plan:
         Whether to use the symmetry of lens and picture about a centred axis.
     out_of_field : "hold" or "vignette"
     supersampling : int
+    known : int
+        Parts of a pixel, down and across, in which in-focus light is known, by a detail of the radiance: 1 if it is
+        even inside each pixel.
     halo_energy : float or None
         The fraction of the PSFs of highlights that is used, because their trimmed light would be visible as a halo;
         None without halos.
@@ -65,6 +68,7 @@ class Plan:
     folded: bool
     out_of_field: str
     supersampling: int = 1
+    known: int = 1
     halo_energy: float | None = None
     halo_radius_px: int = 0
     error_bound: float | None = field(default=None, compare=False)
@@ -119,7 +123,7 @@ class Plan:
         """The plan in one line: the method; for a requested accuracy also bound, time and memory."""
         way = f"{self.method.text}, {'double' if self.precision == 'float64' else 'single'} precision"
         if self.supersampling > 1:
-            way += f", {self.supersampling} x {self.supersampling} per pixel"
+            way += f", {self.supersampling} x {self.supersampling} per pixel{' with detail' * (self.known > 1)}"
         if self.error_bound is None or self.uniform_light_error is None:
             return way
         return (f"{way}: at most {100 * self.error_bound:.2g} % of any point's light misplaced, uniform light within "

@@ -23,6 +23,7 @@ CODE = re.compile(r"(\d{3})(\d{3})|(\d{3,6})\.(\d{3,6})")
 LARGEST_INDEX = 4.0
 LEAST_ABBE = 10.0  # limit of the glasses that the dispersion model was fitted to, with a margin
 D_LINE_UM = 0.5875618
+F_D_C_NM = (486.13, 1e3 * D_LINE_UM, 656.27)  # the lines of Abbe numbers
 BUCHDAHL_ALPHA = 2.5
 SAME_INDEX = 5e-3  # pbrt's files have two or three decimals
 
@@ -68,10 +69,21 @@ class Glass:
     dispersion: Formula | Table | ModelGlass
     absorption: Table | None = None
 
+    @property
+    def range_nm(self) -> tuple[float, float]:
+        """First and last wavelength at which the index is known."""
+        return getattr(self.dispersion, "range_nm", (0.0, np.inf))
+
+    @property
+    def figures(self) -> str:
+        """Index at the d line and Abbe number as "n/V"; "" for a glass that is not known at these lines."""
+        of_f, of_d, of_c = self.index_at(F_D_C_NM)
+        return f"{of_d:.6g}/{(of_d - 1) / (of_f - of_c):.4g}" if of_f > of_c else ""
+
     def index_at(self, wavelengths_nm: Sequence[float] | np.ndarray) -> np.ndarray:
         """Refractive indices; NaN outside the catalogue's range."""
         nm = np.asarray(wavelengths_nm, dtype=float)
-        first, last = getattr(self.dispersion, "range_nm", (0.0, np.inf))
+        first, last = self.range_nm
         return np.where((nm >= first) & (nm <= last), self.dispersion.at(nm), np.nan)
 
     def extinction_at(self, wavelengths_nm: Sequence[float] | np.ndarray) -> np.ndarray:

@@ -20,7 +20,7 @@ def _is_mirrored(surface: Surface, axis: int) -> bool:
     own = np.abs(pose.rotation[axis])  # the mirrored axis, in the surface's own frame
     if pose.offset_mm[axis] or own[2] > SLACK:
         return False
-    return surface.radius_x_mm is None or bool(own.min(initial=1, where=own > SLACK) > 1 - SLACK)
+    return surface.rolls or bool(own.min(initial=1, where=own > SLACK) > 1 - SLACK)
 
 
 def _is_sensor_mirrored(pose: Pose, axis: int) -> bool:

@@ -112,6 +112,9 @@ class Surface:
         "n/V", its index and Abbe number.
     semi_aperture_mm : float
         Light farther from the axis is blocked; inf if unknown.
+    half_widths_mm : (float, float) or ()
+        Half-widths along x and y of a rectangular aperture: light beyond them is blocked as well, at the stop, too. ()
+        without one.
     conic : float
     aspheric : tuple of float
         Coefficients of r^2, r^4, r^6 ... in mm; of the coordinate along the profile, for a toroid.
@@ -142,11 +145,17 @@ class Surface:
     mirror: bool = False
     reflectance: float = ALUMINIUM
     semi_obstruction_mm: float = 0.0
+    half_widths_mm: tuple[float, ...] = ()
+
+    @property
+    def rolls(self) -> bool:
+        """Whether turns about its own axis leave it as it is."""
+        return self.radius_x_mm is None and not self.half_widths_mm
 
     @property
     def of_revolution(self) -> bool:
         """Whether it is rotationally symmetric about the axis of the lens."""
-        return self.radius_x_mm is None and self.pose is None
+        return self.rolls and self.pose is None
 
     def scaled(self, factor: float) -> Self:
         """The surface of a lens `factor` times as large."""
@@ -154,6 +163,7 @@ class Surface:
                        gaps_mm=tuple(gap * factor for gap in self.gaps_mm),
                        semi_aperture_mm=self.semi_aperture_mm * factor,
                        semi_obstruction_mm=self.semi_obstruction_mm * factor,
+                       half_widths_mm=tuple(half * factor for half in self.half_widths_mm),
                        radius_x_mm=self.radius_x_mm and self.radius_x_mm * factor,
                        pose=self.pose and self.pose.scaled(factor),
                        aspheric=tuple(a * factor ** (1 - 2 * n) for n, a in enumerate(self.aspheric, 1)),
@@ -278,6 +288,11 @@ class Prescription:
         fronts = ("", *(surface.glass for surface in self.surfaces))
         return tuple(surface.coating or self.coating for front, surface in zip(fronts, self.surfaces, strict=False)
                      if front != surface.glass and "" in (front, surface.glass))
+
+    @property
+    def rectangles(self) -> tuple[int, ...]:
+        """Indices of the surfaces with rectangular apertures."""
+        return tuple(index for index, surface in enumerate(self.surfaces) if surface.half_widths_mm)
 
     @property
     def mirrors(self) -> tuple[int, ...]:
@@ -478,6 +493,9 @@ def _check_surface(surface, name, refuse):
                f"expected a number of at most {LARGEST_MM:g}")
     if not surface.semi_aperture_mm >= LEAST_MM:
         refuse(f"{name}, semi_aperture_mm", surface.semi_aperture_mm, "expected a positive number")
+    halves_mm = surface.half_widths_mm
+    if halves_mm and not (len(halves_mm) == 2 and all(LEAST_MM <= half <= LARGEST_MM for half in halves_mm)):
+        refuse(f"{name}, half_widths_mm", halves_mm, "expected two positive numbers")
     if not 0 <= surface.semi_obstruction_mm < min(surface.semi_aperture_mm, LARGEST_MM):
         refuse(f"{name}, semi_obstruction_mm", surface.semi_obstruction_mm,
                f"expected 0, or less than the semi-aperture, {surface.semi_aperture_mm:g}")

@@ -76,6 +76,30 @@ class System(FirstOrder):
         return sizes
 
     @property
+    def half_widths_mm(self) -> np.ndarray:
+        """Half-widths along x and y of the rectangular apertures: array (2 * rectangle,)."""
+        return np.array([half for index in self.prescription.rectangles
+                         for half in self.prescription.surfaces[index].half_widths_mm])
+
+    @property
+    def rim_surfaces(self) -> np.ndarray:
+        """Index of the surface of each of `rims`: int array (limit,)."""
+        return np.append(np.arange(len(self.glasses)), np.repeat(self.prescription.rectangles, 2)).astype(int)
+
+    def rims(self, square_mm2: np.ndarray) -> np.ndarray:
+        """Squared heights of rays over squared semi-apertures, and then squares of x and y over squared half-widths:
+        array (limit, ...), up to 1 for rays that pass.
+
+        Parameters
+        ----------
+        square_mm2 : array (square, ...)
+            As `BothWays.square_mm2`.
+        """
+        square_mm2 = np.asarray(square_mm2)
+        sizes_mm = np.append(self.semi_apertures_mm, self.half_widths_mm)
+        return square_mm2 / np.reshape(sizes_mm**2, (-1, *(1,) * (square_mm2.ndim - 1)))
+
+    @property
     def central_obstruction(self) -> float:
         """Diameter of the hole in the pupil relative to the diameter of the pupil, on the axis and to first order; 0
         without one."""
@@ -85,21 +109,20 @@ class System(FirstOrder):
     def limits(self, square_mm2: np.ndarray) -> np.ndarray:
         """What blocks rays, except the stop: array (limit, ...) of smooth functions, up to 1 for rays that pass.
 
-        The first are squared heights over squared semi-apertures. The others, of central obstructions, fall with the
-        height on the scale of the axial beam, and do not diverge.
+        The first are `rims`. The others, of central obstructions, fall with the height on the scale of the axial beam,
+        and do not diverge.
 
         Parameters
         ----------
-        square_mm2 : array (surface, ...)
-            Squared distances of rays from the axis.
+        square_mm2 : array (square, ...)
+            As `BothWays.square_mm2`.
         """
         square_mm2 = np.asarray(square_mm2)
         over_places = (-1, *(1,) * (square_mm2.ndim - 1))
-        rims = square_mm2 / np.reshape(self.semi_apertures_mm**2, over_places)
         holes_mm = np.array([surface.semi_obstruction_mm for surface in self.prescription.surfaces])
         number = np.flatnonzero(holes_mm)
         hole_mm2, beam_mm2 = (np.reshape(each[number]**2, over_places) for each in (holes_mm, self.marginal_heights_mm))
-        return np.concatenate([rims, (hole_mm2 + beam_mm2) / (square_mm2[number] + beam_mm2)])
+        return np.concatenate([self.rims(square_mm2), (hole_mm2 + beam_mm2) / (square_mm2[number] + beam_mm2)])
 
     @property
     def exit_pupil_distance_mm(self) -> float:
@@ -118,6 +141,12 @@ class System(FirstOrder):
         if self.object_at_infinity:
             return self.efl_mm * np.tan(fields)
         return self.magnification * fields
+
+    def height_slopes(self, fields: np.ndarray) -> np.ndarray:
+        """Derivatives of `heights_of`, in mm per radian, or per mm."""
+        if self.object_at_infinity:
+            return self.efl_mm / np.cos(fields)**2
+        return np.full_like(fields, self.magnification)
 
     def indices_at(self, wavelengths_nm: Sequence[float] | np.ndarray) -> np.ndarray:
         """Refractive indices in front of each surface and behind the last: array (surface + 1, wavelength).
@@ -231,9 +260,19 @@ def _indices(prescription, glasses, wavelengths_nm):
     unknown = np.argwhere(np.isnan(indices))
     if unknown.size:
         surface, wavelength = unknown[0]
-        raise LensError(prescription.name, f"surface {surface}, glass", glasses[surface - 1].name,
-                        f"not known at {nm[wavelength]:g} nm: give other wavelengths, or another glass")
+        glass, stated = glasses[surface - 1], prescription.surfaces[surface - 1].glass_figures
+        raise LensError(prescription.name, f"surface {surface}, glass", glass.name,
+                        _out_of_range(glass, stated, nm[wavelength]))
     return indices
+
+
+def _out_of_range(glass, stated, nm):
+    """The problem and the remedy for a glass that is not known at this wavelength."""
+    first, last = glass.range_nm
+    figures = stated or glass.figures
+    example = f" such as {figures}" if figures else ""
+    return (f"known from {first:g} to {last:g} nm only, not at {nm:g} nm: give wavelengths in this range, another "
+            f"glass, or its index and Abbe number as n/V{example} (--glass OLD=NEW)")
 
 
 def _last_height_mm(prescription, figures):

@@ -31,7 +31,7 @@ def axial_f_number(system: System) -> float:
         No light gets through.
     """
     rays = trace_pupil(system, [0.0], [system.prescription.reference_wavelength_nm], FAN)
-    extents = np.sqrt(rays.square_height_mm2[:, 0, 0, :, 0]) / system.semi_apertures_mm[:, None]
+    extents = np.sqrt(system.rims(rays.square_height_mm2[:, 0, 0, :, 0]))
     extents[system.prescription.stop_index] = FAN.radii
     extent = np.where(rays.lost[0, 0, :, 0], NO_LIMIT, extents.max(axis=0))
     height_mm = np.interp(1.0, np.maximum.accumulate(extent), np.abs(rays.source[1, 0, 0, :, 0]))

@@ -33,6 +33,8 @@ class FromSensor:
     first_power, power_step : int
     semi_aperture_mm : array (surface,)
         Including the stop's; inf if unlimited.
+    half_widths_mm : array (surface, 2) or None
+        Of rectangular apertures, along x and y; inf without one. None if no surface has one.
     semi_obstruction_mm : array (surface,)
         0 without a central obstruction.
     index_ratio : array (surface,)
@@ -68,6 +70,7 @@ class FromSensor:
     origin_mm: np.ndarray
     sections: "Sections | None" = None
     poses: "Poses | None" = None
+    half_widths_mm: np.ndarray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +144,13 @@ def lens_from_sensor(prescription: Prescription, wavelength_nm: float, edges_mm:
         absorption_per_mm=4 * np.pi * extinction / (wavelength_nm * 1e-6),
         coating_transmittance=float(coating_transmittance(system, [wavelength_nm])[0]),
         entrance_pupil_mm=system.entrance_pupil_mm, aim=aim, origin_mm=view.origin_mm, sections=sections,
-        poses=_poses(prescription, view))
+        poses=_poses(prescription, view), half_widths_mm=_half_widths_mm(surfaces))
+
+
+def _half_widths_mm(surfaces):
+    if all(not surface.half_widths_mm for surface in surfaces):
+        return None
+    return np.array([surface.half_widths_mm or (np.inf, np.inf) for surface in surfaces])
 
 
 def _sections(prescription):

@@ -26,6 +26,7 @@ from ..runtime.errors import LensError
 from ..runtime.values import Value
 from .aiming import aim_at_image
 from .focus import build_system
+from .light_end import light_end
 from .lost_rays import without_lost
 from .pupil import area_ratio, polynomial_weights
 from .rays import HalfPupil, trace_pupil
@@ -34,7 +35,7 @@ from .trace import BothWays, trace_both_ways
 
 WAVELENGTHS_NM = (400.0, 417.1, 469.5, 555.9, 653.2, 700.0)  # least oscillation of polynomials over the wave number
 HEIGHTS, PUPIL = 33, HalfPupil(17, 33, close_at_rim=True)
-SKETCHED_HEIGHTS, SKETCHED_PUPIL = 13, HalfPupil(13, 17, close_at_rim=True)  # for pixels of a 160th of the picture
+SKETCHED_HEIGHTS, SKETCHED_PUPIL = 17, HalfPupil(17, 25, close_at_rim=True)  # for pixels of a 160th of the picture
 FINER_PUPIL, FINE_UM = HalfPupil(33, 33, close_at_rim=True), 1.0  # used if the spline error on the sensor exceeds this
 MISSED = 5 / 384  # largest error of cubic splines, relative to fourth differences
 MARGIN_TO_WEIGHT = slice(4, 7)  # of the table's quantities
@@ -113,7 +114,7 @@ class RayTable(TableByWavelength, Value):
         Name of the lens.
     wavelengths_nm : array (wavelength,)
     last_height_mm : float
-        From the axis to the last sensor point: the end of the lens's field.
+        From the axis to the last sensor point: the end of the lens's field, or of the light.
     entrance_pupil_mm : float
         From the first surface to the plane of the entrance pupil, towards the image.
     reach : float
@@ -126,6 +127,8 @@ class RayTable(TableByWavelength, Value):
         centre of the entrance pupil, which unlike the crossing with the pupil plane stays close to it at any angle;
         p of the direction in front of the lens (x, y), whose cosines are (2 p, 1 - p^2) / (1 + p^2), as accurate near
         90 degrees as on the axis; the margin at the surfaces; the optical path from the foot; and the weight.
+    dark_beyond : bool
+        Whether no light arrives beyond the last sensor point.
     """
 
     name: str
@@ -134,6 +137,7 @@ class RayTable(TableByWavelength, Value):
     entrance_pupil_mm: float
     coefficients: np.ndarray
     reach: float = 1.0
+    dark_beyond: bool = False
 
     def inside(self, place_mm: np.ndarray, share: float) -> np.ndarray:
         """Places (2, ...) clamped to a share of the field."""
@@ -266,14 +270,15 @@ def ray_table(prescription: Prescription,
     """
     heights, pupil = (SKETCHED_HEIGHTS, SKETCHED_PUPIL) if sketch else (HEIGHTS, PUPIL)
     system, wavelengths_nm = build_system(prescription), np.asarray(wavelengths_nm, dtype=float)
-    ends = trace_pupil(system, [system.last_height_mm], wavelengths_nm, HalfPupil(1, 1))
+    end = light_end(system, tuple(wavelengths_nm[[0, -1]].tolist()))
+    ends = trace_pupil(system, [end.height_mm], wavelengths_nm, HalfPupil(1, 1))
     last_height_mm = float(ends.chief_height_mm.max())
     heights_mm = last_height_mm * np.sin(np.pi / 2 * np.linspace(0, 1, heights))
     values = _trace(system, heights_mm, wavelengths_nm, pupil, reach)
     if not sketch and missed_um(values, system) > FINE_UM:
         values = _trace(system, heights_mm, wavelengths_nm, FINER_PUPIL, reach)
     return RayTable(prescription.name, wavelengths_nm, last_height_mm, system.entrance_pupil_mm,
-                    spline_coefficients(values).astype(np.float32), reach)
+                    spline_coefficients(values).astype(np.float32), reach, end.dark)
 
 
 def _trace(system: System, heights_mm, wavelengths_nm, pupil, reach):

@@ -114,6 +114,14 @@ def trace_pupil(system: System, heights_mm: Sequence[float] | np.ndarray, wavele
     LensError
         A chief ray is lost, or one half of the stop cannot stand for both.
     """
+    rays = trace_any(system, heights_mm, wavelengths_nm, pupil)
+    _check_chief_rays(system, heights_mm, rays)
+    return rays
+
+
+def trace_any(system: System, heights_mm: Sequence[float] | np.ndarray, wavelengths_nm: Sequence[float] | np.ndarray,
+              pupil: Pupil) -> TracedRays:
+    """As `trace_pupil`, including heights whose chief rays are lost."""
     if pupil.mirrored:
         system.prescription.require_radial("a field of heights")
     wavelengths_nm = np.asarray(wavelengths_nm, dtype=float)
@@ -126,10 +134,8 @@ def trace_pupil(system: System, heights_mm: Sequence[float] | np.ndarray, wavele
     path_mm = to_entry_mm + traced.path_mm
     arrays = {"position_mm": traced.position[:2], "direction": traced.direction, "path_mm": path_mm, "source": source,
               "square_height_mm2": traced.square_mm2, "lost": ~(aimed & np.isfinite(path_mm))}
-    rays = TracedRays(pupil, wavelengths_nm, **{name: values.reshape(*values.shape[:-1], *pupil.shape)
+    return TracedRays(pupil, wavelengths_nm, **{name: values.reshape(*values.shape[:-1], *pupil.shape)
                                                 for name, values in arrays.items()})
-    _check_chief_rays(system, heights_mm, rays)
-    return rays
 
 
 def _object_space(system, fields, entry, before):

@@ -169,7 +169,7 @@ def _passing(system, indices):
     """Function of a sensor point (x, y) and of points (x, y, z), arrays (row, column), in the frame of the sensor:
     whether the ray from the first through the others passes."""
     sensor_first, indices = _sensor_as_stop(system.prescription), np.append(indices, indices[-1]).reshape(-1, 1, 1, 1)
-    axes, semi_mm = sensor_axes(system.prescription), system.all_semi_apertures_mm
+    axes, stop = sensor_axes(system.prescription), system.prescription.stop_index
 
     def passes(place_mm, points_mm):
         points_mm = np.stack(np.broadcast_arrays(*points_mm))
@@ -178,9 +178,9 @@ def _passing(system, indices):
             traced = trace_both_ways(sensor_first, indices, *np.reshape(place_mm, (2, 1, 1, 1)),
                                      *(towards[:2] / towards[2])[:, None])
             through = np.isfinite(traced.before[:, 0]).all(axis=0)
-            for square_mm2, semi in zip(traced.square_mm2[:-1, 0], semi_mm, strict=True):
-                through &= square_mm2 <= semi**2
-        return through
+            squares_mm2 = np.delete(traced.square_mm2[:, 0], len(system.glasses), axis=0)  # without the sensor's
+            through &= np.all(system.limits(squares_mm2) <= 1, axis=0)
+            return through & (squares_mm2[stop] <= system.stop_semi_aperture_mm**2)
 
     return passes
 

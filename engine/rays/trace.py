@@ -1,9 +1,9 @@
 """Sequential ray tracing from the stop: backwards to the object and forwards to the image plane.
 
-`indices` are arrays (surface + 1, ...) that broadcast against the rays. Squared heights are lists with an array per
-surface. They, points of the stop, and positions and directions at the image plane, are in the frames of these surfaces,
-which their poses displace. All other positions and directions are in the frame of the lens, relative to a surface's
-place on the axis.
+`indices` are arrays (surface + 1, ...) that broadcast against the rays. Squared heights are lists with an array
+(2, ...) of x^2 and y^2 per surface. They, points of the stop, and positions and directions at the image plane, are in
+the frames of these surfaces, which their poses displace. All other positions and directions are in the frame of the
+lens, relative to a surface's place on the axis.
 """
 
 from typing import NamedTuple
@@ -47,7 +47,7 @@ def trace_to_object(prescription: Prescription, indices: np.ndarray, position: n
         light.
     path_mm : array
         Optical path from the first surface to the stop.
-    square_mm2 : list of arrays
+    squares_mm2 : list of arrays (2, ...)
         Squared heights at the surfaces in front of the stop.
     """
     return _back(prescription, indices, position, direction, prescription.stop_index)
@@ -61,18 +61,18 @@ def trace_from_image(prescription: Prescription, indices: np.ndarray, position: 
 
 
 def _back(prescription, indices, position, direction, number):
-    path_mm, square_mm2 = 0.0, []
+    path_mm, squares_mm2 = 0.0, []
     for step in _steps_back(prescription, indices, position, direction, number):
         position, direction, section_mm, section_mm2 = step
         path_mm = path_mm + section_mm
-        square_mm2.insert(0, section_mm2)
-    return position, direction, path_mm, square_mm2
+        squares_mm2.insert(0, section_mm2)
+    return position, direction, path_mm, squares_mm2
 
 
 def _steps_back(prescription, indices, position, direction, number):
     """Trace rays, given relative to the vertex of surface `number` or to the image plane, back through the surfaces
     in front of it: yields the position on each, the direction in front of it, the optical path behind it, and the
-    squared height."""
+    squared heights."""
     for before in range(number - 1, -1, -1):
         surface = prescription.surfaces[before]
         position, backwards, section_mm, section_mm2 = _through(
@@ -120,26 +120,27 @@ def trace_to_image(prescription: Prescription, indices: np.ndarray, position: np
     are in the frame of the image plane.
     """
     stop = prescription.stop_index
-    position, direction, height_mm2 = _bent(
+    position, direction, heights_mm2 = _bent(
         prescription.surfaces[stop], *to_surface_frame(prescription.surfaces[stop].pose, position, direction),
         indices[stop] / indices[stop + 1])
-    path_mm, square_mm2 = 0.0, [height_mm2]
+    path_mm, squares_mm2 = 0.0, [heights_mm2]
     for number in range(stop + 1, len(prescription.surfaces)):
         gap_mm = prescription.surfaces[number - 1].thickness_mm
-        position, direction, section_mm, height_mm2 = _through(
+        position, direction, section_mm, heights_mm2 = _through(
             prescription.surfaces[number], _moved(position, -gap_mm), direction, indices[number], indices[number + 1])
         path_mm = path_mm + section_mm
-        square_mm2.append(height_mm2)
+        squares_mm2.append(heights_mm2)
     position = _moved(position, -prescription.surfaces[-1].thickness_mm)
     position, direction = to_surface_frame(prescription.image_pose, position, direction)
     to_image_mm = -position[2] / direction[2]
-    return position + to_image_mm * direction, direction, path_mm + indices[-1] * to_image_mm, square_mm2
+    return position + to_image_mm * direction, direction, path_mm + indices[-1] * to_image_mm, squares_mm2
 
 
 class BothWays(NamedTuple):
     """Rays traced from the stop in both directions, by `trace_to_object` and `trace_to_image`.
 
-    `path_mm` is the optical path from `entry` to the image plane, `square_mm2` an array (surface, ...).
+    `path_mm` is the optical path from `entry` to the image plane. `square_mm2` is an array: squared distances from the
+    axis at each surface (surface, ...), and then x^2 and y^2 at each surface with a rectangular aperture.
     """
 
     entry: np.ndarray
@@ -176,7 +177,10 @@ def _trace_both_ways(prescription, indices, x_mm, y_mm, slope_x, slope_y):
     on_stop = start_on_stop(prescription, x_mm, y_mm, slope_x, slope_y)
     entry, before, front_mm, front_mm2 = trace_to_object(prescription, indices, *on_stop)
     position, direction, rear_mm, rear_mm2 = trace_to_image(prescription, indices, *on_stop)
-    return BothWays(entry, before, position, direction, front_mm + rear_mm, np.stack([*front_mm2, *rear_mm2]))
+    squares_mm2 = [*front_mm2, *rear_mm2]
+    return BothWays(entry, before, position, direction, front_mm + rear_mm, np.stack([
+        *(np.sum(each, axis=0) for each in squares_mm2),
+        *(square for number in prescription.rectangles for square in squares_mm2[number])]))
 
 
 def traced_surfaces(prescription: Prescription) -> TracedSurfaces:
@@ -189,7 +193,8 @@ def traced_surfaces(prescription: Prescription) -> TracedSurfaces:
         shape[3:3 + len(surface.aspheric)] = surface.aspheric
         shape[3 + even:3 + even + len(surface.odd_aspheric)] = surface.odd_aspheric
     kinds, sections = _sections(surfaces, even)
-    return TracedSurfaces(shapes, prescription.stop_index, even, odd, kinds, sections, _poses(prescription))
+    return TracedSurfaces(shapes, prescription.stop_index, even, odd, kinds, sections, _poses(prescription),
+                          _rows_of_rectangles(prescription))
 
 
 def _sections(surfaces, even):
@@ -205,6 +210,15 @@ def _sections(surfaces, even):
     return kinds, sections
 
 
+def _rows_of_rectangles(prescription):
+    """`TracedSurfaces.rectangles`."""
+    if not prescription.rectangles:
+        return None
+    rows = np.zeros(len(prescription.surfaces), np.int64)
+    rows[list(prescription.rectangles)] = len(rows) + 2 * np.arange(len(prescription.rectangles))
+    return rows
+
+
 def _poses(prescription):
     """`TracedSurfaces.poses`."""
     poses = [*(surface.pose for surface in prescription.surfaces), prescription.image_pose]
@@ -214,17 +228,18 @@ def _poses(prescription):
 
 
 def _through(surface, position, direction, before, behind):
-    """Propagate rays to a surface and refract them there: position, direction, optical path, and squared height."""
+    """Propagate rays to a surface and refract them there: position, direction, optical path, and squared heights."""
     position, direction = to_surface_frame(surface.pose, position, direction)
     distance_mm = distance_to(surface, position, direction)
-    position, direction, height_mm2 = _bent(surface, position + distance_mm * direction, direction, before / behind)
-    return position, direction, before * distance_mm, height_mm2
+    position, direction, heights_mm2 = _bent(surface, position + distance_mm * direction, direction, before / behind)
+    return position, direction, before * distance_mm, heights_mm2
 
 
 def _bent(surface, position, direction, ratio):
-    """Refract rays on a surface, given in its own frame: position and direction in the lens's, and squared height."""
+    """Refract rays on a surface, given in its own frame: position and direction in the frame of the lens, and squared
+    heights."""
     refracted_rays = position, refracted(direction, unit_normal(surface, position), ratio)
-    return *from_surface_frame(surface.pose, *refracted_rays), position[0]**2 + position[1]**2
+    return *from_surface_frame(surface.pose, *refracted_rays), position[:2]**2
 
 
 def _moved(position, along_mm):

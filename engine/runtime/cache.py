@@ -2,21 +2,31 @@
 
 The cache is optional. Entries that are missing, damaged or of another version are computed again, and a failed write is
 not an error. Files appear complete or not at all, so processes may share the folder. The oldest are removed first.
+
+Each file begins with a seal: a digest of its name and content. A file that was copied from another name is therefore
+not valid.
 """
 
 import hashlib
 import os
 import re
+import stat
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import TypeVar
 
 from .build_identity import build_identity
 from .errors import InputError
 from .files import AnyPath, atomic_path
+from .inputs import open_input
+
+Value = TypeVar("Value")
 
 NAME = re.compile(r"[0-9a-f]{64}")  # of a file: the digest of its build and key
 VARIABLE, OFF = "LENSFIELD_CACHE", "off"
+MOST_FILE_BYTES = 2**29
 _configured: dict[str, Path] = {}
 
 
@@ -38,19 +48,29 @@ def is_off() -> bool:
     return os.environ.get(VARIABLE, "").lower() == OFF
 
 
-def load(kind: str, key: bytes) -> bytes | None:
-    """The cached content of this kind and key; None if it is missing or damaged."""
+def load(kind: str, key: bytes, read: Callable[[bytes], Value] = bytes) -> Value | None:  # type: ignore[assignment]
+    """The cached value of this kind and key; None if it is missing or damaged.
+
+    Parameters
+    ----------
+    kind : str
+    key : bytes
+    read : callable
+        Returns the value of the content, by default the content itself. Content on which it raises any error counts as
+        damaged.
+    """
     folder = cache_folder()
     if folder is None:
         return None
     path = _path(folder, kind, key)
     try:
-        seal, _, content = path.read_bytes().partition(b"\n")
-    except OSError:
+        seal, _, content = _file_bytes(path).partition(b"\n")
+        value = read(content) if seal == _seal(path, content) else None
+    except Exception:  # also valid seals may be forged, and damage raises a dozen kinds of error
         return None
     with suppress(OSError):  # the file may belong to another user
         os.utime(path)  # marks it as recently used
-    return content if seal == _seal(content) else None
+    return value
 
 
 def store(kind: str, key: bytes, content: bytes, most_bytes: int) -> None:
@@ -62,9 +82,11 @@ def store(kind: str, key: bytes, content: bytes, most_bytes: int) -> None:
     folder = cache_folder()
     if folder is None:
         return
+    path = _path(folder, kind, key)
     with suppress(OSError, InputError):
-        with atomic_path(_path(folder, kind, key), overwrite=True) as temporary:
-            temporary.write_bytes(_seal(content) + b"\n" + content)
+        _remove_irregular(path)
+        with atomic_path(path, overwrite=True) as temporary:
+            temporary.write_bytes(_seal(path, content) + b"\n" + content)
         _remove_oldest(kind, most_bytes)
 
 
@@ -102,8 +124,22 @@ def _entries(kind):
                     yield path, path.stat()
 
 
-def _seal(content):
-    return hashlib.sha256(content).hexdigest().encode()
+def _seal(path, content):
+    return hashlib.sha256(path.name.encode() + content).hexdigest().encode()
+
+
+def _file_bytes(path):
+    """The bytes of a file; none for a pipe, a device, and a file larger than any entry."""
+    with open_input(path) as file:
+        status = os.fstat(file.fileno())
+        return file.read() if stat.S_ISREG(status.st_mode) and status.st_size <= MOST_FILE_BYTES else b""
+
+
+def _remove_irregular(path):
+    """Remove a link or pipe in the place of an entry: through a link, another file would be overwritten."""
+    with suppress(FileNotFoundError):
+        if not stat.S_ISREG(os.lstat(path).st_mode):
+            path.unlink()
 
 
 def _user_folder():

@@ -54,8 +54,9 @@ def listed(names: Iterable[str], most: int) -> str:
 
 def printable(text: str) -> str:
     """The text with unprintable characters replaced; line ends stay."""
-    return "".join(letter if letter.isprintable() or letter == "\n" else " " if letter.isspace() else "?"
-                   for letter in text)
+    replaced = {ord(letter): " " if letter.isspace() else "?" for letter in set(text)
+                if letter != "\n" and not letter.isprintable()}
+    return text.translate(replaced) if replaced else text
 
 
 class Stopped(Exception):

@@ -4,7 +4,7 @@ import hashlib
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cached_property, partial
 from numbers import Real
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
 
@@ -46,6 +46,15 @@ class Value:
     def __reduce__(self) -> tuple:
         # Recreated from its fields: unpickled arrays would be writable, and cached properties need not be stored.
         return partial(type(self), **{field.name: getattr(self, field.name) for field in fields(self)}), ()
+
+
+def check_types(value: Any) -> None:
+    """Raise a TypeError unless the fields of a dataclass have their declared types; an int also serves as a float."""
+    kinds = get_type_hints(type(value))
+    for field in fields(value):
+        content, kind = getattr(value, field.name), kinds[field.name]
+        if not isinstance(content, kind) and not (type(content) is int and isinstance(float(content), kind)):
+            raise TypeError(f"{field.name} is a {type(content).__name__}")
 
 
 def digest_of(value: Any) -> bytes:

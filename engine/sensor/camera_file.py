@@ -8,6 +8,7 @@ import numpy as np
 
 from ..runtime.build_identity import MARK
 from ..runtime.errors import CameraError, InputError
+from ..runtime.inputs import reading
 from ..runtime.toml_fields import TomlTable, check_known, pairs, read_toml
 from ..spectral.spectra import parse_wavelengths
 from .camera import NUMBERS, ORIGINS, PARTS, Camera
@@ -27,6 +28,11 @@ def read_camera(path: Path) -> Camera:
     CameraError
         The file is missing or damaged, or a value in it is invalid.
     """
+    with reading(path):
+        return _camera(path)
+
+
+def _camera(path):
     table = read_toml(path, FORMAT, VERSION, error=CameraError)
     check_known(table, FIELDS_OF_FILE)
     efficiency = table.number_rows("quantum_efficiency", "channel")

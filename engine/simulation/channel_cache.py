@@ -53,14 +53,16 @@ class ChannelCache:
         ImageError, InputError, LensError
             As `make_plan`, and if there is not enough memory.
         """
-        sampling, casting = radiance.sampling, casting_bytes(radiance, lens, options.most_of_lamps)
-        casting += splitting_bytes(math.prod(sampling.grid.shape_px), radiance.detail_times)
+        sampling, known = radiance.sampling, radiance.detail_times
+        casting = casting_bytes(radiance, lens, options.most_of_lamps)
         spared = in_place or in_file(radiance.light)
         irradiance = 0 if spared else SAMPLE_BYTES * len(sampling.wavelengths_nm) * math.prod(sampling.grid.frame_px)
-        key = options, lens, sampling, irradiance + casting
+        key = options, lens, sampling, known, irradiance + casting
         of, plan = self._plan
         if plan is None or key != of:  # the same lens is equal without a digest of its data
-            plan = in_process(self._make_plan(options, lens, sampling), irradiance + casting)
+            plan = self._make_plan(options, lens, sampling, known)
+            splitting = splitting_bytes(math.prod(sampling.grid.shape_px), plan.known)
+            plan = in_process(plan, irradiance + casting + splitting)
             self._plan = key, plan
         return plan
 

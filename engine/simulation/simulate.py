@@ -16,7 +16,7 @@ from ..image.supersampling import merge_pixels, softening_px, split_pixels
 from ..kernels.library import running
 from ..lens import Lens
 from ..library.rays import Rays, lens_rays
-from ..plan.options import Options
+from ..plan.options import OFF, Options
 from ..runtime.errors import ImageError
 from ..runtime.scratch import zeros_stored_like
 from .channel_cache import ChannelCache
@@ -38,7 +38,7 @@ def simulate(radiance: Radiance, lens: Lens, options: Options = BY_RESULT, *,
         Scene radiance, W m^-2 sr^-1 nm^-1, as an ideal lens would image it, with overscan for the light that
         distortion and blur bring into the frame. All of a SpectralImage counts as in focus. The out-of-focus light of
         layers is gathered along the lens's rays, with occlusion by nearer layers. With a detail, the lens image is
-        computed in finer pixels, sharpened by as much as these soften it, and merged.
+        computed in finer pixels, sharpened by as much as these soften it, and merged, if `options.detail` allows it.
     lens : Lens
     options : Options
     iris : Iris, optional
@@ -65,18 +65,18 @@ def simulate(radiance: Radiance, lens: Lens, options: Options = BY_RESULT, *,
         If a wavelength is outside the lens data, the distortion folds the field, or pixels are not finite.
     """
     report, cache, sampling = report or Report(), cache or ChannelCache(limit_mb=0), radiance.sampling
-    options = options.for_detail(radiance.detail_times)
-    times = radiance.detail_times if radiance.detail_times > 1 else options.supersampling
+    radiance = radiance.even() if options.detail == OFF else radiance
+    with report.stage("plan"):
+        plan = cache.plan(options, lens, radiance, out is not None and np.may_share_memory(out, radiance.light))
+    times = plan.known if plan.known > 1 else plan.supersampling
     views = capture_planes(radiance, lens, partial(rays, lens), fireflies=options.fireflies,
                            most_rays=options.most_rays, most_of_lamps=options.most_of_lamps, iris=iris,
                            times=times, stage=report.stage, progress=progress or (lambda fraction: None))
-    with report.stage("plan"):
-        plan = cache.plan(options, lens, radiance, out is not None and np.may_share_memory(out, radiance.light))
     shape = (len(sampling.wavelengths_nm), *sampling.grid.frame_px)
     irradiance = zeros_stored_like(radiance.light, shape) if out is None else out
     if irradiance.shape != shape or irradiance.dtype != np.float32:
         raise ImageError("out", "array", f"{irradiance.dtype} of {irradiance.shape}", f"expected float32 of {shape}")
-    fine, tally = plan.supersampling, _Tally(sampling, plan.supersampling, radiance.detail_times)
+    fine, tally = plan.supersampling, _Tally(sampling, plan.supersampling, plan.known)
     frame_px = sampling.grid.finer(fine).frame_px
     across = radiance.grid.across
     channels = cache.channels(lens, sampling, plan, times, across)
@@ -93,7 +93,7 @@ def simulate(radiance: Radiance, lens: Lens, options: Options = BY_RESULT, *,
         light = channel.planes.light(ideal)
         with report.stage("filtering"):
             blurred = channel.blur(ideal)
-            if radiance.detail_times > 1:
+            if plan.known > 1:
                 channel.sharpen(blurred)
         irradiance[index] = merge_pixels(_frame(blurred, frame_px), fine)
         if out_of_focus is not None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..depth.iris import Opening
-from ..kernels.ghosts import Beam, Blades, Coated
+from ..kernels.ghosts import Beam, Blades, Coated, Openings
 from ..kernels.tracing import TracedSurfaces
 from ..prescription.surfaces import sag_and_gradient
 from ..prescription.system import System
@@ -29,8 +29,7 @@ class GhostLens:
     view : View
     surfaces : TracedSurfaces
     opening : Opening
-    per_semi_aperture : array (surface,)
-        One over the semi-aperture in mm; 0 for unlimited surfaces.
+    openings : Openings
     pairs : int array (pair, 2)
         Surfaces that reflect, the one nearer to the object first.
     """
@@ -39,7 +38,7 @@ class GhostLens:
     view: View
     surfaces: TracedSurfaces
     opening: Opening
-    per_semi_aperture: np.ndarray
+    openings: Openings
     pairs: np.ndarray
 
     @property
@@ -77,7 +76,14 @@ def ghost_lens(system: System, opening: Opening, wavelengths_nm: np.ndarray) -> 
     reflecting = np.flatnonzero(system.reflectances(wavelengths_nm, [0.0]).max(axis=(1, 2)) > 0)
     near, far = np.triu_indices(len(reflecting), 1)
     return GhostLens(system, view_of(system), traced_surfaces(system.prescription), opening,
-                     1 / system.all_semi_apertures_mm, np.stack([reflecting[near], reflecting[far]], axis=1))
+                     _openings(system), np.stack([reflecting[near], reflecting[far]], axis=1))
+
+
+def _openings(system):
+    per_half_width = np.zeros((len(system.glasses), 2))
+    for index in system.prescription.rectangles:
+        per_half_width[index] = 1 / np.array(system.prescription.surfaces[index].half_widths_mm)
+    return Openings(1 / system.all_semi_apertures_mm, per_half_width)
 
 
 def beam_of(lens: GhostLens, direction: np.ndarray, distance_mm: float) -> tuple[Beam, float]:
@@ -128,7 +134,9 @@ def _front_radius_mm(lens):
     system = lens.system
     if system.prescription.stop_index == 0:
         return system.stop_semi_aperture_mm * lens.opening.reach
-    if np.isfinite(system.semi_apertures_mm[0]):
-        return system.semi_apertures_mm[0]
+    halves_mm = system.prescription.surfaces[0].half_widths_mm
+    widest_mm = min(system.semi_apertures_mm[0], np.hypot(*halves_mm) if halves_mm else np.inf)
+    if np.isfinite(widest_mm):
+        return widest_mm
     return (abs(system.marginal_heights_mm[0]) * lens.opening.reach
             + abs(system.entrance_pupil_mm * system.last_height_mm / system.efl_mm))

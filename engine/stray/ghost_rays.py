@@ -14,7 +14,7 @@ def trace_ghosts(lens: GhostLens, coated: Coated, beam: Beam, pairs: np.ndarray,
     from the middle to the right. Returns as `ghost_rays`, with positions from the middle of the picture."""
     boxes, shape = boxes_of(lens, limits_mm, side)
     if running() != NUMPY:
-        rays = ghost_rays(lens.surfaces, coated, lens.per_semi_aperture, beam, pairs, boxes, shape, farthest)
+        rays = ghost_rays(lens.surfaces, coated, lens.openings, beam, pairs, boxes, shape, farthest)
     else:
         with np.errstate(all="ignore"):
             rays = np.reshape([_traced(lens, coated, beam, pair, box, shape, farthest)
@@ -45,8 +45,10 @@ class _Passage:
         surface, ratio = prescription.surfaces[number], indices[before] / indices[behind]
         at, along = to_surface_frame(surface.pose, self.position, self.direction)
         at = at + distance_to(surface, at, along) * along
-        scaled = at[:2] * self.lens.per_semi_aperture[number]
+        scaled = at[:2] * self.lens.openings.per_semi_aperture[number]
         square = np.sum(scaled**2, axis=0)
+        within = (at[:2] * self.lens.openings.per_half_width[number][:, None])**2
+        self.limit = np.fmax(self.limit, within.max(axis=0))
         if number == prescription.stop_index:
             self.stops.append(scaled)
         else:

@@ -15,6 +15,7 @@ from lensfield import addon, cli
 from lensfield.addon.job.source import check_sources
 from lensfield.addon.scene.trust import forget_trust
 from lensfield.commands import confine
+from lensfield.commands.blend_paths import _Blocks, _layouts
 from lensfield.commands.confine import landlock_version
 from lensfield.commands.untrusted import OF_SYSTEM
 from lensfield.engine.runtime.errors import InputError
@@ -46,7 +47,7 @@ def job(tmp_path):
 def saved(job):
     """Save the open file; no path in it then counts as chosen in this session."""
     path = job / "scene.blend"
-    bpy.ops.wm.save_as_mainfile(filepath=str(path), relative_remap=False)
+    bpy.ops.wm.save_as_mainfile(filepath=str(path), relative_remap=False, compress=False)
     forget_trust()
     return path
 
@@ -158,6 +159,101 @@ def test_pipes_among_simulation_caches_are_rejected(paint, job, capfd):
     assert status == 1 and "0001.bphys: cache is a device or pipe" in said
 
 
+def particles(modifiers):
+    """The point cache of new particles, external, in a folder."""
+    modifiers.new("Particles", "PARTICLE_SYSTEM")
+    cache = bpy.context.scene.objects[-1].particle_systems[0].point_cache
+    cache.use_external, cache.filepath = True, "//caches"
+    return cache
+
+
+def smoke(modifiers):
+    modifiers.new("Fluid", "FLUID").fluid_type = "DOMAIN"
+    modifiers["Fluid"].domain_settings.cache_directory = "//caches"
+
+
+def ocean(modifiers):
+    modifiers.new("Ocean", "OCEAN").filepath = "//caches"
+
+
+def bake(modifiers):
+    modifiers.new("Nodes", "NODES").bake_directory = "//caches"
+
+
+CACHES = {"point cache": (particles, "a_000001_00.bphys"), "fluid": (smoke, "data/fluid_data_0001.vdb"),
+          "mesh of a fluid": (smoke, "mesh/lMesh_0001.bobj.gz"), "bake": (bake, "12/meta/000001_00000.json"),
+          "blob": (bake, "12/blobs/000001_00000.blob")}
+
+
+def cache_job(paint, job, kind):
+    """A saved scene with a modifier, and a pipe in the place of one of its caches."""
+    add, name = CACHES[kind]
+    add(bpy.context.scene.objects[-1].modifiers)
+    blend = saved(job)
+    (job / "caches" / name).parent.mkdir(parents=True)
+    os.mkfifo(job / "caches" / name)
+    return blend, job / "caches" / name
+
+
+@pytest.mark.parametrize("kind", CACHES)
+def test_pipes_among_named_caches_are_rejected(paint, job, capfd, kind):
+    blend, cache = cache_job(paint, job, kind)
+    status, said = lensfield(capfd, "lint", blend, *LENS)
+    assert status == 1 and f"{cache}: cache is a device or pipe" in said
+    with pytest.raises(InputError, match="cache is a device or pipe: the scene names it"):
+        check_sources(bpy.context.scene)
+
+
+@pytest.mark.parametrize("name", ["tools/queue", "queue", "tools/a_000001_00.bphys", "data/queue",
+                                  "tools/disp_0001.exr"])
+@pytest.mark.parametrize("add", [particles, smoke, ocean, bake])
+def test_other_files_in_a_cache_folder_are_left_alone(paint, job, capfd, add, name):
+    """The folder may be the project's own."""
+    add(bpy.context.scene.objects[-1].modifiers)
+    blend = saved(job)
+    (job / "caches" / name).parent.mkdir(parents=True)
+    os.mkfifo(job / "caches" / name)
+    check_sources(bpy.context.scene)
+    status, said = lensfield(capfd, "lint", blend, *LENS)
+    assert status == 0, said
+
+
+def test_the_folder_of_a_cache_that_is_not_in_use_is_left_alone(paint, job, capfd):
+    """Particles are cached in memory, and the ocean is not baked."""
+    modifiers = bpy.context.scene.objects[-1].modifiers
+    particles(modifiers).use_external = False
+    ocean(modifiers)
+    blend = saved(job)
+    (job / "caches").mkdir()
+    for name in ("a_000001_00.bphys", "disp_0001.exr"):
+        os.mkfifo(job / "caches" / name)
+    check_sources(bpy.context.scene)
+    status, said = lensfield(capfd, "lint", blend, *LENS)
+    assert status == 0, said
+
+
+def test_pipes_among_the_caches_of_a_baked_ocean_are_rejected(paint, job, capfd):
+    """Only a window can mark an ocean as baked, so its mark is set in the file."""
+    ocean(bpy.context.scene.objects[-1].modifiers)
+    blend = saved(job)
+    _mark_ocean_as_baked(blend)
+    (job / "caches").mkdir()
+    os.mkfifo(job / "caches" / "disp_0001.exr")
+    status, said = lensfield(capfd, "lint", blend, *LENS)
+    assert status == 1 and "disp_0001.exr: cache is a device or pipe" in said
+
+
+def _mark_ocean_as_baked(blend):
+    with open(blend, "rb") as file:
+        layouts = _layouts(_Blocks(blend, file))
+    with open(blend, "rb") as file:
+        before, = (data for number, _, data in _Blocks(blend, file).read(layouts)
+                   if layouts[number].name == "OceanModifierData")
+    place, _ = next(each.fields["cached"] for each in layouts.values() if each.name == "OceanModifierData")
+    after = before[:place] + b"\1" + before[place + 1:]
+    blend.write_bytes(blend.read_bytes().replace(before, after))
+
+
 def test_a_scene_that_is_a_pipe_is_rejected(job, capfd):
     os.mkfifo(job / "scene.blend")
     for command in ("lint", "render"):
@@ -240,6 +336,17 @@ def test_a_blend_can_write_below_its_folder(paint, job, capfd, folder, name):
     assert status == 0 and f"output: {(job / name).resolve()}\n" in said
 
 
+def test_escape_sequences_in_names_do_not_reach_the_terminal(paint, job, capfd):
+    """They could change the terminal's title, colours and keys, or hide a line."""
+    bpy.context.scene.lensfield.output_folder = "//a\x1b]0;owned\x07\nrefused: b\x9b31m"
+    paint.name = "Paint\x1b[2J"
+    blend = saved(job)
+    for command, *more in (("lint",), ("render", "--frames", "1"), ("render", "--frames", "1")):
+        status, said = lensfield(capfd, command, blend, *more, *LENS)
+        assert status == 0 and "owned" in said, said
+        assert not set(said) & {"\x1b", "\x07", "\x9b"} and "\nrefused" not in said
+
+
 def test_one_line_states_the_output_folder(paint, job, tmp_path, capfd):
     bpy.context.scene.lensfield.output_folder = "/"
     status, said = lensfield(capfd, "render", saved(job), *LENS, "--output", tmp_path / "out")
@@ -258,16 +365,17 @@ def test_output_does_not_follow_a_link(paint, job, tmp_path, capfd):
 
 
 @pytest.mark.parametrize("link", [True, False])
-@pytest.mark.parametrize("field", ["lens", "reflectance"])
+@pytest.mark.parametrize("field", ["lens", "camera", "reflectance"])
 def test_file_contents_are_not_quoted_in_the_log(paint, job, tmp_path, capfd, field, link):
     secret = tmp_path / "shadow.toml"
     secret.write_text(SECRET)
     named = job / "own.toml" if link else secret
     if link:
         named.symlink_to(secret)
-    if field == "lens":
-        bpy.context.scene.lensfield.lens, bpy.context.scene.lensfield.lens_file = "FILE", str(named)
-        given = ()
+    if field in ("lens", "camera"):
+        setattr(bpy.context.scene.lensfield, field, "FILE")
+        setattr(bpy.context.scene.lensfield, f"{field}_file", str(named))
+        given = () if field == "lens" else LENS
     else:
         paint.lensfield.reflectance, given = str(named), LENS
     blend = saved(job)
@@ -275,8 +383,8 @@ def test_file_contents_are_not_quoted_in_the_log(paint, job, tmp_path, capfd, fi
         status, said = lensfield(capfd, command, blend, *given)
         assert status == 1 and "not valid: the .blend names the file, so its content is not quoted" in said
         assert "salt" not in said and "root:" not in said
-    status, said = lensfield(capfd, "lint", blend, "--lens", named)
-    assert "not quoted" not in said if field == "lens" else "salt" not in said
+    status, said = lensfield(capfd, "lint", blend, f"--{'camera' if field == 'camera' else 'lens'}", named, *given)
+    assert "salt" not in said if field == "reflectance" else "not quoted" not in said
 
 
 @pytest.fixture

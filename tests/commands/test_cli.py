@@ -58,6 +58,27 @@ def test_lens_info_as_text_shows_the_same_figures(capsys):
     assert all(text in page for text in ("6.00003 mm", "-0.023954", "-8.40 %", "1.0293", "-13.78 um", "Edmund Optics"))
 
 
+def test_lens_info_of_a_glass_known_over_a_part_of_the_spectrum(tmp_path, capsys):
+    file = tmp_path / "condenser.toml"
+    file.write_text("""format = "lensfield-prescription"
+version = 1
+aperture = { f_number = 12 }
+field = { angle_deg = 8 }
+surfaces = [{ radius_mm = 50, thickness_mm = 3, glass = "SCHOTT B270", stop = true },
+            { radius_mm = -50, thickness_mm = 47.1 }]
+""")
+    assert run("lens", "info", file, "--lens-quality", "preview") == 1
+    assert "known from 435.83 to 656.27 nm only, not at 400 nm: give wavelengths" in capsys.readouterr().err
+    assert run("lens", "info", file, "--lens-quality", "preview", "--wavelengths", "440:650:3", "--json") == 0
+    assert json.loads(capsys.readouterr().out)["wavelengths_nm"] == [440, 545, 650]
+
+
+def test_lens_info_takes_no_wavelengths_for_a_package(tmp_path, capsys):
+    write_package(make_lens(), tmp_path / "my.npz")
+    assert run("lens", "info", tmp_path / "my.npz", "--wavelengths", "450,550") == 1
+    assert "options: --wavelengths is 450,550: a lens package has its own" in capsys.readouterr().err
+
+
 def test_filter_writes_the_frame_a_preview_and_a_report(radiance, tmp_path, capsys):
     assert run("filter", radiance, "--lens", "edmund-54852", "--method", "paper", "--section-size", 8,
                "--output", tmp_path / "out" / "irradiance.exr", "--preview", tmp_path / "out" / "picture.png",

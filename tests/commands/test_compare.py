@@ -1,9 +1,13 @@
-"""The checks of `lensfield compare` that need neither Blender nor a file."""
+"""The checks of `lensfield compare` that need neither Blender nor a file, and the options that commands share."""
+
+from argparse import ArgumentParser
 
 import pytest
 
 from lensfield.cli import main
+from lensfield.commands import compare, lint, preview, render
 from lensfield.commands.compare import _lenses
+from lensfield.commands.prescription_file import NAMES
 
 FILE = "Scene_0001_radiance.exr"
 
@@ -20,6 +24,27 @@ def test_an_option_of_renders_is_refused_for_a_radiance_file(tmp_path, monkeypat
     assert f"{option} is {value}: leave it out: the file's light is rendered already" in refusal(
         capsys, FILE, "--lens", "tessar-50mm", option, value)
     assert not list(tmp_path.iterdir())
+
+
+OF_FRAMES = {"--frames", "--overwrite", "--any-build", "--wait", "--scheduler", "--frames-per-task", "--blender"}
+OF_FOLLOWERS = {"--picture", "--scene-state", "--scene-source", "--progress", "--end-with-stdin", "--blend-folder",
+                "--session"}
+OF_CAMERA = {"--camera", "--iso", "--shutter", *(f"--{no}{each}" for no in ("", "no-")
+                                                 for each in ("noise", "develop", "dng"))}
+OF_READING = {f"--{name.replace('_', '-')}" for name in NAMES}
+
+
+@pytest.mark.parametrize("command, lacking", [
+    (compare, OF_FRAMES | OF_CAMERA | OF_READING | {"--view"}), (preview, OF_FRAMES | OF_FOLLOWERS),
+    (lint, OF_FRAMES | OF_FOLLOWERS)])
+def test_commands_take_the_options_of_renders(command, lacking):
+    """As the guide for scripts promises."""
+    def options(module):
+        parser = ArgumentParser()
+        module.add_options(parser)
+        return set(parser._option_string_actions)
+
+    assert options(render) - options(command) <= lacking
 
 
 def test_lenses_and_f_numbers_are_lists(tmp_path, monkeypatch, capsys):

@@ -1,12 +1,15 @@
 """The progress bar on a terminal, and the remaining time that it estimates."""
 
 import io
+import re
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
 from lensfield.commands import terminal
+from places import ROOT
 
 
 class Screen(io.StringIO):
@@ -31,3 +34,24 @@ def test_no_bar_is_drawn_outside_a_terminal(capsys):
     with terminal.progress_bar() as report:
         report(0.5, "Through a lens")
     assert capsys.readouterr().err == ""
+
+
+def test_lines_contain_no_control_characters(capsys):
+    terminal.say("a\x1b[31mb", "c\nd", Path("e\udcfff\x07"), "")
+    assert capsys.readouterr().out == "a?[31mb\nc d\ne?f?\n\n"
+
+
+def test_labels_on_the_progress_bar_contain_no_control_characters(monkeypatch):
+    screen = Screen()
+    monkeypatch.setattr(sys, "stderr", screen)
+    with terminal.progress_bar() as report:
+        report(0.5, "Pass\x1b[2J")
+    assert "Pass?[2J" in screen.getvalue()
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "commands").glob("*.py")), ids=lambda path: path.name)
+def test_commands_print_by_say(path):
+    """Except constants, texts that they make for files, and JSON, which escapes control characters."""
+    source = path.read_text(encoding="utf-8")
+    if path.name not in ("terminal.py", "messages.py", "farm_log.py", "parser.py"):
+        assert not re.findall(r"\bprint\((?!json\.dumps|macro, end|\"untrusted: this system)", source)

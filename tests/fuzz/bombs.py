@@ -18,6 +18,7 @@ import OpenEXR
 from formats import FIELD, Format, read_as_filter_does, read_full_package
 from mutants import members_of, npy, packed
 
+from exr_bytes import attribute, numbered, write_black, write_black_parts
 from lens_texts import prescriptions
 from lenses import gaussian_psf, make_lens
 from lensfield.engine.lens_files import import_lens
@@ -49,6 +50,10 @@ def bombs(folder):
     yield "EXR of 8 x 8 in a display window of 10,000 x 10,000", picture, read_as_filter_does
     colours(picture, (0, 0, 0), (1024, 2048), compression=OpenEXR.DWAB_COMPRESSION)
     yield "EXR of 2,048 x 1,024, black", picture, read_as_filter_does
+    yield "EXR of a million channels", write_black(picture, numbered(10**6)), read_as_filter_does
+    yield "EXR of 20,000 parts", write_black_parts(picture, 20_000), read_as_filter_does
+    yield "EXR with a text of 50 MB", write_black(picture, [b"Y"], attribute(b"a", b"string", b"a" * (50 << 20))), \
+        read_as_filter_does
     yield ".spd of one line", written("lamp.spd", "1" * 10**7), spectrum
     yield ".spd of 25 MB", written("lamp.spd", "400 1\n" * 2**21 * 2), spectrum
     yield ".yml nested 100,000 deep", written("glass.yml", "[" * 10**5), lambda path: load_refraction(str(path))

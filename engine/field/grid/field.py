@@ -117,6 +117,10 @@ class GridFieldMap:
     def extent_mm(self) -> float:
         return _extent_mm(self.lens)
 
+    @property
+    def light_extent_mm(self) -> float:
+        return np.inf
+
     def at_wavelength(self, wavelength_nm: float) -> GridField:
         return GridField(self.lens, wavelength_nm, self._end)
 

@@ -36,11 +36,16 @@ def capture_radius(capture: PixelGrid, lens: RadialLens) -> CaptureRadius | None
     return None if capture.projection.is_plane and focal_mm == lens_focal_mm else radius
 
 
+def light_extent_mm(lens: RadialLens) -> float:
+    """Distance from the axis beyond which no light arrives; inf unless the lens data reach it."""
+    return float(lens.real_height_mm[:, -1].max()) if lens.dark_beyond else np.inf
+
+
 def reach_px(lens: RadialLens, capture: PixelGrid, wavelengths_nm: Sequence[float] | np.ndarray,
              psf_radius_px: int) -> int:
     """See `overscan.reach_px`."""
     radius = capture_radius(capture, lens)
-    real_mm = np.linspace(0, capture.frame().farthest_px * capture.pitch_um * 1e-3, 257)
+    real_mm = np.linspace(0, min(capture.frame().farthest_px * capture.pitch_um * 1e-3, light_extent_mm(lens)), 257)
     moved_mm = 0.0
     for wavelength_nm in wavelengths_nm:
         shown_mm = FieldGeometry(lens.at_wavelength(wavelength_nm), lens.name).paraxial_height_mm(real_mm)
@@ -62,9 +67,10 @@ def overscan_px(lens: RadialLens, capture: PixelGrid, wavelengths_nm: Sequence[f
     for wavelength_nm in wavelengths_nm:
         field = FieldGeometry(lens.at_wavelength(wavelength_nm), lens.name)
         for axis, (edge_px, end_px) in ((number, edge) for number, pair in enumerate(edges) for edge in pair):
-            real_mm = np.hypot(edge_px * pitch_mm, along_mm[1 - axis])
+            edge_mm = np.hypot(edge_px * pitch_mm, along_mm[1 - axis])
+            real_mm = np.minimum(edge_mm, light_extent_mm(lens))
             paraxial_mm = field.paraxial_height_mm(real_mm)
-            ratio = field.paraxial_per_real(real_mm, paraxial_mm)
+            ratio = field.paraxial_per_real(real_mm, paraxial_mm) * real_mm / edge_mm
             if radius:
                 ratio = ratio * radius(paraxial_mm)[0] / np.maximum(paraxial_mm, np.finfo(float).tiny)
             beyond_px[axis] = max(beyond_px[axis], edge_px - end_px, (edge_px * ratio).max() - end_px)

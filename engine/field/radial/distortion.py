@@ -12,8 +12,9 @@ from ...runtime.errors import LensError
 from ..footprints import Footprints
 
 ORDERS = range(4, 9)
-DISTORTION_TOLERANCE = 1e-5  # of the last height: 0.03 um for a 3 mm field
+DISTORTION_TOLERANCE = 1e-5  # of the last real height: 0.03 um for a 3 mm field
 ILLUMINATION_TOLERANCE = 1e-3
+STEEP = 4.0  # tangent of the last field angle: the data of wider lenses are smoother over angles
 INVERSE_SAMPLES = 8193  # linear interpolation between them is accurate to 3e-9 of the field
 
 CaptureRadius = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -21,7 +22,8 @@ CaptureRadius = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 @dataclass(frozen=True, eq=False)
 class PolynomialFit:
-    """A polynomial in height / scale_mm, without terms below `first_power`.
+    """A polynomial in height / scale_mm, without terms below `first_power`; or, with a finite focal length, in the
+    field angle relative to the one of scale_mm.
 
     `residual` is the largest deviation from the table, in the table's unit; `highest_order` is the highest order for
     the table's number of heights.
@@ -32,6 +34,7 @@ class PolynomialFit:
     scale_mm: float
     residual: float
     highest_order: int
+    focal_mm: float = np.inf
 
     @property
     def order(self) -> int:
@@ -42,14 +45,26 @@ class PolynomialFit:
         return np.concatenate([np.zeros(self.first_power), self.coefficients])
 
     def __call__(self, height_mm: float | np.ndarray) -> np.ndarray:
-        return polyval(np.asarray(height_mm) / self.scale_mm, self._all_coefficients)
+        return polyval(variable(height_mm, self.scale_mm, self.focal_mm), self._all_coefficients)
 
     def derivative(self, height_mm: np.ndarray) -> np.ndarray:
         """The polynomial's derivative with respect to height, per mm."""
-        return polyval(np.asarray(height_mm) / self.scale_mm, polyder(self._all_coefficients)) / self.scale_mm
+        slope = polyval(variable(height_mm, self.scale_mm, self.focal_mm), polyder(self._all_coefficients))
+        if np.isinf(self.focal_mm):
+            return slope / self.scale_mm
+        last_rad = np.arctan(self.scale_mm / self.focal_mm)
+        return slope / (last_rad * self.focal_mm * (1 + np.square(height_mm / self.focal_mm)))
 
 
-def fit_polynomial(heights_mm: np.ndarray, values: np.ndarray, first_power: int, tolerance: float) -> PolynomialFit:
+def variable(height_mm: float | np.ndarray, scale_mm: float, focal_mm: float) -> np.ndarray:
+    """The variable of a `PolynomialFit`: 0 on the axis, 1 at scale_mm."""
+    if np.isinf(focal_mm):
+        return np.asarray(height_mm) / scale_mm
+    return np.arctan(np.asarray(height_mm) / focal_mm) / np.arctan(scale_mm / focal_mm)
+
+
+def fit_polynomial(heights_mm: np.ndarray, values: np.ndarray, first_power: int, tolerance: float,
+                   focal_mm: float = np.inf) -> PolynomialFit:
     """Least-squares polynomial in normalised height, of the lowest order from 4 to 8 that meets `tolerance`.
 
     If none meets it, the order with the smallest residual is used. A table has at least two more heights than the
@@ -62,6 +77,8 @@ def fit_polynomial(heights_mm: np.ndarray, values: np.ndarray, first_power: int,
         1 for a quantity that is zero on the axis, else 0.
     tolerance : float
         Target for the largest deviation, in the unit of `values`.
+    focal_mm : float
+        As of `PolynomialFit`.
 
     Returns
     -------
@@ -71,20 +88,59 @@ def fit_polynomial(heights_mm: np.ndarray, values: np.ndarray, first_power: int,
     orders = [order for order in ORDERS if order <= heights_mm.size - 2] or [heights_mm.size - 1]
     fits: list[PolynomialFit] = []
     for order in orders:
-        powers = (heights_mm / scale_mm)[:, None] ** np.arange(first_power, order + 1)
+        powers = variable(heights_mm, scale_mm, focal_mm)[:, None] ** np.arange(first_power, order + 1)
         coefficients = np.linalg.lstsq(powers, values, rcond=None)[0]
         residual = float(np.abs(powers @ coefficients - values).max())
-        fits.append(PolynomialFit(coefficients, first_power, float(scale_mm), residual, orders[-1]))
+        fits.append(PolynomialFit(coefficients, first_power, float(scale_mm), residual, orders[-1],
+                                  focal_mm))
         if residual <= tolerance:
             break
     return min(fits, key=lambda fit: fit.residual)
+
+
+def fit_distortion(optics: MonochromaticLens) -> PolynomialFit:
+    """Real heights over the heights of lens data."""
+    return _fit(optics, optics.real_height_mm, 1, DISTORTION_TOLERANCE * optics.real_height_mm[-1])
+
+
+def fit_illumination(optics: MonochromaticLens) -> PolynomialFit:
+    """Relative illumination over the heights of lens data, up to the last one that is lit."""
+    return _fit_lit(optics, optics.relative_illumination)
+
+
+def _fit_lit(optics, table):
+    return _fit(optics, table[:lit_heights(optics.relative_illumination)], 0, ILLUMINATION_TOLERANCE)
+
+
+def _fit(optics, table, first_power, tolerance):
+    """The polynomial over the first heights of lens data, or over angles if these fit a very wide field better."""
+    heights_mm, focal_mm = optics.heights_mm[:table.size], optics.capture_focal_length_mm
+    by_height = fit_polynomial(heights_mm, table, first_power, tolerance)
+    if by_height.residual <= tolerance or heights_mm[-1] <= STEEP * focal_mm:
+        return by_height
+    by_angle = fit_polynomial(heights_mm, table, first_power, tolerance, focal_mm)
+    return min(by_height, by_angle, key=lambda fit: fit.residual)
+
+
+def lit_heights(illumination: np.ndarray) -> int:
+    """Number of heights up to the last one that is lit."""
+    return int(np.flatnonzero(illumination)[-1]) + 1
+
+
+def _evenly(last_mm, focal_mm):
+    """Heights from 0 to the last, at equal distances or angles."""
+    even = np.linspace(0, 1, INVERSE_SAMPLES)
+    if np.isinf(focal_mm):
+        return even * last_mm
+    return focal_mm * np.tan(even * np.arctan(last_mm / focal_mm))
 
 
 class FieldGeometry:
     """Chief-ray height and relative illumination over the field, at one wavelength.
 
     Beyond the last tabulated height, the distortion is extrapolated linearly and the relative illumination is
-    constant; `Options.out_of_field` sets whether light is placed there.
+    constant; `Options.out_of_field` sets whether light is placed there. If the last heights of the data are dark, light
+    ends at the first of these.
 
     Raises
     ------
@@ -93,11 +149,11 @@ class FieldGeometry:
     """
 
     def __init__(self, optics: MonochromaticLens, lens_name: str) -> None:
-        heights = optics.heights_mm
-        self.distortion = fit_polynomial(heights, optics.real_height_mm, 1, DISTORTION_TOLERANCE * heights[-1])
-        self.illumination = fit_polynomial(heights, optics.relative_illumination, 0, ILLUMINATION_TOLERANCE)
-        self._point_flux = fit_polynomial(heights, optics.point_flux, 0, ILLUMINATION_TOLERANCE)
-        self._paraxial_mm = np.linspace(0, heights[-1], INVERSE_SAMPLES)
+        heights, lit = optics.heights_mm, lit_heights(optics.relative_illumination)
+        self.distortion, self.illumination = fit_distortion(optics), fit_illumination(optics)
+        self._point_flux = _fit_lit(optics, optics.point_flux)
+        self._lit_mm, self._dark_mm = heights[lit - 1], heights[lit] if lit < heights.size else np.inf
+        self._paraxial_mm = _evenly(heights[-1], self.distortion.focal_mm)
         self._real_mm = self.distortion(self._paraxial_mm)
         steps = np.diff(self._real_mm)
         if np.any(steps <= 0):
@@ -137,15 +193,22 @@ class FieldGeometry:
         return 1 / np.where(inside, magnification, self._magnification_at_edge)
 
     def relative_illumination(self, paraxial_height_mm: np.ndarray) -> np.ndarray:
-        """Relative illumination at this paraxial height, constant beyond the last tabulated height."""
-        held = np.minimum(paraxial_height_mm, self._paraxial_mm[-1])
-        return np.maximum(self.illumination(held), 0)
+        """Relative illumination at this paraxial height: beyond the last tabulated height that is lit, constant, or 0
+        from the next one on."""
+        held = np.minimum(paraxial_height_mm, self._lit_mm)
+        return np.maximum(self.illumination(held), 0) * self._lit_share(paraxial_height_mm)
 
     def relative_flux(self, paraxial_height_mm: np.ndarray) -> np.ndarray:
         """Relative flux of points at this paraxial height, before their PSFs spread it: relative illumination times
         `point_flux`."""
-        held = np.minimum(paraxial_height_mm, self._paraxial_mm[-1])
-        return self.relative_illumination(held) * np.maximum(self._point_flux(held), 0)
+        held = np.minimum(paraxial_height_mm, self._lit_mm)
+        return self.relative_illumination(paraxial_height_mm) * np.maximum(self._point_flux(held), 0)
+
+    def _lit_share(self, paraxial_height_mm):
+        """1 up to the last tabulated height that is lit, falling to 0 at the next one."""
+        if np.isinf(self._dark_mm):
+            return 1.0
+        return np.interp(paraxial_height_mm, (self._lit_mm, self._dark_mm), (1.0, 0.0))
 
 
 def footprints(capture: PixelGrid, x_mm: np.ndarray, y_mm: np.ndarray, field: FieldGeometry,

@@ -12,7 +12,7 @@ from ...rays.ray_table import RayTable
 from ...runtime.memory import MemoryBudget
 from ..mirror_symmetry import Planes
 from ..psf_samples import psf_radius_px, telling_wavelengths
-from .capture import capture_radius, overscan_px, reach_px
+from .capture import capture_radius, light_extent_mm, overscan_px, reach_px
 from .distortion import FieldGeometry, PolynomialFit, squeeze
 from .first_order import first_order_rays
 from .ideal_image import RadialIdealImage
@@ -73,7 +73,7 @@ class RadialField:
     def relative_illumination(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
         heights_mm = np.linspace(0, self._geometry.last_real_mm, CURVE_HEIGHTS)
         curve = picture_illumination(self._optics, self._geometry, heights_mm)
-        return np.interp(np.hypot(x_mm, y_mm), heights_mm, curve)
+        return np.interp(np.hypot(x_mm, y_mm), heights_mm, curve, right=0.0 if self._lens.dark_beyond else None)
 
     def relative_flux(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
         return self._geometry.relative_flux(self._geometry.paraxial_height_mm(np.hypot(x_mm, y_mm)))
@@ -82,6 +82,8 @@ class RadialField:
         return np.hypot(x_mm, y_mm) <= self._geometry.last_real_mm
 
     def share_beyond(self, frame: PixelGrid) -> float:
+        if self._lens.dark_beyond:
+            return 0.0
         last_mm, (x_mm, y_mm) = self._geometry.last_real_mm, frame.axes_mm()
         half_mm = np.sqrt(np.maximum(last_mm**2 - y_mm**2, 0))
         inside = np.searchsorted(x_mm, half_mm, side="right") - np.searchsorted(x_mm, -half_mm)
@@ -117,7 +119,13 @@ class RadialFieldMap:
     def at_wavelength(self, wavelength_nm: float) -> RadialField:
         return RadialField(self.lens, wavelength_nm)
 
+    @property
+    def light_extent_mm(self) -> float:
+        return light_extent_mm(self.lens)
+
     def covered_diagonal(self, sensor_mm: tuple[float, float]) -> float:
+        if self.lens.dark_beyond:
+            return 1.0
         nm = self.lens.nearest_nm(self.lens.reference_wavelength_nm)
         return min(1.0, 2 * float(self.lens.real_height_at(nm)[-1]) / np.hypot(*sensor_mm))
 

@@ -36,4 +36,4 @@ def first_order_rays(lens: RadialLens, reach: float = 1.0) -> RayTable:
     values = in_focus_rays(entrance_pupil_diameter_mm(lens) / 2 * stop, np.stack([0 * chief, chief]),
                            focus_nearness(lens), light, pupil_margin(stop, lens.central_obstruction))
     return RayTable(lens.name, wavelengths_nm, float(last_mm), lens.entrance_pupil_mm,
-                    spline_coefficients(values).astype(np.float32), reach)
+                    spline_coefficients(values).astype(np.float32), reach, lens.dark_beyond)

@@ -29,7 +29,8 @@ class RadialIdealImage(IdealImage):
     capture, planes, precision, memory
         See `IdealImage`.
     vignette : bool
-        Whether pixels beyond the last field height stay black; otherwise relative illumination is constant there.
+        Whether pixels beyond the last field height stay black; otherwise relative illumination is constant there, or
+        0 if the lens data end where the light does.
     """
 
     def __init__(self, lens: RadialLens, field: FieldGeometry, transmittance: float, capture: PixelGrid,
@@ -38,7 +39,7 @@ class RadialIdealImage(IdealImage):
         self._field = field
         self._per_radiance = irradiance_per_radiance(transmittance, lens.f_number_effective)
         self._capture_radius = capture_radius(capture, lens)
-        self._last_height_mm = lens.heights_mm[-1] * (1 + ROUNDING) if vignette else np.inf
+        self._last_height_mm = lens.heights_mm[-1] * (1 + ROUNDING) if vignette or lens.dark_beyond else np.inf
 
     def compiled_geometry(self) -> RadialGeometry:
         """The geometry as curves, with a sample at the end of the lens data, where curves may have a kink."""

@@ -36,7 +36,8 @@ class RadialLayout:
     @classmethod
     def of(cls, lens: RadialLens, pitch_um: float) -> "RadialLayout":
         """The layout of a lens's tables."""
-        heights, height_um = lens.heights_mm.size, 1e3 * lens.heights_mm[-1] / lens.heights_mm.size
+        heights = lens.heights_mm.size
+        height_um = 1e3 * lens.real_height_mm[:, -1].max() / heights
         return cls(heights, height_um / pitch_um, lens.psf.shape[-1] * lens.psf_pitch_um,
                    lens.psf_pitch_um / refinement(lens.psf_pitch_um, pitch_um), lens.mirror_symmetric)
 

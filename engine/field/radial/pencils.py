@@ -241,6 +241,8 @@ class PixelRays:
         return packed_pencils(self._table, wavelengths_nm, self._sensor, focal_mm, counts, reach)
 
     def irradiance_per_radiance(self, wavelength_nm: float) -> np.ndarray:
-        """Irradiance per uniform radiance: float32 array (row, column), constant beyond the last height."""
+        """Irradiance per uniform radiance: float32 array (row, column); constant beyond the last height, or 0 if the
+        light ends there."""
         by_height = self._table.near([wavelength_nm]).irradiance_per_radiance(self._heights_mm)[0]
-        return np.interp(self._pixels_mm, self._heights_mm, by_height).astype(np.float32)
+        beyond = 0.0 if self._table.dark_beyond else None
+        return np.interp(self._pixels_mm, self._heights_mm, by_height, right=beyond).astype(np.float32)

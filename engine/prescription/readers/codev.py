@@ -26,6 +26,7 @@ SURFACES, MIRROR = ("SO", "S", "SI"), "REFL"
 POWERS = {letter: 4 + 2 * number for number, letter in enumerate("ABCDEFGHJ")}  # of r; there is no I
 SHAPES = ("CYL", "YTO", "XTO", "AAS")  # with a second section, along x
 SECTION = ("CUX", "RDX")
+CONICS = ("K", "KX", "KY")
 ANAMORPHIC = {"AR": "AP", "BR": "BP", "CR": "CP", "DR": "DP"}  # coefficient of r^4, r^6 ..., and its p
 OF_SHAPE = {"": ("K", *POWERS), "CYL": SECTION, "YTO": ("K", *POWERS, *SECTION), "XTO": ("K", *POWERS, *SECTION),
             "AAS": ("K", "KY", "KX", *SECTION, *ANAMORPHIC, *ANAMORPHIC.values())}
@@ -35,17 +36,23 @@ RETURNING, REVERSED = "DAR", "REV"  # tilts and decentres that apply to one surf
 VIGNETTING = ("VUX", "VLX", "VUY", "VLY")
 REFUSED = (dict.fromkeys(("SPS", "SPL", "UDS", "DIF", "GRT", "MFL"),
                          f"expected a conic or an asphere (ASP), {', '.join(SHAPES)}")
-           | dict.fromkeys(("REX", "REY", "ELX", "ELY", "ADX", "ADY", "REG", "ELG", "CIG"),
-                           "expected circular apertures (CIR)")
+           | dict.fromkeys(("ELX", "ELY", "ADX", "ADY", "REG", "ELG", "CIG"),
+                           "expected centred circular (CIR) or rectangular apertures (REX, REY)")
            | dict.fromkeys(("CUY", "RDY", "THI", "GLA", "RMD", "SCA"),  # which change earlier lines
                            "expected radius, thickness and glass on the line of their surface")
            | dict.fromkeys(("BEN", "RET", "GLB"), "expected tilts and decentres that return (DAR), or in pairs (REV)"))
-OF_SURFACE = ("STO", *SHAPES, *OF_SHAPES, *DECENTRES, *TILTS, *PIVOTS, RETURNING, REVERSED, "CIR", *REFUSED)
+OF_A_NUMBER = (*OF_SHAPES, *DECENTRES, *TILTS, *PIVOTS)
+SPHERE = "SPH"  # without conic, asphere and second section
+FLAGS = ("STO", *SHAPES, RETURNING, REVERSED, SPHERE)
+CIRCLE, RECTANGLE = "CIR", ("REX", "REY")  # radius; half-widths along x and y
+OF_SURFACE = (*FLAGS, *OF_A_NUMBER, CIRCLE, *RECTANGLE, *REFUSED)
+RETURN = "RET"  # followed by the surface to return to, not by its own
+SURFACE_WORD = re.compile(r"S(?:(\d+)(?:\.\.(\d+))?|([OI]))", re.IGNORECASE)  # S3, S1..3, SO or SI
 FIELD_COMMANDS = tuple(axis + kind for axis in "XY" for kind in (*FIELDS, REAL_IMAGE_HEIGHT))
-KNOWN_COMMANDS = ("RDM", "STO", "TITLE", "TIT", "DIM", "WL", "REF", "ZOO", *APERTURES, *VIGNETTING, *FIELD_COMMANDS)
+KNOWN_COMMANDS = ("RDM", "TITLE", "TIT", "DIM", "WL", "REF", "ZOO", *APERTURES, *VIGNETTING, *FIELD_COMMANDS)
 HARMLESS_COMMANDS = (  # remarks, weights, drawing, optimisation flags, and solves with saved results
     "LEN", "RDM;LEN", "GO", "INI", "WTW", "WTF", "WTX", "WTY", "CLS", "SLB", "CCY", "THC", "GLC", "KC", "AC", "BC",
-    "CC", "DC", "CON", "ASP", "SPH", "IC", "CUF", "PIM", "CCX", "TEM", "PRE", "XDC", "YDC", "ZDC", "ADC", "BDC", "CDC",
+    "CC", "DC", "CON", "ASP", "IC", "CUF", "PIM", "CCX", "TEM", "PRE", "XDC", "YDC", "ZDC", "ADC", "BDC", "CDC",
     "DER", "CUM", "THM")  # the last two are of a mirror's back
 CLEAR, OBSTRUCTION, EDGE, HOLE = "CLR", "OBS", "EDG", "HOL"  # qualifiers of CIR; the last two are drawn only
 LABEL = re.compile(r"[Ll]'.*'")
@@ -59,10 +66,9 @@ def read_codev(path: Path, options: ReadingOptions) -> Reading:
     glasses = {glass.glass.name: glass for glass in private_glasses(private)}
     _check_ends(path, rows)
     unit_mm, curvatures = _unit_mm(system), _has_curvatures(path, system, rows)
-    stop = _stop_number(system)
     surfaces = []
-    for number, row in enumerate(rows[1:-1], 1):
-        surfaces.append(_surface(number, row, curvatures, stop, glasses, surfaces[-1].glass if surfaces else ""))
+    for row in rows[1:-1]:
+        surfaces.append(_surface(row, curvatures, glasses, surfaces[-1].glass if surfaces else ""))
     defocus = rows[-1]["SI"].figure(2, 0.0)  # from the paraxial image plane to the actual one
     surfaces[-1] = replace(surfaces[-1], thickness_mm=surfaces[-1].thickness_mm + defocus)
     frames = list(_frames(rows, surfaces))
@@ -80,36 +86,80 @@ def read_codev(path: Path, options: ReadingOptions) -> Reading:
         glasses=tuple(each.glass for each in used), image_pose=image_pose and image_pose.scaled(unit_mm),
         notes=" ".join(filter(None, (vignetting_note(factors, surfaces), _zoom_note(system),
                                      *(each.note for each in used))))),
-        unread=unread_names(system, (*KNOWN_COMMANDS, *HARMLESS_COMMANDS)))
+        unread=unread_names([*system, *_unread_of_ends(rows)], (*KNOWN_COMMANDS, *HARMLESS_COMMANDS)))
 
 
 def _commands(path):
     """{command: its last line} of the system; a list of the same for surfaces; and lines of private glasses.
 
-    STO, CIR and refused commands may belong to a surface. PRV and END enclose private glasses.
+    Surface commands belong to the surface above them, or to those that they name. PRV and END enclose private glasses.
     """
-    system, rows, private, inside = {}, [], [], False
+    system, rows, private, of_surfaces, inside = {}, [], [], [], False
     for words in _words(path):
         command = words[0].upper()
         if inside or command == "PRV":
             inside = command != "END"
             private += [Line(path, "PRV", tuple(words))] if inside and command != "PRV" else ()
-            continue
-        if command in SURFACES:
-            line = Line(path, f"surface {len(rows)}", tuple(words))
-            if not all(_is_number(word) or (command == "SO" and word.lower() == "inf") for word in words[1:3]):
-                raise line.refusal("expected a radius or curvature, a thickness, and a glass")
-            rows.append({command: line})
-        elif rows and command in OF_SURFACE and not (command == "STO" and len(words) > 1):
-            line = Line(path, f"surface {len(rows) - 1}", tuple(words))
-            if command in REFUSED:
-                raise line.refusal(REFUSED[command])
-            kind = _circle(line) if command == "CIR" else ""
-            if kind not in (EDGE, HOLE):
-                rows[-1][OBSTRUCTED if kind == OBSTRUCTION else command] = line
-        elif command not in REFUSED and not (command == "ZOO" and len(words) > 2):  # values that vary with zoom
+        elif command in SURFACES:
+            rows.append({command: _surface_line(path, len(rows), words)})
+        elif command in OF_SURFACE and (rows or _named_surfaces(words)):
+            of_surfaces.append((len(rows) - 1, words))
+        elif not (command == "ZOO" and len(words) > 2):  # values that vary with zoom
             system[command] = Line(path, "command", tuple(words))
+    for number, words in of_surfaces:
+        _add_to_surfaces(path, rows, number, words)
     return system, rows, private
+
+
+def _surface_line(path, number, words):
+    line = Line(path, f"surface {number}", tuple(words))
+    figures = (_is_number(word) or (words[0].upper() == "SO" and word.lower() == "inf") for word in words[1:3])
+    if len(words) > 4 or not all(figures):
+        raise line.refusal("expected a radius or curvature, a thickness, and a glass")
+    return line
+
+
+def _named_surfaces(words):
+    """The words of a surface command that name surfaces; the names of glasses and shapes may also begin with S."""
+    command = words[0].upper()
+    return [word for word in words[1:] if command != RETURN and (
+        SURFACE_WORD.fullmatch(word) if command in REFUSED else word[:1].upper() == "S")]
+
+
+def _add_to_surfaces(path, rows, above, words):
+    """Add a surface command to the surface above it, or to those that it names."""
+    named = _named_surfaces(words)
+    numbers = _surface_numbers(path, rows, words, named) if named else [above]
+    for number in numbers:
+        _add(rows[number], Line(path, f"surface {number}", tuple(words)), named)
+
+
+def _surface_numbers(path, rows, words, named):
+    match = SURFACE_WORD.fullmatch(named[0])
+    first, last, end = match.groups() if match else (None, None, None)
+    ends = {"O": 0, "I": len(rows) - 1}
+    numbers = [ends[end.upper()]] if end else range(int(first or 0), int(last or first or 0) + 1)
+    if not match or len(named) > 1 or not numbers or numbers[-1] >= len(rows):
+        raise Line(path, "command", tuple(words)).refusal(
+            f"expected one surface, S0 to S{len(rows) - 1}, or several such as S1..3")
+    return numbers
+
+
+def _add(row, line, named):
+    """Add a command to a surface; edges and holes do not block light."""
+    command = line.words[0].upper()
+    if command in REFUSED:
+        raise line.refusal(REFUSED[command])
+    line = line._replace(words=tuple(word for word in line.words if word not in named))
+    if command in OF_A_NUMBER and len(line.words) != 2 or command in FLAGS and len(line.words) > 1:
+        raise line.refusal("expected one number" if command in OF_A_NUMBER else "expected no number")
+    if command == SPHERE:
+        for other in (*SHAPES, *OF_SHAPES):
+            row.pop(other, None)
+        return
+    kind = _aperture_kind(line) if command in (CIRCLE, *RECTANGLE) else ""
+    if kind not in (EDGE, HOLE):
+        row[OBSTRUCTED if kind == OBSTRUCTION else command] = line
 
 
 def _words(path):
@@ -127,13 +177,14 @@ def _is_number(word):
         return False
 
 
-def _circle(line):
-    """The kind of a CIR: a clear aperture, an obstruction within it, or the edge or the hole of the glass."""
-    kinds = [word.upper() for word in line.words[1:-1] if not LABEL.fullmatch(word)]
+def _aperture_kind(line):
+    """The kind of a CIR, REX or REY: a clear aperture, the edge of the glass, or of a CIR an obstruction or a hole."""
+    command, kinds = line.words[0].upper(), [word.upper() for word in line.words[1:-1] if not LABEL.fullmatch(word)]
     kind = kinds[0] if kinds else CLEAR
-    known = kind in (CLEAR, OBSTRUCTION, EDGE, HOLE)
-    if len(kinds) > 1 or not known or len(line.words) < 2 or not _is_number(line.words[-1]):
-        raise line.refusal("expected CIR and the radius of a clear aperture, or CIR OBS and the one of an obstruction")
+    known = (CLEAR, OBSTRUCTION, EDGE, HOLE) if command == CIRCLE else (CLEAR, EDGE)
+    if len(kinds) > 1 or len(line.words) < 2 or kind not in known or not _is_number(line.words[-1]):
+        raise line.refusal("expected CIR and the radius of a clear aperture, or CIR OBS and the one of an obstruction"
+                           if command == CIRCLE else f"expected {command} and the half-width of a clear aperture")
     return kind
 
 
@@ -143,13 +194,20 @@ def _check_ends(path, rows):
     if kinds != ["SO", *["S"] * (len(rows) - 2), "SI"] or len(rows) < 3:
         raise LensError(path, "surfaces", f"{len(rows)}", "expected SO, S ... and SI")
     for name, row in (("SO", rows[0]), ("SI", rows[-1])):
-        if row[name].figure(1, 0.0) or _glass(row[name], ()):
+        bends = any(_value(row, command) for command in OF_SHAPES if command not in CONICS)
+        if row[name].figure(1, 0.0) or bends or _glass(row[name], ()):
             raise LensError(path, name, "not a plane in air", "expected a flat object and a flat image")
     if _is_displaced(rows[0]):
         raise LensError(path, "SO", "tilted or decentred", "expected an object plane on the axis")
     for line in (row[command] for row in rows for command in PIVOTS if command in row):
         if line.figure(1):
             raise line.refusal("expected tilts about the vertex")
+
+
+def _unread_of_ends(rows):
+    """Apertures and conics of object and image, as names: none of them changes a lens."""
+    return [f"{command} of {name}" for name, row in (("SO", rows[0]), ("SI", rows[-1]))
+            for command in (CIRCLE, *RECTANGLE, *CONICS) if command in row and row[command].figure(-1)]
 
 
 def _unit_mm(system):
@@ -170,13 +228,7 @@ def _has_curvatures(path, system, rows):
     return False
 
 
-def _stop_number(system):
-    """The surface number of STO; None if STO is one of a surface's commands."""
-    match = re.fullmatch(r"[Ss](\d+)", " ".join(system["STO"].words[1:])) if "STO" in system else None
-    return int(match[1]) if match else None
-
-
-def _surface(number, row, curvatures, stop, private, glass_before):
+def _surface(row, curvatures, private, glass_before):
     line = row["S"]
     glass = _glass(line, private)
     mirror = glass.upper() == MIRROR
@@ -187,11 +239,18 @@ def _surface(number, row, curvatures, stop, private, glass_before):
                                        f"{f' on a surface {shape}' if shape else ', or ' + ', '.join(SHAPES)}")
     value = line.figure(1, 0.0)
     surface = Surface((1 / value if curvatures else value) if value else np.inf, line.figure(2, 0.0),
-                      glass_before if mirror else glass, row["CIR"].figure(-1) if "CIR" in row else np.inf,
-                      _value(row, "KY") or _value(row, "K"), _terms(row, POWERS), "STO" in row or stop == number,
-                      mirror=mirror,
-                      semi_obstruction_mm=row[OBSTRUCTED].figure(-1) if OBSTRUCTED in row else 0.0)
+                      glass_before if mirror else glass, row[CIRCLE].figure(-1) if CIRCLE in row else np.inf,
+                      _value(row, "KY") or _value(row, "K"), _terms(row, POWERS), "STO" in row, mirror=mirror,
+                      semi_obstruction_mm=row[OBSTRUCTED].figure(-1) if OBSTRUCTED in row else 0.0,
+                      half_widths_mm=_half_widths(row))
     return replace(surface, **_second_section(surface, shape, row)) if shape else surface
+
+
+def _half_widths(row):
+    stated = [row[command] for command in RECTANGLE if command in row]
+    if len(stated) == 1:
+        raise stated[0].refusal("expected both half-widths of a rectangular aperture, REX and REY")
+    return tuple(line.figure(-1) for line in stated)
 
 
 def _value(row, command):

@@ -34,6 +34,7 @@ HEADER_ROUNDING = 0.1  # one decimal, rounded up or down
 ZOOM = re.compile(r"\d\s*-\s*\d[\d.]*\s*mm|\bzoom\b|\bvario", re.IGNORECASE)
 NOTE = "Apertures are read as {}, and surfaces without aspheric terms: the file does not contain them."
 DIAMETERS, SEMI_DIAMETERS = "diameters", "semi-diameters"
+NO_APERTURE_MM = 1e5  # wider apertures mean none: files state 1e6
 
 
 def read_dot_lens(path: Path, options: ReadingOptions) -> Reading:
@@ -105,11 +106,12 @@ def _surface(line):
     stop = line.words[0].lower() == "stop"
     radius_mm = np.inf if stop else line.figure(0) or np.inf
     index, abbe, diameter_mm = (line.figure(at) for at in (2, 3, 4))
+    semi_mm = np.inf if not diameter_mm or diameter_mm >= NO_APERTURE_MM else diameter_mm / 2
     glass = "" if index <= 1 else f"{index:.9g}/{abbe:.9g}" if abbe else f"{index:.9g}"
     if line.figure(1) < 0:
         raise LensError(line.path, f"{line.place}, thickness", line.words[1], "this is a mirror lens, and rows of "
                         "a .lens do not state which surfaces are mirrors: type it as a .toml")
-    surface = Surface(radius_mm, line.figure(1), glass, diameter_mm / 2 or np.inf, stop=stop, coating=_coating(line))
+    surface = Surface(radius_mm, line.figure(1), glass, semi_mm, stop=stop, coating=_coating(line))
     if kind in CYLINDERS_X:
         return replace(surface, radius_x_mm=np.inf)
     if kind in CYLINDERS_Y:

@@ -55,7 +55,7 @@ def posed(surfaces: Sequence[Surface], frames: Sequence[Frame]) -> tuple[list[Su
         Of each surface, and of the image plane; in the units of the surfaces.
     """
     *_, image = frames
-    if all(surface.radius_x_mm is None for surface in surfaces):
+    if all(surface.rolls for surface in surfaces):
         image = _unrolled(image)
     return [_in_pose(_reaching(surface, frame.origin[2], behind.origin[2]), frame)
             for surface, frame, behind in zip(surfaces, frames, frames[1:], strict=False)], _pose(image)
@@ -89,7 +89,7 @@ def _in_pose(surface, frame):
     """The surface in this frame. Where its symmetry allows, it is not turned about z."""
     if not frame.origin[:2].any() and (frame.axes == START.axes).all():
         return surface
-    if surface.radius_x_mm is None:
+    if surface.rolls:
         return replace(surface, pose=_pose(_unrolled(frame)))
     pose = _pose(frame)
     if not pose or any(pose.tilt_deg[:2]) or pose.tilt_deg[2] % 90:
@@ -106,7 +106,10 @@ def _unrolled(frame):
 
 
 def _quarter_turn(surface):
-    """The surface turned by 90 degrees about z: its sections along x and y change places."""
+    """The surface turned by 90 degrees about z: x and y change places."""
+    surface = replace(surface, half_widths_mm=surface.half_widths_mm[::-1])
+    if surface.radius_x_mm is None:
+        return surface
     return replace(surface, radius_mm=surface.radius_x_mm, conic=surface.conic_x, radius_x_mm=surface.radius_mm,
                    conic_x=surface.conic, profile={"x": "y", "y": "x", "": ""}[surface.profile],
                    skews=tuple(-skew for skew in surface.skews))

@@ -16,7 +16,8 @@ from .reading import Reading, ReadingOptions, with_stop
 KNOWN_NAMES = ("name", "aperture", "type", "value", "fields", "field_definition", "field_type", "x", "y", "vx", "vy",
                "telecentric", "surface_group", "surfaces", "geometry", "cs", "z", "rx", "ry", "rz", "reference_cs",
                "radius", "conic", "coefficients", "material_post", "index", "abbe", "catalog", "filename", "reference",
-               "is_stop", "is_reflective", "interaction_model", "r_min", "r_max", "wavelengths", "is_primary",
+               "is_stop", "is_reflective", "interaction_model", "r_min", "r_max", "x_min", "x_max", "y_min",
+               "y_max", "wavelengths", "is_primary",
                "radius_x", "radius_y", "conic_x", "conic_y", "conic_yz", "coeffs_poly_y")
 HARMLESS_NAMES = ("version", "material_pre", "robust_search", "min_wavelength", "max_wavelength", "unit", "weight",
                   "polarization", "pickups", "solves", "tol", "max_iter", "thickness", "comment", "model",
@@ -72,12 +73,22 @@ def _surface(path, number, row, thickness_mm, glass_before):
         raise LensError(path, f"surface {number}", interaction["type"], "expected refracting surfaces and mirrors")
     if shape["type"] not in SHAPES:
         raise LensError(path, f"surface {number}", shape["type"], f"expected one of {', '.join(SHAPES)}")
-    if aperture and aperture["type"] != "RadialAperture":
-        raise LensError(path, f"surface {number}, aperture", aperture["type"], "expected a circle, a RadialAperture")
     return Surface(thickness_mm=thickness_mm, stop=row["is_stop"], mirror=mirror,
                    glass=glass_before if mirror else _glass(path, number, row["material_post"]),
-                   semi_aperture_mm=aperture["r_max"] if aperture else np.inf,
-                   semi_obstruction_mm=aperture.get("r_min") or 0.0 if aperture else 0.0, **_form(path, number, shape))
+                   **_aperture_of(path, number, aperture), **_form(path, number, shape))
+
+
+def _aperture_of(path, number, aperture):
+    """Fields of a surface from its aperture, if it has one."""
+    kind = aperture["type"] if aperture else ""
+    if kind == "RadialAperture":
+        return {"semi_aperture_mm": aperture["r_max"], "semi_obstruction_mm": aperture.get("r_min") or 0.0}
+    if kind == "RectangularAperture" and all(aperture[f"{axis}_min"] == -aperture[f"{axis}_max"] for axis in "xy"):
+        return {"half_widths_mm": (aperture["x_max"], aperture["y_max"])}
+    if aperture:
+        raise LensError(path, f"surface {number}, aperture", kind,
+                        "expected a centred circle, RadialAperture, or rectangle, RectangularAperture")
+    return {}
 
 
 def _form(path, number, shape):

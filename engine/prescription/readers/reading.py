@@ -228,8 +228,10 @@ def _stop_note(stated, traced):
 
 def _clipping_note(system):
     """Note on surfaces that clip the axial beam to less than the stop."""
-    passing = system.semi_apertures_mm / np.maximum(np.abs(system.marginal_heights_mm), 1e-12)
-    clipping = np.flatnonzero(passing < 1 - CLIPPED) + 1
+    up, across = (np.abs(each.marginal_heights_mm) for each in (system, system.across))
+    heights_mm = np.append(up, np.stack([across, up], axis=1)[list(system.prescription.rectangles)])
+    passing = 1 / np.sqrt(np.maximum(system.rims(heights_mm**2), 1e-24))
+    clipping = np.unique(system.rim_surfaces[passing < 1 - CLIPPED]) + 1
     if not clipping.size:
         return ""
     return (f"Apertures clip the axial beam to {passing.min():.0%} of its radius (surface "

@@ -14,7 +14,7 @@ from ...spectral.dispersion import FORMULAS
 from ...spectral.refraction import Formula
 from ..coatings import Coating, MeasuredReflectance
 from ..glasses import Glass
-from ..prescription import APERTURES, FIELDS, ORIGINS, PARTS, Pose, Prescription, Surface
+from ..prescription import APERTURES, FIELDS, MOST_TERMS, ORIGINS, PARTS, Pose, Prescription, Surface
 from .reading import AS_IT_IS, ReadingOptions, with_stop
 
 FORMAT, VERSION = "lensfield-prescription", 1
@@ -28,11 +28,11 @@ SURFACE_NUMBERS = ("radius_mm", "semi_aperture_mm", "semi_obstruction_mm", "coni
 FIELDS_OF_GLASS = ("formula", "coefficients", "range_nm")
 EVERYWHERE_NM = (0.0, np.inf)
 FIELDS_OF_SURFACE = (*SURFACE_NUMBERS, "thickness_mm", "glass", "aspheric", "stop", "profile", "skews", "pose",
-                     "coating", "mirror")
+                     "coating", "mirror", "half_widths_mm")
 MEASURED = ("wavelengths_nm", "angles_deg", "reflectance")
 FIELDS_OF_COATING = ("name", "layers", *MEASURED)
 FIELDS_OF_POSE = ("offset_mm", "tilt_deg")
-HIGHEST_POWER = 40
+HIGHEST_POWER = 2 * MOST_TERMS
 WRITTEN = ("name", "title", "maker", "year", "focal_length_mm", "character", "story", "source", "notes",
            "aperture", "highest_f_number", "field", "sensor_mm", "focus", "object_distance_mm",
            "focused_at_mm", "closest_focus_mm", "reference_wavelength_nm", "image_pose", "coating")
@@ -183,6 +183,8 @@ def _surface(table):
         numbers["thickness_mm"] = numbers["gaps_mm"][0]
     elif "thickness_mm" in table:
         numbers["thickness_mm"] = table.number("thickness_mm")
+    if "half_widths_mm" in table:
+        numbers["half_widths_mm"] = tuple(table.numbers("half_widths_mm", 2))
     even, odd = _by_power(table, "aspheric")
     skews, odd_skews = _by_power(table, "skews")
     if odd_skews:
@@ -254,8 +256,8 @@ def _fields_of(surface):
     return {"radius_mm": surface.radius_mm, "radius_x_mm": surface.radius_x_mm,
             "thickness_mm": surface.gaps_mm or surface.thickness_mm, "glass": surface.glass,
             "mirror": surface.mirror, "reflectance": surface.reflectance, "semi_aperture_mm": surface.semi_aperture_mm,
-            "semi_obstruction_mm": surface.semi_obstruction_mm, "stop": surface.stop, "conic": surface.conic,
-            "conic_x": surface.conic_x, "profile": surface.profile,
+            "semi_obstruction_mm": surface.semi_obstruction_mm, "half_widths_mm": surface.half_widths_mm,
+            "stop": surface.stop, "conic": surface.conic, "conic_x": surface.conic_x, "profile": surface.profile,
             "aspheric": _powers(surface.aspheric, surface.odd_aspheric), "skews": _powers(surface.skews),
             "pose": _pose_table(surface.pose), "coating": surface.coating}
 

@@ -11,7 +11,7 @@ from ...runtime.errors import LensError
 from ...runtime.text import object_distance, read_text
 from ...runtime.unread import unread_names
 from ..glasses import best_name
-from ..prescription import Prescription, Surface
+from ..prescription import MOST_TERMS, Prescription, Surface
 from .field_and_aperture import field_end, in_mm, vignetting_note
 from .frames import START, check_return, posed
 from .lines import numbered
@@ -22,12 +22,16 @@ APERTURES = {("ENPD", 0): "entrance_pupil_diameter_mm", ("FNUM", 0): "f_number",
              ("OBNA", 0): "object_na"}
 FIELDS = {0: "angle_deg", 1: "object_height_mm", 2: "image_height_mm", 3: "image_height_mm"}
 REAL_IMAGE_HEIGHT = 3
-SHAPES = ("STANDARD", "EVENASPH", "ODDASPHE", "TOROIDAL", "BICONICX", "COORDBRK")
+EXTENDED = {"XASPHERE": 2, "XOSPHERE": 1}  # steps between the powers of r; coefficients are extra data
+TERMS, NORMALISATION, FIRST_TERM = 1, 2, 3  # numbers of an extended asphere's extra data
+SHAPES = ("STANDARD", "EVENASPH", "ODDASPHE", *EXTENDED, "TOROIDAL", "BICONICX", "COORDBRK")
 BREAK, COATING = "COORDBRK", "COAT"  # a coating is a name, which another file defines
-OTHER_APERTURES = ("SQAP", "ELAP", "USAP", "SQOB", "ELOB", "SPID")
-SURFACE_OPERANDS = ("TYPE", "CURV", "CONI", "PARM", "DISZ", "GLAS", "STOP", "DIAM", "CLAP", "FLAP", "OBSC", "OBDC",
-                    "SCBD", "XDAT", *OTHER_APERTURES)
-LAST_PARAMETERS = {"EVENASPH": 8, "ODDASPHE": 8, "TOROIDAL": 8, "BICONICX": 2}
+RECTANGLE, OBSTRUCTION, OTHER_APERTURES = "SQAP", "OBSC", ("ELAP", "USAP", "SQOB", "ELOB", "SPID")
+APERTURE_OPERANDS = ("CLAP", "FLAP", RECTANGLE, OBSTRUCTION, *OTHER_APERTURES)
+SURFACE_OPERANDS = ("TYPE", "CURV", "CONI", "PARM", "DISZ", "GLAS", "STOP", "DIAM", "OBDC", "SCBD", "XDAT",
+                    *APERTURE_OPERANDS)
+WITH_EXTRA_DATA = ("TOROIDAL", *EXTENDED)
+LAST_PARAMETERS = {**dict.fromkeys(EXTENDED, 0), "EVENASPH": 8, "ODDASPHE": 8, "TOROIDAL": 8, "BICONICX": 2}
 ZERNIKE_TERMS = 13  # parameter of a toroid: their number; in older files the first of its extra data
 AUTOMATIC, FIXED, PICKED_UP = 0, 1, 2  # source of a semi-diameter: rays, the user, or another surface
 SYSTEM_OPERANDS = ("MODE", "UNIT", "GCAT", "NAME", "ENPD", "FNUM", "OBNA", "FLOA", "FTYP", "XFLD", "XFLN", "YFLD",
@@ -43,7 +47,8 @@ PLACEHOLDER = (1.5, 40.0)  # written by Zemax after a glass name, regardless of 
 
 
 def read_zemax(path: Path, options: ReadingOptions) -> Reading:
-    """Read a sequential .zmx. Circular apertures, central obstructions and fixed semi-diameters block light; vignetting
+    """Read a sequential .zmx. Circular and rectangular apertures, central obstructions and fixed semi-diameters block
+    light; vignetting
     factors do not."""
     system, rows, unread = _operands(path)
     field = options.field
@@ -68,7 +73,7 @@ def read_zemax(path: Path, options: ReadingOptions) -> Reading:
         object_distance_mm=object_distance(rows[0]["DISZ"][-1].figure(1) * unit_mm),
         reference_wavelength_nm=_reference_nm(path, system), source=f"{path.name} (Zemax)",
         image_pose=image_pose and image_pose.scaled(unit_mm),
-        notes=_notes(system, surfaces, options, sizes)), unread=unread)
+        notes=_notes(system, surfaces, options, sizes)), unread=(*unread, *_unread_of_surfaces(rows)))
 
 
 def _operands(path):
@@ -87,6 +92,28 @@ def _operands(path):
         elif operand not in SURFACE_OPERANDS:
             system[operand].append(line)
     return system, rows, unread_names(names, ("SURF", *SURFACE_OPERANDS, *SYSTEM_OPERANDS, *HARMLESS_OPERANDS))
+
+
+def _unread_of_surfaces(rows):
+    """Names of the surfaces' figures that a surface of their type does not have, and of apertures at the ends."""
+    for number, row in enumerate(rows):
+        shape, at_end = _shape(row), number in (0, len(rows) - 1)
+        last = {"PARM": 0 if shape == "STANDARD" else np.inf, "XDAT": _last_extra(row)}
+        yield from (f"{operand} of surface {number}" for operand, most in last.items()
+                    if any(line.figure(2) for line in row[operand] if line.figure(1) > most))
+        yield from (f"{operand} of surface {number}" for operand in APERTURE_OPERANDS if at_end and row[operand])
+
+
+def _last_extra(row):
+    """Number of the last extra data that the surface's type uses."""
+    if _shape(row) in EXTENDED:
+        return FIRST_TERM + _numbered(row["XDAT"]).get(TERMS, 0) - 1
+    return np.inf if _shape(row) in WITH_EXTRA_DATA else 0
+
+
+def _numbered(lines):
+    """{number: value} of a surface's parameters or extra data."""
+    return {line.figure(1): line.figure(2) for line in lines}
 
 
 def _unit_mm(system):
@@ -143,16 +170,15 @@ def _surface(path, number, row, makers, glass_before):
     curvature = row["CURV"][-1].figure(1)
     mirror = _is_mirror(row)
     glass, figures = (glass_before, "") if mirror else _glass(row, makers)
-    semi_aperture, semi_obstruction = _aperture_ends(path, number, row)
-    conic = Surface(1 / curvature if curvature else np.inf, row["DISZ"][-1].figure(1), glass, semi_aperture,
-                    row["CONI"][-1].figure(1) if "CONI" in row else 0.0, stop="STOP" in row, glass_figures=figures,
-                    mirror=mirror, semi_obstruction_mm=semi_obstruction)
+    conic = Surface(1 / curvature if curvature else np.inf, row["DISZ"][-1].figure(1), glass,
+                    conic=row["CONI"][-1].figure(1) if "CONI" in row else 0.0, stop="STOP" in row, mirror=mirror,
+                    glass_figures=figures, **_aperture_of(path, number, row))
     return replace(conic, **_form(path, number, row)) if shape != "STANDARD" else conic
 
 
 def _form(path, number, row):
     """Fields of a surface from its parameters: aspheric terms, or a second section."""
-    shape, parameters = _shape(row), {line.figure(1): line.figure(2) for line in row["PARM"]}
+    shape, parameters = _shape(row), _numbered(row["PARM"])
     unknown = [index for index, value in parameters.items() if value and index > LAST_PARAMETERS[shape]]
     extra = [line.figure(2) for line in row["XDAT"] if line.figure(1) == 1]
     if shape == "TOROIDAL":
@@ -160,11 +186,29 @@ def _form(path, number, row):
     if unknown:
         raise LensError(path, f"surface {number}, PARM", f"{max(unknown):g}",
                         f"expected at most {LAST_PARAMETERS[shape]} coefficients")
+    if shape in EXTENDED:
+        return _extended(path, number, _numbered(row["XDAT"]), EXTENDED[shape])
     terms = tuple(parameters.get(index, 0.0) for index in range(1, LAST_PARAMETERS[shape] + 1))
     if shape in ("TOROIDAL", "BICONICX"):
         return _sections(shape, *terms)
-    odd, even = (terms[::2], terms[1::2]) if shape == "ODDASPHE" else ((), terms)
+    return _powers(terms, 1 if shape == "ODDASPHE" else 2)
+
+
+def _powers(terms, step):
+    """Fields of a surface with these coefficients of r^step, r^(2 step) ..."""
+    odd, even = (terms[::2], terms[1::2]) if step == 1 else ((), terms)
     return {"aspheric": even if any(even) else (), "odd_aspheric": odd if any(odd) else ()}
+
+
+def _extended(path, number, extra, step):
+    """Fields of an extended asphere: its coefficients are of powers of r over a normalisation radius."""
+    count, radius = extra.get(TERMS, 0.0), extra.get(NORMALISATION, 0.0)
+    if count not in range(MOST_TERMS + 1):
+        raise LensError(path, f"surface {number}, XDAT {TERMS}", f"{count:g}", f"expected 0 to {MOST_TERMS} terms")
+    if count and not radius > 0:
+        raise LensError(path, f"surface {number}, XDAT {NORMALISATION}", f"{radius:g}",
+                        "expected a positive normalisation radius")
+    return _powers(tuple(extra.get(FIRST_TERM + at, 0.0) / radius**(step * (at + 1)) for at in range(int(count))), step)
 
 
 def _sections(shape, radius_x, *others):
@@ -186,7 +230,7 @@ def _frames(rows):
 
 def _broken(frame, row):
     """The frame behind a coordinate break: moved and then turned, or turned in reverse order and then moved."""
-    parameters = {line.figure(1): line.figure(2) for line in row["PARM"]}
+    parameters = _numbered(row["PARM"])
     x, y, *angles, order = (parameters.get(index, 0.0) for index in range(1, 7))
     turns = list(zip("xyz", angles, strict=True))
     if order:
@@ -197,7 +241,7 @@ def _broken(frame, row):
 def _semi_diameters(rows, surfaces, unit_mm):
     """{surface: semi-diameter in mm} of user-fixed semi-diameters, on surfaces without another aperture."""
     return {number: unit_mm * rows[number]["DIAM"][-1].figure(1) for number, surface in enumerate(surfaces, 1)
-            if np.isinf(surface.semi_aperture_mm) and _is_fixed(rows, number, len(rows))}
+            if np.isinf(surface.semi_aperture_mm) and not surface.half_widths_mm and _is_fixed(rows, number, len(rows))}
 
 
 def _is_fixed(rows, number, steps):
@@ -231,20 +275,21 @@ def _glass(row, makers):
     return best_name(name, makers), figures
 
 
-def _aperture_ends(path, number, row):
-    """Semi-diameters of a surface's clear aperture and of its central obstruction."""
+def _aperture_of(path, number, row):
+    """Fields of a surface from its clear aperture and its central obstruction."""
     for operand in OTHER_APERTURES:
         if operand in row:
-            raise LensError(path, f"surface {number}, aperture", operand, "expected a circle, as CLAP, FLAP or OBSC")
-    rings = [*row["CLAP"], *row["FLAP"], *row["OBSC"]]
-    if rings and any(line.figure(1) or line.figure(2, 0.0) for line in row["OBDC"]):
-        raise LensError(path, f"surface {number}, aperture", "decentred", "expected a centred circle")
-    if row["OBSC"] and row["OBSC"][-1].figure(1):
+            raise LensError(path, f"surface {number}, aperture", operand, "expected a circle, CLAP or FLAP, a "
+                            f"rectangle, {RECTANGLE}, or a central obstruction, {OBSTRUCTION}")
+    circles, holes = [*row["CLAP"], *row["FLAP"]], row[OBSTRUCTION]
+    if (circles or holes or row[RECTANGLE]) and any(line.figure(1) or line.figure(2, 0.0) for line in row["OBDC"]):
+        raise LensError(path, f"surface {number}, aperture", "decentred", "expected a centred circle or rectangle")
+    if holes and holes[-1].figure(1):
         raise LensError(path, f"surface {number}, aperture", "an obstruction in the shape of a ring",
                         "expected OBSC from a radius of 0")
-    holes, circles = [line.figure(2) for line in row["OBSC"]], [*row["CLAP"], *row["FLAP"]]
     inner, outer = (circles[-1].figure(1), circles[-1].figure(2)) if circles else (0.0, np.inf)
-    return outer, max(inner, *holes[-1:], 0.0)
+    return {"semi_aperture_mm": outer, "semi_obstruction_mm": max(inner, *(line.figure(2) for line in holes[-1:]), 0.0),
+            "half_widths_mm": tuple(row[RECTANGLE][-1].figures()[:2]) if row[RECTANGLE] else ()}
 
 
 def _aperture(path, system, rows, unit_mm):

@@ -80,6 +80,26 @@ def test_a_picture_equals_a_render_through_its_lens(squares, tmp_path, lens):
     assert_means(pixels, expected, rtol=0.01, noise=0.03)
 
 
+@pytest.mark.parametrize("by", ["scene", "command"])
+def test_pictures_have_the_requested_stray_light(squares, tmp_path, capfd, by):
+    """From the scene's settings, or from the command line; also with a radiance file in place of the scene."""
+    squares.cycles.samples = 1
+    if by == "scene":
+        squares.lensfield.stray_light, squares.lensfield.stray_parts = "PARTS", {"VEIL"}
+    squares.lensfield.glare_index = 2.0
+    blend, capture = tmp_path / "scene.blend", tmp_path / "one" / "capture" / "Scene_0001_radiance.exr"
+    bpy.ops.wm.save_as_mainfile(filepath=str(blend))
+    given = [] if by == "scene" else ["--stray", "veil", "--glare-index", "2"]
+    for source, name, options in ((blend, "one", given), (capture, "two", ["--stray", "veil", "--glare-index", "2"]),
+                                  (capture, "dark", ["--stray", "off"])):
+        focus = ["--focus", "1m"] if source == capture else []
+        assert main(["compare", str(source), "--lens", SHARP, "--output", str(tmp_path / name), *focus,
+                     *(["--wavelengths", "450,550,650", "--samples", "1"] if source == blend else []), *options]) == 0
+    veils = [read_parts(next((tmp_path / name).glob("*_f*/*_stray_light.exr")))[0][1]["G"]
+             for name in ("one", "two", "dark")]
+    assert veils[0].min() > 0 and np.array_equal(veils[0], veils[1]) and not veils[2].any()
+
+
 def test_layers_are_captured_if_any_lens_needs_them(squares, tmp_path):
     squares.cycles.samples = 1
     alone, _ = compared(squares, [SHARP], [22], tmp_path / "alone", **QUICK)

@@ -228,16 +228,20 @@ def test_only_files_that_a_scene_depends_on_change_its_digest(deep, tmp_path):
     lamp = paint.node_tree.nodes.new("ShaderNodeTexIES")
     lamp.mode, lamp.filepath = "EXTERNAL", "//lamp.ies"
     paint.lensfield.reflectance = "//paint.spd"
-    for name in ("lamp.ies", "paint.spd", "other.png", "blendcache_scene/1.bphys", "paint.txt"):
-        (tmp_path / name).parent.mkdir(exist_ok=True)
+    deep.objects[-1].modifiers.new("Particles", "PARTICLE_SYSTEM").particle_system.name = "Snow"
+    cache = deep.objects[-1].particle_systems["Snow"].point_cache
+    cache.use_external, cache.filepath = True, "//snow"
+    caches = "blendcache_scene/1.bphys", "snow/a_000001_00.bphys"
+    for name in ("lamp.ies", "paint.spd", "other.png", *caches, "paint.txt", "snow/deep/a_000001_00.bphys"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("400 0.5\n700 0.5\n")
     bpy.ops.wm.save_mainfile()
     digests = {source.source_digest(deep)}
-    for name in ("paint.0001.png", "paint.0002.png", "lamp.ies", "paint.spd", "blendcache_scene/1.bphys"):
+    for name in ("paint.0001.png", "paint.0002.png", "lamp.ies", "paint.spd", *caches):
         touch(tmp_path / name)
         digests.add(source.source_digest(deep))
-    assert len(digests) == 6
-    for name in ("other.png", "paint.txt", "scene.blend"):
+    assert len(digests) == 7
+    for name in ("other.png", "paint.txt", "scene.blend", "snow/deep/a_000001_00.bphys"):
         touch(tmp_path / name)
         assert source.source_digest(deep) in digests
     (tmp_path / "scene.blend").unlink()

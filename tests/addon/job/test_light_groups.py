@@ -266,7 +266,7 @@ def test_light_of_a_temperature_lamp_and_a_spectral_lamp_adds_up(scene, tmp_path
     red_wall(scene)
     point(scene, "", 10.0, use_temperature=True, temperature=2700.0)
     point(scene, SPIKY, 3.0)
-    expected = red() * STEP * (10 * blackbody(2700).density_at(NM) + 3 * density(SPIKY))
+    expected = red() * STEP * (10 * planck_of_white_luminance(2700.0) + 3 * density(SPIKY))
     assert_means(radiance(scene, tmp_path), expected, PRECISION)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from scipy.integrate import trapezoid
 
+import cycles_pictures
 from lenses import make_lens
 from lensfield import addon
 from lensfield.engine.pictures.spectral_exr import read_exr
@@ -194,15 +195,33 @@ def test_colour_multiplies_daylight(scene, wall_at, tmp_path, colour):
     assert_means(radiance(scene, tmp_path), expected, PRECISION)
 
 
-def test_a_temperature_distributes_the_watts_by_plancks_law(scene, wall_at, tmp_path):
-    """Unlike in Blender, where a temperature preserves the luminance: watts are watts between 380 and 780 nm."""
+def warm_light(scene, kind, temperature_k, unit, **properties):
     if "use_temperature" not in bpy.types.Light.bl_rna.properties:
         pytest.skip("this Blender's lamps have no temperature")
-    light(scene, "POINT", WATTS, use_temperature=True, temperature=3200.0, shadow_soft_size=0.0)
+    new = light(scene, kind, WATTS, use_temperature=True, temperature=temperature_k, **properties)
+    new.data.lensfield.power_unit = unit
+    return new
+
+
+def test_in_watts_a_temperature_distributes_them_by_plancks_law(scene, wall_at, tmp_path):
+    """Unlike in Blender, where a temperature preserves the luminance: watts are watts between 380 and 780 nm."""
+    warm_light(scene, "POINT", 3200.0, "WATT", shadow_soft_size=0.0)
     planck = 1 / (BAND_NM**5 * np.expm1(1.438776877e7 / (BAND_NM * 3200)))
     planck /= trapezoid(planck, BAND_NM)
     expected = WATTS / (4 * np.pi**2 * DISTANCE_M**2) * np.interp(NM, BAND_NM, planck)
     assert_means(radiance(scene, tmp_path), expected, PRECISION)
+
+
+@pytest.mark.parametrize("kind", ["POINT", "SUN"])
+@pytest.mark.parametrize("temperature_k", [1800.0, 2800.0, 9000.0])
+def test_a_temperature_is_as_bright_as_in_blender(scene, wall_at, tmp_path, kind, temperature_k):
+    """Against Cycles' own render, whose colours fit Planck's law to half a per cent."""
+    warm_light(scene, kind, temperature_k, "BLENDER", color=(1.0, 0.9, 0.8))
+    scene.camera.data.lens = 1000.0  # mm: as narrow as the lens
+    of_blender = np.tensordot([0.2126, 0.7152, 0.0722], cycles_pictures.picture(scene, tmp_path), 1).mean()
+    nm = np.arange(380.0, 782.5, 5.0)
+    of_a_watt = 683 * trapezoid(white_density(nm) * colour_matching(nm)[:, 1], nm)
+    assert luminance(scene, tmp_path).mean() / of_a_watt == pytest.approx(of_blender, rel=0.02)
 
 
 def luminance(scene, folder, step_nm=5.0):

@@ -33,6 +33,15 @@ def test_new_settings_are_the_defaults_of_a_request(scene):
     assert request.lens == "tessar-50mm" and request.to_compositor and request.options == Options(accuracy=0.01)
 
 
+def test_a_given_camera_brings_its_own_sensor(scene):
+    scene.lensfield.camera = "nikon-d700"
+    sensors = {name: scene.lensfield.to_request(camera=name).view_on_sensor for name in ("nikon-d700", "canon-eos-5ds")}
+    assert scene.lensfield.to_request().view_on_sensor == scene.lensfield.view_text() == sensors["nikon-d700"]
+    assert sensors["nikon-d700"] != sensors["canon-eos-5ds"]
+    scene.lensfield.view = "CAMERA"
+    assert scene.lensfield.to_request(camera="canon-eos-5ds").view_on_sensor == "camera"
+
+
 def test_given_fields_override_settings_unless_they_are_none(scene, tmp_path):
     scene.lensfield.view, scene.lensfield.unfit, scene.lensfield.wavelength_list = "CAMERA", "RENDER", "no number"
     scene.lensfield.wavelength_mode = "LIST"

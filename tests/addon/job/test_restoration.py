@@ -172,6 +172,50 @@ def test_a_stand_in_is_used_wherever_the_original_was(scene):
     assert not differences(before, snapshot())
 
 
+SOURCES = {"mesh": None, "cube": "GeometryNodeMeshCube", "volume": "GeometryNodeVolumeCube",
+           "instances": "GeometryNodeInstanceOnPoints"}
+
+
+def set_on_geometry(square, painted, source):
+    """Give a square without material slots a material by geometry nodes, which may replace its shape."""
+    square.data.materials.clear()
+    tree = set_by_nodes(square, painted)
+    for in_out in ("INPUT", "OUTPUT"):
+        tree.interface.new_socket(name="Geometry", in_out=in_out, socket_type="NodeSocketGeometry")
+    geometry = tree.nodes.new("NodeGroupInput").outputs[0]
+    if SOURCES[source]:
+        made = tree.nodes.new(SOURCES[source])
+        if source == "instances":
+            tree.links.new(geometry, made.inputs["Points"])
+            tree.links.new(tree.nodes.new("GeometryNodeMeshCube").outputs[0], made.inputs["Instance"])
+        geometry = made.outputs[0]
+    tree.links.new(geometry, tree.nodes["Set Material"].inputs["Geometry"])
+    tree.links.new(tree.nodes["Set Material"].outputs[0], tree.nodes.new("NodeGroupOutput").inputs[0])
+
+
+def evaluated_materials(scene):
+    """The originals of all materials that the evaluated scene's shapes have, as a window's redraw reads them."""
+    scene.view_layers[0].update()
+    shapes = [instance.object.data for instance in scene.view_layers[0].depsgraph.object_instances]
+    return {slot.original for shape in shapes for slot in getattr(shape, "materials", ()) if slot}
+
+
+@pytest.mark.parametrize("source", SOURCES)
+def test_evaluated_geometry_has_the_stand_in_and_then_the_original(scene, tmp_path, source):
+    """Otherwise it would keep a pointer to freed memory."""
+    painted, _ = material("Paint", "ShaderNodeBsdfDiffuse")
+    set_on_geometry(wall(scene, painted), painted, source)
+    set_format(scene, "PNG", "RGBA", "8")
+    assert evaluated_materials(scene) == {painted}
+    before = snapshot()
+    with Journal() as journal:
+        stand_in = journal.stand_in(painted)
+        assert evaluated_materials(scene) == {stand_in}
+    assert evaluated_materials(scene) == {painted}
+    render(scene, tmp_path)
+    assert not differences(before, snapshot())
+
+
 def link_from_file(path, blocks):
     """Write the objects to a file, remove them and their data from this one, and link them instead."""
     bpy.data.libraries.write(str(path), set(blocks))
@@ -185,6 +229,7 @@ def link_from_file(path, blocks):
 def set_by_nodes(square, painted):
     square.modifiers.new("Nodes", "NODES").node_group = tree = bpy.data.node_groups.new("Nodes", "GeometryNodeTree")
     tree.nodes.new("GeometryNodeSetMaterial").inputs["Material"].default_value = painted
+    return tree
 
 
 def set_for_the_object(square, painted):

@@ -10,6 +10,7 @@ from lensfield.addon.job import radiance, sampled_passes
 from lensfield.addon.job.light import GatheredLight
 from lensfield.addon.job.refilter import apply_lens
 from lensfield.addon.job.render import render_through_lens
+from lensfield.engine import Options
 from lensfield.engine.image.supersampling import split_pixels
 from lensfield.engine.pictures.spectral_exr import read_exr, read_with_layers, read_with_planes
 from lensfield.engine.spectral.control_variate import JUDGED_PERCENT, block_means
@@ -20,7 +21,9 @@ from small_scenes import light, material, set_world, wall
 SAMPLES, FEW = 64, 2  # of which the first trial takes 2
 REST = 8  # in each quarter of a pixel, instead of half of the samples
 INVISIBLE = 0.007  # noise relative to light; quasi-random samples may leave less than predicted
-OPTIONS = {"lens": "tessar-50mm", "lens_quality": "preview", "wavelengths_nm": np.linspace(430, 670, 9)}
+EVEN, DETAILED = Options(detail="off"), Options(detail="on")
+OPTIONS = {"lens": "tessar-50mm", "lens_quality": "preview", "wavelengths_nm": np.linspace(430, 670, 9),
+           "options": EVEN}
 
 
 @pytest.fixture
@@ -66,7 +69,7 @@ def sample_counts(monkeypatch):
 @pytest.mark.parametrize("depth, detail", [("off", "off"), ("auto", "off"), ("off", "on"), ("auto", "on")])
 def test_few_samples_have_nearly_the_noise_of_all(corner, tmp_path, whole, sample_counts, depth, detail):
     seeds = range(1, 5)
-    shared = [rendered(corner, tmp_path, seed, depth=depth, detail=detail) for seed in seeds]
+    shared = [rendered(corner, tmp_path, seed, depth=depth, options=Options(detail=detail)) for seed in seeds]
     facts = shared[0][1]
     assert facts.passes == 2 and f"of {SAMPLES} samples in 1 of 2 passes" in facts.samples
     rest = (0, REST if detail == "on" else SAMPLES // 2)
@@ -177,7 +180,7 @@ def test_detail_is_the_light_of_a_render_in_finer_pixels(corner, tmp_path):
     """And the stored radiance gives the same picture again."""
     options = OPTIONS | {"lens": "edmund-54852", "depth": "off"}
     corner.cycles.samples = 256
-    result = render_through_lens(corner, output_folder=tmp_path / "on", detail="on", **options)
+    result = render_through_lens(corner, output_folder=tmp_path / "on", **options | {"options": DETAILED})
     even = render_through_lens(corner, output_folder=tmp_path / "off", **options)
     radiance, without = read_exr(result.radiance), read_exr(even.radiance)
     assert radiance.detail.times == 2 and without.detail is None and radiance.grid == without.grid
@@ -186,7 +189,7 @@ def test_detail_is_the_light_of_a_render_in_finer_pixels(corner, tmp_path):
     softening_px = [each.report.lens_image.softening_px for each in (result, even)]
     assert 0 < softening_px[0] < softening_px[1] / 4
     applied = apply_lens(result.radiance, lens="edmund-54852", output_folder=tmp_path / "again",
-                         lens_quality="preview")
+                         lens_quality="preview", options=DETAILED)
     pictures = [read_exr(each.irradiance).cube for each in (applied, result)]
     np.testing.assert_allclose(*pictures, rtol=1e-6, atol=1e-6 * pictures[1].max())
     corner.render.resolution_x, corner.render.resolution_y = 128, 96
@@ -203,10 +206,31 @@ def test_detail_of_a_render_region_and_of_layers(corner, tmp_path):
     render = corner.render
     render.use_border, render.border_min_x, render.border_max_x = True, 0.25, 0.8
     render.border_min_y, render.border_max_y = 0.1, 0.7
-    region = render_through_lens(corner, output_folder=tmp_path / "region", depth="off", detail="on", **OPTIONS)
+    region = render_through_lens(corner, output_folder=tmp_path / "region", depth="off",
+                                 **OPTIONS | {"options": DETAILED})
     shares = read_exr(region.radiance).detail.shares
     assert np.all(shares[:, 0] == 1) and np.ptp(shares.astype(float)) > 0
     render.use_border = False
-    deep = render_through_lens(corner, output_folder=tmp_path / "deep", depth="auto", detail="on", **OPTIONS)
+    deep = render_through_lens(corner, output_folder=tmp_path / "deep", depth="auto",
+                               **OPTIONS | {"options": DETAILED})
     _, _, layered = read_with_layers(deep.radiance)
     assert layered.detail_times == 2 and deep.report.lens_image.plan.supersampling == 2
+
+
+@pytest.mark.parametrize("options, tier, wavelengths_nm, samples", [
+    (Options(), "standard", (450.0, 550.0, 650.0), SAMPLES), (Options(), "reference", (460.0, 640.0), SAMPLES),
+    (Options(), "standard", (450.0, 550.0, 650.0), 16), (Options(), "preview", (450.0, 550.0, 650.0), SAMPLES),
+    (EVEN, "standard", (450.0, 550.0, 650.0), SAMPLES)])
+def test_a_single_pass_has_detail_by_default_too(corner, tmp_path, options, tier, wavelengths_nm, samples):
+    """Except in Preview, and with few samples: each part of a pixel takes a quarter of them."""
+    corner.cycles.samples = samples
+    given = OPTIONS | {"depth": "off", "spectral": SpectralOptions(tier), "wavelengths_nm": wavelengths_nm}
+    even, result = (render_through_lens(corner, output_folder=tmp_path / str(number), **given | {"options": each})
+                    for number, each in enumerate((EVEN, options)))
+    expected = 2 if options == Options() and tier != "preview" and samples == SAMPLES else 1
+    facts, (radiance, without) = result.report.scene, (read_exr(each.radiance) for each in (result, even))
+    assert facts.passes == 1 and radiance.detail_times == expected == result.report.lens_image.plan.known
+    assert ("detail of 2 x 2 parts" in facts.samples) == (expected == 2)
+    noise = 0.01 * without.cube.mean()
+    assert np.abs(radiance.cube.mean(axis=(1, 2)) - without.cube.mean(axis=(1, 2))).max() < noise
+    assert corner.cycles.samples == samples

@@ -12,6 +12,7 @@ import cycles_pictures
 import traced_lens_truth as truth
 import truth_scenes
 from lensfield.addon.scene.traced_camera import shader_text, use_shader
+from lensfield.addon.scene.undo import Journal
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.rays.from_sensor import FromSensor
 from lensfield.engine.rays.sensor_aim import Bins
@@ -62,7 +63,7 @@ def test_a_bare_hole_gives_the_irradiance_of_a_cone(tmp_path):
                       np.zeros(2))
     scene = truth_scenes.empty_scene()
     truth_scenes.set_even_light(scene, 1.0)
-    use_shader(scene.camera.data, shader_text(hole, PixelGrid((8, 8), 1.0), 1e3))
+    use_shader(scene.camera.data, shader_text(hole, PixelGrid((8, 8), 1.0), 1e3), Journal())
     pictures = cycles_pictures.picture(scene, tmp_path, samples=8192)
     assert_means(pictures, np.full(3, np.pi * radius_mm**2 / (radius_mm**2 + distance_mm**2)), 1e-3)  # pi sin^2
 

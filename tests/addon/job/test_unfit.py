@@ -8,6 +8,7 @@ from cycles_pictures import picture
 from lenses import make_lens
 from lensfield import addon
 from lensfield.addon.scene.camera import capture_grid, set_up_capture
+from lensfield.addon.scene.undo import Journal
 from lensfield.engine.pictures.preview import to_rec709
 from lensfield.engine.pictures.spectral_exr import read_exr
 from lensfield.engine.spectral.colour import XYZ_TO_REC709
@@ -34,7 +35,8 @@ def bubble(scene):
         shader.inputs[name].default_value = value
     wall(scene, film)
     scene.render.resolution_x, scene.render.resolution_y = 12, 12
-    set_up_capture(scene.camera.data, LENS, capture_grid(scene, LENS, NM).frame())  # colours depend on the angle
+    frame = capture_grid(scene, LENS, NM).frame()  # colours depend on the angle
+    set_up_capture(scene.camera.data, LENS, frame, Journal())
     return scene, shader.inputs
 
 

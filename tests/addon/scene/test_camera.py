@@ -17,6 +17,7 @@ from lensfield.addon.scene.camera import (
     set_up_capture,
 )
 from lensfield.addon.scene.errors import SceneError
+from lensfield.addon.scene.undo import Journal
 from lensfield.engine import Options, SpectralImage, load_lens, simulate
 from lensfield.engine.depth.depth_range import planar_depth_mm
 from lensfield.engine.field.field_map import field_map
@@ -200,7 +201,7 @@ def wide(scene):
     """The capture for a lens of 140 degrees, 320 x 240 px of 150 um, with the camera set up for it."""
     scene.render.resolution_x, scene.render.resolution_y = 320, 240
     grid = capture_grid(scene, wide_lens(), [WAVELENGTH_NM])
-    set_up_capture(scene.camera.data, wide_lens(), grid)
+    set_up_capture(scene.camera.data, wide_lens(), grid, Journal())
     return grid
 
 
@@ -245,14 +246,14 @@ def test_depth_of_a_wall_is_constant_with_either_camera(scene, wide, tmp_path):
     # A pixel's single sample may be half a pixel off, where the distance is up to tan(70 deg) / f times that offset.
     np.testing.assert_allclose(depth_mm[finite], 2000, rtol=0.15 * np.sqrt(0.5) * 2.75 / 25.25 * 1.2)
     as_plane = replace(wide, projection=PLANE)
-    set_up_capture(scene.camera.data, wide_lens(), as_plane)
+    set_up_capture(scene.camera.data, wide_lens(), as_plane, Journal())
     depth_mm = 1e3 * shoot(scene, tmp_path, (24, 32), "Depth")
     np.testing.assert_allclose(planar_depth_mm(depth_mm, wide_lens(), PixelGrid((24, 32), 150.0)), 2000, rtol=1e-5)
 
 
 def test_a_plane_capture_restores_perspective_after_a_panorama(scene, wide):
     grid = replace(capture_grid(scene, LENS, [WAVELENGTH_NM]), projection=PLANE)
-    set_up_capture(scene.camera.data, LENS, grid)
+    set_up_capture(scene.camera.data, LENS, grid, Journal())
     camera = scene.camera.data
     assert camera.type == "PERSP"
     width_mm = grid.shape_px[1] * grid.pitch_um * 1e-3

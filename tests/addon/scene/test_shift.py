@@ -13,6 +13,7 @@ from lensfield.addon.scene import rings
 from lensfield.addon.scene.camera import frame_grid, lens_for_view, match_camera_to_lens, set_up_capture
 from lensfield.addon.scene.lens_cache import load_lens
 from lensfield.addon.scene.rings import scene_lens
+from lensfield.addon.scene.undo import Journal
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.library import pinhole_of
 from lensfield.engine.pictures.spectral_exr import read_exr
@@ -64,7 +65,7 @@ def test_a_squeezed_capture_is_shifted_alike(scene):
     frame, focal_mm = PixelGrid((100, 160), 20.0, squeeze=1.8).shifted(30, -12), 50.0
     scene.render.resolution_y, scene.render.resolution_x = frame.shape_px
     scene.render.pixel_aspect_x = 1.8
-    set_up_capture(scene.camera.data, SimpleNamespace(capture_focal_length_mm=focal_mm), frame)
+    set_up_capture(scene.camera.data, SimpleNamespace(capture_focal_length_mm=focal_mm), frame, Journal())
     left, lower, right, upper = frame.edges_mm
     corners = [Vector((1.8 * x_mm / focal_mm, y_mm / focal_mm, -1)) for x_mm, y_mm in ((left, lower), (right, upper))]
     bpy.context.view_layer.update()

@@ -9,6 +9,7 @@ import cycles_pictures
 import truth_scenes
 from crooked_lens import CROOKED
 from lensfield.addon.scene.traced_camera import shader_text, use_shader
+from lensfield.addon.scene.undo import Journal
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.prescription.prescription import Pose
 from lensfield.engine.rays.fields import aim_at_places, find_fields, view_of
@@ -37,7 +38,8 @@ def rays_from_the_stop(lens):
     """A ray to the middle of each pixel, through its own point of the stop, by the compiled loops.
 
     Returns its place on the sensor (2, pixel) and direction there (3, pixel), its position (3, pixel) and direction in
-    front of the lens, relative to the camera, and whether it passes (pixel,).
+    front of the lens, relative to the camera, whether it passes (pixel,), and its squared places on rectangular
+    apertures.
     """
     system = build_system(lens)
     view, right_up_mm = view_of(system), np.stack(np.meshgrid(*FILM.axes_mm())).reshape(2, -1)
@@ -48,7 +50,8 @@ def rays_from_the_stop(lens):
     traced = trace_both_ways(system.prescription, system.indices_at([NM])[..., None], *stop_mm, *slope[..., own, own])
     entry = view.turned(traced.entry[:, 0] - view.viewpoint_mm[:, None])
     passes = np.all(system.limits(traced.square_mm2[:, 0]) <= 1, axis=0)
-    return traced.position[:2, 0], traced.direction[:, 0], entry, view.turned(traced.before[:, 0]), passes
+    return (traced.position[:2, 0], traced.direction[:, 0], entry, view.turned(traced.before[:, 0]), passes,
+            traced.square_mm2[len(lens.surfaces):, 0])
 
 
 def aimed_along(optics, place_mm, direction):
@@ -72,16 +75,17 @@ def places_seen(scene, folder, depth):
     wall(scene, lit, depth, side_m=1e3)
     rows, columns = FILM.shape_px
     pictures = cycles_pictures.picture(scene, folder, samples=1, columns=columns, rows=rows).astype(float)
-    return pictures[:2] / pictures[2] - ASIDE, pictures[2]
+    with np.errstate(invalid="ignore"):  # where the picture is black
+        return pictures[:2] / pictures[2] - ASIDE, pictures[2]
 
 
 @pytest.mark.parametrize("depth", [30.0, 200.0])
 @pytest.mark.parametrize("lens", [POSED, CENTRED, MIRRORS], ids=["posed", "centred", "mirrors"])
 def test_rays_through_every_kind_of_surface_are_those_of_the_compiled_loops(lens, depth, tmp_path):
-    place_mm, direction, entry, before, passes = rays_from_the_stop(lens)
+    place_mm, direction, entry, before, passes, _ = rays_from_the_stop(lens)
     optics = aimed_along(lens_from_sensor(lens, NM, FILM.edges_mm), place_mm, direction)
     scene = truth_scenes.empty_scene()
-    use_shader(scene.camera.data, shader_text(optics, FILM, UNIT_MM))
+    use_shader(scene.camera.data, shader_text(optics, FILM, UNIT_MM), Journal())
     found, light = places_seen(scene, tmp_path, depth)
     entry = entry / UNIT_MM
     expected = (entry - (depth + entry[2]) / before[2] * before)[:2].reshape(found.shape)
@@ -91,3 +95,22 @@ def test_rays_through_every_kind_of_surface_are_those_of_the_compiled_loops(lens
     reflected = np.prod([surface.reflectance for surface in lens.surfaces if surface.mirror])
     np.testing.assert_allclose(light, reflected * lit * box, rtol=5e-3)  # of a small difference, in single precision
     assert lit.sum() > lit.size / 4 and lit.all() == (lens is not MIRRORS)
+
+
+@pytest.mark.parametrize("number", [1, 2], ids=["toroid", "stop"])
+@pytest.mark.parametrize("lens", [POSED, CENTRED], ids=["posed", "centred"])
+def test_rays_beyond_a_rectangle_are_black(lens, number, tmp_path):
+    def with_rectangle(halves_mm):
+        surfaces = list(lens.surfaces)
+        surfaces[number] = replace(surfaces[number], half_widths_mm=tuple(halves_mm))
+        return replace(lens, surfaces=tuple(surfaces))
+
+    place_mm, direction, _, _, _, squares_mm2 = rays_from_the_stop(with_rectangle((9.0, 9.0)))
+    halves_mm = np.quantile(np.sqrt(squares_mm2), 0.7, axis=1)
+    optics = aimed_along(lens_from_sensor(with_rectangle(halves_mm), NM, FILM.edges_mm), place_mm, direction)
+    scene = truth_scenes.empty_scene()
+    use_shader(scene.camera.data, shader_text(optics, FILM, UNIT_MM), Journal())
+    _, light = places_seen(scene, tmp_path, 30.0)
+    passing = np.all(squares_mm2 < halves_mm[:, None]**2, axis=0)
+    assert 4 < passing.sum() < passing.size - 4
+    np.testing.assert_array_equal(light.ravel() > 0, passing)

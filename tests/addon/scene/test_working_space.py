@@ -8,6 +8,7 @@ from cycles_pictures import picture
 from lenses import make_lens
 from lensfield import addon
 from lensfield.addon.scene.camera import capture_grid, set_up_capture
+from lensfield.addon.scene.undo import Journal
 from lensfield.addon.scene.working_space import colour_basis, rec709_from_working
 from lensfield.addon.shading.lint import lint
 from lensfield.addon.shading.node_rules import APPROXIMATED, REJECTED
@@ -83,7 +84,8 @@ def test_colours_that_cycles_renders_in_rgb_are_preserved(scene, tmp_path, space
         film.node_tree.nodes["Principled BSDF"].inputs[name].default_value = value
     wall(scene, film)
     scene.render.resolution_x = scene.render.resolution_y = 8
-    set_up_capture(scene.camera.data, LENS, capture_grid(scene, LENS, NM).frame())  # colours depend on the angle
+    frame = capture_grid(scene, LENS, NM).frame()  # colours depend on the angle
+    set_up_capture(scene.camera.data, LENS, frame, Journal())
     space()
     ours = to_rec709(radiance(scene, tmp_path, unfit="render")).mean(axis=(0, 1))
     cycles = rec709_from_working() @ picture(scene, tmp_path).mean(axis=(1, 2))

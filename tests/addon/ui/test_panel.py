@@ -273,9 +273,9 @@ def test_the_plan_line_states_engine_time_and_peak_memory(lit_scene, denoise):
 
 def test_the_plan_line_counts_detail(lit_scene):
     settings, lens = lit_scene.lensfield, load_lens(lit_scene.lensfield.lens)
-    lit_scene.cycles.samples, settings.detail, settings.denoise = 64, "ON", "OFF"
+    lit_scene.cycles.samples, settings.denoise = 64, "OFF"
     text, plan = settled(lit_scene), list(plan_line._plans.values())[-1].result()[1]
-    assert plan.supersampling == 2
+    assert plan.supersampling == plan.known == 2 and " with detail \u00b7 " in text
     pixels = np.prod(capture_grid(lit_scene, lens, settings.wavelengths_nm()).shape_px)
     radiance = len(settings.wavelengths_nm()) * 4 * pixels
     shares, split = 3 * 4 * 2 * pixels, 2 * 4 * 4 * pixels
@@ -286,14 +286,6 @@ def test_the_plan_line_counts_detail(lit_scene):
         settled(lit_scene)
         assert list(plan_line._plans.values())[-1].result()[1].supersampling == 1
         settings.tier = "STANDARD"
-
-
-def test_the_plan_line_knows_that_one_pass_has_no_detail(lit_scene):
-    settings = lit_scene.lensfield
-    lit_scene.cycles.samples, settings.detail = 64, "ON"
-    settings.wavelength_mode, settings.wavelength_list = "LIST", "450, 550, 650"
-    settled(lit_scene)
-    assert list(plan_line._plans.values())[-1].result()[1].supersampling == 1
 
 
 def test_a_planning_error_replaces_the_plan(lit_scene):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image, PngImagePlugin
 
+from forged import forge
 from layouts import Layout
 from lensfield import addon
 from lensfield.addon.scene.errors import SceneError
@@ -184,6 +185,14 @@ def test_a_sheet_is_cached(scene, user_lens, drawing):
     sheets.forget_sheets()
     settle(scene)
     assert "picture" in drawn(scene).shown and len(drawing) == 1
+
+
+def test_a_forged_sheet_is_drawn_again(scene, user_lens, drawing, tmp_path):
+    settle(scene)
+    forge(tmp_path / "cache", "sheets", b"\x89PNG\r\n\x1a\n" + bytes(40))
+    sheets.forget_sheets()
+    settle(scene)
+    assert "picture" in drawn(scene).shown and len(drawing) == 2
 
 
 def test_a_deleted_sheet_is_drawn_again(scene, user_lens, drawing):

@@ -116,6 +116,35 @@ def test_relative_illumination_is_constant_beyond_the_last_height():
     np.testing.assert_allclose(field.relative_illumination(np.array([0, 1, 2, 5])), [1, 0.9, 0.6, 0.6], atol=1e-12)
 
 
+def test_light_ends_at_the_first_dark_height():
+    """Between the last height that is lit and the next one it falls evenly; the fit does not follow it."""
+    field = geometry(relative_illumination=lambda p: np.where(p < 1.65, 1 - 0.1 * p**2, 0.0))
+    heights_mm = np.array([0, 1, 1.6, 1.65, 1.7, 1.9, 2.0, 5.0])
+    expected = [1, 0.9, 0.744, 0.372, 0, 0, 0, 0]
+    np.testing.assert_allclose(field.relative_illumination(heights_mm), expected, atol=1e-9)
+    np.testing.assert_allclose(field.relative_flux(heights_mm), expected, atol=1e-9)
+    assert field.illumination.residual < 1e-12
+
+
+def test_very_wide_fields_are_fitted_over_angles():
+    """An equal-area fisheye to 89.5 degrees: heights are infinite at a right angle."""
+    focal_mm, degrees = 10.0, np.append(np.linspace(0, 88.5, 17), [89.0, 89.5])
+    paraxial_mm = focal_mm * np.tan(np.radians(degrees))
+
+    def real(p):
+        return 2 * focal_mm * np.sin(np.arctan(p / focal_mm) / 2)
+
+    lens = make_lens(real_height_mm=lambda nm, p: real(p), heights_mm=paraxial_mm, magnification=0.0,
+                     object_distance_mm=np.inf)
+    field = FieldGeometry(lens.at_wavelength(550), lens.name)
+    between_mm = focal_mm * np.tan(np.radians(np.linspace(1, 89.4, 60)))
+    step = 1e-5 * between_mm
+    slope = (real(between_mm + step) - real(between_mm - step)) / (2 * step)
+    np.testing.assert_allclose(field.real_height_mm(between_mm), real(between_mm), atol=2e-4)  # the fit's tolerance
+    np.testing.assert_allclose(field.paraxial_height_mm(real(between_mm)), between_mm, rtol=2e-3)
+    np.testing.assert_allclose(1 / field.paraxial_slope(between_mm), slope, rtol=1e-3)
+
+
 def lit_after(real_height_mm, points, shape=(201, 201)):
     """{(x, y): value} after distorting points at (x, y) px of 10 um about the middle of the frame."""
     middle = shape[0] // 2

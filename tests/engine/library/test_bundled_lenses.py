@@ -1,5 +1,7 @@
 """The bundled lenses: small files, documented, valid, and ready to use."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,10 +13,12 @@ from lensfield.engine.prescription.system import system_of
 from lensfield.engine.rays.axial_image import eye_response_at
 from lensfield.engine.rays.focus import build_system
 from lensfield.engine.rays.rays import HalfPupil, trace_pupil
+from lensfield.engine.rays.rings import turned
 from lensfield.engine.rays.transmission import coating_transmittance
 from varied_lenses import VARIED, varied_lens
 
 NM = np.linspace(420, 680, 14)
+SPOT = HalfPupil(17, 25)
 UNDATED = {"edmund-54852": "single", "helios-44-2-58mm": "single", "laikin-telecentric-102mm": "multi"}
 
 
@@ -126,3 +130,50 @@ def test_stopping_down_sharpens_and_dims():
     assert wide.efl_mm == pytest.approx(closed.efl_mm, rel=1e-6)
     assert wide.f_number_effective < 1.3 and closed.f_number_effective == pytest.approx(4, rel=0.02)
     assert closed.psf_pitch_um * closed.psf.shape[-1] < 0.7 * wide.psf_pitch_um * wide.psf.shape[-1]
+
+
+MACROS = {"olympus-macro-90mm": (0.5, 0.40), "minolta-macro-100mm": (1.0, 0.35), "pentax-macro-200mm": (1.0, 0.55)}
+"""The production lenses' magnifications, and their closest distances from the film in m, to two decimals."""
+
+
+def from_the_film_mm(prescription):
+    return prescription.object_distance_mm + sum(surface.thickness_mm for surface in prescription.surfaces)
+
+
+@pytest.mark.parametrize("name", MACROS)
+def test_a_macro_lens_focuses_as_close_as_the_production_lens(name):
+    closest = turned(prescription_of(name), Rings(1.0)).prescription
+    magnification, distance_m = MACROS[name]
+    assert -build_system(closest).magnification == pytest.approx(magnification, rel=0.002)
+    assert from_the_film_mm(closest) * 1e-3 == pytest.approx(distance_m, abs=0.005)
+
+
+@pytest.mark.parametrize("name", MACROS)
+def test_floating_elements_keep_a_macro_lens_sharp(name):
+    """Its spots wide open at its closest focus are small. If the same lens moves as a unit, its corners are more than
+    five times as blurred."""
+    closest = turned(prescription_of(name), Rings(1.0)).prescription
+    far = turned(prescription_of(name), Rings(np.inf)).prescription
+    as_a_unit = replace(far, focus="best", object_distance_mm=closest.object_distance_mm)
+    spots, of_unit = map(spot_radii_mm, (closest, as_a_unit))
+    assert spots.max() < 0.04 and of_unit[-1] > 5 * spots[-1]
+
+
+def spot_radii_mm(prescription):
+    """Root-mean-square radii of spots at the reference wavelength, from the middle to the corner."""
+    system = build_system(prescription)
+    rays = trace_pupil(system, np.array([0.0, 0.5, 0.7, 1.0]) * 21.6, [prescription.reference_wavelength_nm], SPOT)
+    passing = ~rays.lost[0] & np.all(system.limits(rays.square_height_mm2[:, 0]) <= 1, axis=0)
+    light = np.where(passing, SPOT.radii[:, None], 0.0)
+    x_mm, y_mm = np.where(passing, rays.position_mm[:, 0], 0.0)
+    middle_mm = np.average(y_mm, axis=(1, 2), weights=light)[:, None, None]  # mirror images have the opposite x
+    return np.sqrt(np.average(x_mm**2 + (y_mm - middle_mm)**2, axis=(1, 2), weights=light))
+
+
+@pytest.mark.parametrize("name, magnification", [
+    ("nikkor-28mm", 1 / 3.9), ("nikkor-50mm-f1.2", 1 / 7.9), ("nikkor-85mm-f1.4", 1 / 7.9),
+    ("zeiss-flektogon-20mm", 1 / 5.8), ("zeiss-apo-germinar-375mm", 1.0), ("mamiya-soft-focus-150mm", 0.295)])
+def test_a_closest_distance_gives_the_published_magnification(name, magnification):
+    """The makers publish both. The file has the distance, and moves the lens as a unit."""
+    closest = turned(prescription_of(name), Rings(1.0)).prescription
+    assert -build_system(closest).magnification == pytest.approx(magnification, rel=0.025)

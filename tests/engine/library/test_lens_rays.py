@@ -1,8 +1,12 @@
 """The rays of a lens: from its prescription, or from its first-order data."""
 
+from dataclasses import fields
+from io import BytesIO
+
 import numpy as np
 import pytest
 
+from forged import forge
 from lenses import make_lens
 from lensfield.engine import Options, SpectralImage, simulate
 from lensfield.engine.field.radial.distortion import FieldGeometry
@@ -87,6 +91,29 @@ def test_rays_are_cached_and_scale_with_the_lens(monkeypatch, tmp_path):
     assert np.allclose(one.direction, other.direction, atol=1e-5)
     assert np.allclose(one.weight, other.weight, rtol=1e-4)
     assert np.allclose(one.path_mm, 2 * other.path_mm, atol=1e-4)
+
+
+def archive(table, **changes):
+    """A table as it is cached, with changed arrays."""
+    stream = BytesIO()
+    names = [field.name for field in fields(table) if field.name != "name"]
+    np.savez(stream, **{name: getattr(table, name) for name in names} | changes)
+    return stream.getvalue()
+
+
+def test_forged_rays_are_traced_again(monkeypatch, tmp_path):
+    monkeypatch.setenv("LENSFIELD_CACHE", str(tmp_path))
+    lens = varied_lens(VARIED[0])
+    lens_rays.cache_clear()
+    first = lens_rays(lens)
+    coefficients = first.coefficients
+    for content in (b"junk", archive(first)[:-30], archive(first, wavelengths_nm=np.array([550.0])),
+                    archive(first, coefficients=coefficients[..., :3]), archive(first, coefficients=coefficients[0]),
+                    archive(first, coefficients=coefficients.astype(float)), archive(first, reach=np.array(["wide"]))):
+        forge(tmp_path, "rays", content)
+        lens_rays.cache_clear()
+        assert lens_rays(lens) == first
+    lens_rays.cache_clear()
 
 
 def test_a_package_has_no_prescription_unless_it_is_a_bundled_one(tmp_path):

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from forged import forge
 from lens_texts import DOT_LENS, TOML, changed
 from lensfield.cli import main
 from lensfield.engine import LensError, ReadingOptions, read_prescription
@@ -151,6 +152,24 @@ def test_a_damaged_file_or_a_disabled_cache_only_costs_time(folder, bakes, singl
     path.write_bytes(path.read_bytes()[:-1])
     assert load_lens(singlet, NEAR, "preview") == lens
     monkeypatch.setenv("LENSFIELD_CACHE", "off")
+    assert load_lens(singlet, NEAR, "preview") == lens and len(bakes) == 3
+
+
+def test_a_forged_lens_is_baked_again(folder, bakes, singlet):
+    lens = load_lens(singlet, NEAR, "preview")
+    for content in (b"junk", b"PK\3\4" + bytes(100)):
+        forge(folder, "lenses", content)
+        for _ in range(2):
+            assert load_lens(singlet, NEAR, "preview") == lens
+    assert len(bakes) == 3
+
+
+def test_another_lens_under_this_name_is_baked_again(folder, bakes, singlet):
+    lens = load_lens(singlet, NEAR, "preview")
+    path, = (folder / "lenses").iterdir()
+    load_lens(singlet, replace(NEAR, f_number=11.0), "preview")
+    other, = set((folder / "lenses").iterdir()) - {path}
+    path.write_bytes(other.read_bytes())
     assert load_lens(singlet, NEAR, "preview") == lens and len(bakes) == 3
 
 

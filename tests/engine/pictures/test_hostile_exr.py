@@ -1,4 +1,4 @@
-"""EXR files with false size claims and invalid names: refused before memory is allocated."""
+"""EXR files with false size claims, oversized headers and invalid names: refused before memory is allocated."""
 
 import struct
 
@@ -6,8 +6,10 @@ import numpy as np
 import OpenEXR
 import pytest
 
+from exr_bytes import CHANNEL, attribute, channels_attribute, numbered, write_black, write_black_parts
 from lensfield.engine import ImageError
 from lensfield.engine.pictures import spectral_exr
+from lensfield.engine.pictures.exr_header import SIZES
 from lensfield.engine.pictures.rgb_picture import read_rgb_exr
 from lensfield.engine.pictures.spectral_exr import is_spectral, read_exr, read_parts, write_exr
 from rgb_files import colours, window
@@ -122,3 +124,86 @@ def test_unicode_lens_names_round_trip(tmp_path):
     image = read_exr(spectral(tmp_path / "lens.exr", "Größe ½"))
     write_exr(image, tmp_path / "again.exr")
     assert read_exr(tmp_path / "again.exr").lens_name == "Größe ½"
+
+
+@pytest.fixture
+def nothing_is_opened(monkeypatch):
+    """Fails the test if OpenEXR opens a file."""
+    monkeypatch.setattr(OpenEXR, "File", lambda *_, **__: pytest.fail("the file was opened"))
+    monkeypatch.setattr(OpenEXR, "InputFile", OpenEXR.File)
+
+
+OVERSIZED = {
+    "a million channels": lambda path: write_black(path, numbered(10**6)),
+    "channels under another name": lambda path: write_black(path, [b"Y"], channels_attribute(numbered(20_000), b"a")),
+    "20,000 parts": lambda path: write_black_parts(path, 20_000),
+    "20,000 attributes": lambda path: write_black(
+        path, [b"Y"], b"".join(attribute(name, b"int", bytes(4)) for name in numbered(20_000, b"a"))),
+    "a million empty texts": lambda path: write_black(path, [b"Y"], attribute(b"a", b"stringvector", bytes(4 * 10**6))),
+    "a text of 50 MB": lambda path: write_black(path, [b"Y"], attribute(b"a", b"string", b"a" * (50 << 20))),
+    "50 MB of floats": lambda path: write_black(path, [b"Y"], attribute(b"a", b"floatvector", bytes(50 << 20)))}
+
+
+@pytest.mark.parametrize("kind", OVERSIZED)
+@pytest.mark.parametrize("read", [is_spectral, read_rgb_exr, read_exr])
+def test_oversized_headers_are_errors_before_openexr_opens_the_file(tmp_path, nothing_is_opened, kind, read):
+    path = OVERSIZED[kind](tmp_path / "large.exr")
+    assert "header is over 32 MB: expected" in (error := error_of(read, path)) or (
+        "number of channels and attributes is over " in error)
+
+
+SPECIAL = {  # zeros are not valid
+    "keycode": struct.pack("<7i", 0, 0, 0, 0, 0, 4, 64), "rational": struct.pack("<iI", 24, 1)}
+KINDS = SIZES.keys() - {"deepImageState"}  # OpenEXR's Python cannot show the latter
+WITHIN_LIMITS = {
+    "text": ([b"Y"], attribute(b"text", b"string", b"a" * (8 << 20))), "channels": (numbered(10_000), b""),
+    "attributes": ([b"Y"], b"".join(attribute(name, b"int", bytes(4)) for name in numbered(5000, b"a"))),
+    "types": ([b"Y"], b"".join(attribute(b"a" + kind.encode(), kind.encode(), SPECIAL.get(kind, bytes(SIZES[kind])))
+                               for kind in sorted(KINDS))),
+    "lists": ([b"Y"], attribute(b"preview", b"preview", struct.pack("<2I", 2, 3) + bytes(24)) + attribute(
+        b"texts", b"stringvector", struct.pack("<i", 2) + b"ab" + bytes(4)) + attribute(b"own", b"owntype", b"abc"))}
+
+
+@pytest.mark.parametrize("names, more", WITHIN_LIMITS.values(), ids=list(WITHIN_LIMITS))
+def test_headers_within_the_limits_are_read(tmp_path, names, more):
+    (header, channels), = read_parts(write_black(tmp_path / "plain.exr", names, more))
+    assert channels.keys() == {name.decode() for name in names} and header
+
+
+def test_many_parts_are_read(tmp_path):
+    assert len(read_parts(write_black_parts(tmp_path / "parts.exr", 1000))) == 1000
+
+
+HIDDEN = channels_attribute(numbered(20_000), b"b")
+CONTRADICTORY = {
+    "a number of another size": attribute(b"a", b"int", HIDDEN), "no number": attribute(b"a", b"int", HIDDEN, size=0),
+    "floats of a broken size": attribute(b"a", b"floatvector", bytes(3 - len(HIDDEN) % 4) + HIDDEN),
+    "a preview of another size": attribute(b"a", b"preview", struct.pack("<2I", 1, 1) + HIDDEN),
+    "texts of another size": attribute(b"a", b"stringvector", struct.pack("<i", 2**31 - 1) + HIDDEN),
+    "a negative size": attribute(b"a", b"string", HIDDEN, size=-1),
+    "two types under one name": attribute(b"a", b"int", bytes(4)) + attribute(b"a", b"string", HIDDEN),
+    "a long name": attribute(b"a" * 300, b"string", HIDDEN), "a long type": attribute(b"a", b"s" * 300, HIDDEN),
+    "an empty type": attribute(b"a", b"", HIDDEN),
+    "a channel with a long name": channels_attribute([b"c" * 300], b"a") + HIDDEN,
+    "channels of another size": attribute(b"a", b"chlist", b"c\0" + CHANNEL[:5]) + HIDDEN}
+
+
+@pytest.mark.parametrize("kind", CONTRADICTORY)
+def test_attributes_that_hide_others_are_errors(tmp_path, nothing_is_opened, kind):
+    """OpenEXR would continue inside the first, and find channels there."""
+    path = write_black(tmp_path / "damaged.exr", [b"Y"], CONTRADICTORY[kind])
+    assert "file is not readable: expected an EXR picture (" in error_of(is_spectral, path)
+
+
+@pytest.mark.parametrize("kind, value", [("rational", bytes(8)), ("keycode", bytes(28))])
+def test_values_that_openexr_cannot_show_are_errors(tmp_path, kind, value):
+    path = write_black(tmp_path / "strange.exr", [b"Y"], attribute(b"a", kind.encode(), value))
+    for read in (is_spectral, read_rgb_exr, read_exr):
+        assert "file is not readable: expected an EXR picture (" in error_of(read, path)
+
+
+@pytest.mark.parametrize("length", [0, 3, 4, 7, 8, 30, 200])
+def test_headers_that_are_cut_off_are_errors(tmp_path, length):
+    path = write_black(tmp_path / "cut.exr", [b"Y"])
+    path.write_bytes(path.read_bytes()[:length])
+    error_of(is_spectral, path)

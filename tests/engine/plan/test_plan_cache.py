@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from forged import forge
 from lenses import comatic_lens, gaussian_psf, make_lens
 from lensfield.engine import ChannelCache, Options, SpectralImage, simulate
 from lensfield.engine.image.pixel_grid import PixelGrid
@@ -88,6 +89,22 @@ def test_plans_of_another_code_version_are_recomputed(folder, computed_plans, mo
     forget_process()
     monkeypatch.setattr(plan_cache.cache, "build_identity", lambda: "another")
     cached_plan(Options(), LENS, sampling())
+    assert len(computed_plans) == 2
+
+
+@pytest.mark.parametrize("damage", [lambda plan: b"junk", lambda plan: b"[]", lambda plan: b"{}",
+                                    lambda plan: plan.replace(b"psf_radius_px", b"psf_radius"),
+                                    lambda plan: plan.replace(b'"float32"', b"32"),
+                                    lambda plan: plan.replace(b'"section_size": ', b'"section_size": 0.'),
+                                    lambda plan: plan.replace(b'"name"', b'"title"') + b"\xff"])
+def test_junk_with_a_valid_seal_is_recomputed(folder, computed_plans, damage):
+    first = cached_plan(Options(), LENS, sampling())
+    content = plan_cache._as_text(first)
+    assert damage(content) != content
+    forge(folder, "plans", damage(content))
+    for _ in range(2):
+        forget_process()
+        assert cached_plan(Options(), LENS, sampling()) == first
     assert len(computed_plans) == 2
 
 

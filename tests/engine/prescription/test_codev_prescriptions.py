@@ -14,6 +14,7 @@ from lensfield.engine.rays.focus import build_system
 SINGLET = Prescription("singlet", SURFACES, ("entrance_pupil_diameter_mm", 5.0), ("angle_deg", 14.0),
                        reference_wavelength_nm=587.5618, source="lens.seq (Code V)")
 NEAR = ("SO    0.0 0.1e14", "SO    0.0 250.0")
+REAR = "  CON\n  K   -0.5\n"
 CURVATURES = [("RDM;", "RDM N;"), ("S     50.0", "S     0.02"), ("S     -50.0", "S     -0.02")]
 
 
@@ -170,6 +171,30 @@ def test_a_title_may_contain_a_semicolon(read):
     assert same(read(("'singlet'", "'one; STO; two'"))) == replace(SINGLET, name="one, STO, two")
 
 
+@pytest.mark.parametrize("before", ["SI ", "GO\n"], ids=["after the last surface", "after the image"])
+@pytest.mark.parametrize("commands", [
+    "CON {0}\nASP {0}\nK {0} -0.4; A {0} 1e-5; B {0} -2e-7; D {0} 0.0; J {0} 1e-30",
+    "CYL {0}; CUX {0} 0.0", "YTO {0}; RDX {0} -80.0; A {0} 2e-6", "XTO {0}; CUX {0} 0.01; K {0} -0.5; B {0} 1e-9",
+    "AAS {0}; CUX {0} -0.0125; KX {0} 0.7; KY {0} -0.5; AR {0} 2e-6; AP {0} 0.1; DR {0} 1e-20; DP {0} 3.0",
+    "DAR {0}; XDE {0} 0.3; YDE {0} -0.2; ADE {0} 2.0; CDE {0} 1.0", "CIR {0} 6.5", "CIR {0} CLR 6.5", "CIR CLR {0} 6.5",
+    "CIR {0} EDG 6.5", "CIR {0} OBS 1.5; CIR {0} 6.5"])
+def test_commands_may_name_their_surface(read, commands, before):
+    """They were lost behind SI: an aspheric singlet was read as a sphere."""
+    here = read((REAR, f"{commands.format('')}\n"))
+    named = read((REAR, ""), (before, f"{commands.format('S3')}\n{before}"))
+    assert named == here and not here.notes
+
+
+def test_commands_may_name_several_surfaces(read):
+    lens = read((REAR, ""), ("GO\n", "K S2..3 -0.4; K s3 0.2; CIR SI 9; K SO 1; STO S1\nGO\n"))
+    assert [surface.conic for surface in lens.surfaces] == [0.0, -0.4, 0.2]
+    assert lens.notes == "Not used from the file: K of SO, CIR of SI."
+
+
+def test_a_sphere_loses_its_asphere(read):
+    assert read((REAR, ""), ("GO\n", "K S3 -0.5\nCYL S3; CUX S3 0.1; SPH S3\nGO\n")).surfaces[2].conic == 0.0
+
+
 def test_a_stop_number_counts_from_the_first_surface(read):
     assert [surface.stop for surface in read(("  STO\n", ""), ("SO ", "STO S3\nSO ")).surfaces] == [False, False, True]
 
@@ -190,6 +215,20 @@ def test_defocus_moves_the_image_plane(read):
 def test_clear_apertures_stop_light_and_edges_do_not(read):
     assert [surface.semi_aperture_mm for surface in read().surfaces] == [np.inf, 8.0, np.inf]
     assert read(("CIR 8.0\n", "CIR CLR 7.0\n")).surfaces[1] == replace(SURFACES[1], semi_aperture_mm=7.0)
+
+
+def test_rectangular_apertures_stop_light(read):
+    rectangle = replace(SURFACES[1], semi_aperture_mm=np.inf, half_widths_mm=(6.0, 7.5))
+    for lines in ("REX 6.0; REY 7.5", "REY CLR 7.5\nREX CLR 6.0", "REX 6; REY 7.5; REX EDG 9; REY EDG 9"):
+        lens = read(("CIR 8.0\n  CIR EDG 9.0\n", f"{lines}\n"), ("GO\n", "REX SI 9\nREY SI 9\nGO\n"))
+        assert lens.surfaces[1] == rectangle and lens.notes == "Not used from the file: REX of SI, REY of SI."
+    assert read(("DIM   M", "DIM   C"), ("CIR 8.0\n", "REX 0.6; REY 0.75\n")).surfaces[1].half_widths_mm == (6.0, 7.5)
+
+
+def test_a_turned_rectangle_keeps_its_turn(read):
+    lens = read(("CIR 8.0\n", "REX 6; REY 7; DAR; CDE 90\n"), (REAR, "  REX 2; REY 3; DAR; CDE 30\n"))
+    assert lens.surfaces[1].half_widths_mm == (7.0, 6.0) and lens.surfaces[1].pose is None
+    assert lens.surfaces[2].half_widths_mm == (2.0, 3.0) and lens.surfaces[2].pose == Pose(tilt_deg=(0.0, 0.0, 30.0))
 
 
 def test_object_distances(read):
@@ -222,16 +261,33 @@ def test_the_first_of_several_zoom_positions_is_used(read):
     ("  CON\n", "  YTO\n", "surface 3 is S -50.0 47.5: expected the curvature along x, CUX, of a surface YTO"),
     ("  CON\n", "  YTO; CUX 0; AR 1e-6\n", "surface 3 is AR 1e-6: expected one of K, A, B"),
     ("  CON\n", "  AAS; CUX 0; A 1e-6\n", "surface 3 is A 1e-6: expected one of K, KY, KX"),
-    ("  CON\n", "  AAS; CUX S3 0.1\n", "surface 3 is CUX S3 0.1: expected a number as word 2"),
+    ("  CON\n", "  AAS; CUX S3 x\n", "surface 3 is CUX x: expected a number as word 2"),
+    ("GO\n", "REX S1 OBS 6\nGO\n", "surface 1 is REX OBS 6: expected REX and the half-width of a clear aperture"),
+    ("GO\n", "K S4..5 0.1\nGO\n", "command is K S4..5 0.1: expected one surface, S0 to S4, or several such as S1..3"),
+    ("GO\n", "K SA 0.1\nGO\n", "command is K SA 0.1: expected one surface"),
+    ("GO\n", "K S1 S2 0.1\nGO\n", "command is K S1 S2 0.1: expected one surface"),
+    ("GO\n", "K S3..2 0.1\nGO\n", "command is K S3..2 0.1: expected one surface"),
+    ("GO\n", "K S2 Z2 0.1\nGO\n", "surface 2 is K Z2 0.1: expected one number"),
+    ("GO\n", "DAR S2 0.1\nGO\n", "surface 2 is DAR 0.1: expected no number"),
+    ("GO\n", "GLA S1 SF6_SCHOTT\nGO\n", "surface 1 is GLA S1 SF6_SCHOTT: expected radius, thickness and glass"),
+    ("  CON\n", "  GLA SF6\n", "surface 3 is GLA SF6: expected radius, thickness and glass"),
+    ("  CON\n", "  SPS SXX\n", "surface 3 is SPS SXX: expected a conic or an asphere"),
+    ("GO\n", "UDS S2\nGO\n", "surface 2 is UDS S2: expected a conic or an asphere"),
+    ("S     -50.0 47.5", "S -50.0 47.5 AIR REFL", "surface 3 is S -50.0 47.5 AIR REFL: expected a radius or curvature"),
+    ("GO\n", "A 1e-6\nGO\n", "SI is not a plane in air: expected a flat object and a flat image"),
+    ("GO\n", "A SI 1e-6\nGO\n", "SI is not a plane in air: expected a flat object and a flat image"),
+    ("GO\n", "CYL SO; CUX SO 0.1\nGO\n", "SO is not a plane in air: expected a flat object and a flat image"),
     ("  CON\n", "  UDS\n", "surface 3 is UDS: expected a conic or an asphere"),
     ("NBK7_SCHOTT", "REFL", "mirrors is 1: expected an even number"),
     ("  CON\n", "  SPS ODD\n", "surface 3 is SPS ODD: expected a conic or an asphere"),
     ("  CON\n", "  DIF DOE\n", "surface 3 is DIF DOE: expected a conic or an asphere"),
     ("CIR 8.0\n", "CIR ABC 8.0\n", "surface 2 is CIR ABC 8.0: expected CIR and the radius of a clear aperture, or CIR"),
     ("CIR 8.0\n", "CIR\n", "surface 2 is CIR: expected CIR and the radius of a clear aperture"),
-    ("CIR 8.0\n", "REX 8.0\n", "surface 2 is REX 8.0: expected circular apertures"),
-    ("CIR 8.0\n", "ADY 1.0\n", "surface 2 is ADY 1.0: expected circular apertures"),
-    ("CIR 8.0\n", "THI S1 5\n", "surface 2 is THI S1 5: expected radius, thickness and glass on the line of"),
+    ("CIR 8.0\n", "REX 8.0\n", "surface 2 is REX 8.0: expected both half-widths of a rectangular aperture"),
+    ("CIR 8.0\n", "REX OBS 8.0\n", "surface 2 is REX OBS 8.0: expected REX and the half-width of a clear aperture"),
+    ("CIR 8.0\n", "REX 0; REY 4\n", "surface 2, half_widths_mm is (0.0, 4.0): expected two positive numbers"),
+    ("CIR 8.0\n", "ADY 1.0\n", "surface 2 is ADY 1.0: expected centred circular (CIR) or rectangular apertures"),
+    ("CIR 8.0\n", "THI S1 5\n", "surface 1 is THI S1 5: expected radius, thickness and glass on the line of"),
     ("S     50.0 4.0", "S     5O.0 4.0", "surface 2 is S 5O.0 4.0 NBK7_SCHOTT: expected a radius"),
     ("S     50.0 4.0 NBK7", "S     50.0 NBK7", "surface 2 is S 50.0 NBK7_SCHOTT: expected a radius or curvature"),
     ("DIM   M", "DIM   F", "DIM is F: expected one of M, C, I"),
@@ -260,9 +316,6 @@ def test_a_surface_without_figures_is_a_plane(read):
     """A bare S is a plane of zero thickness."""
     lens = read(("S     -50.0 47.5", "S\nS     -50.0 47.5"))
     assert lens.surfaces[2] == Surface()
-
-
-REAR = "  CON\n  K   -0.5\n"
 
 
 @pytest.mark.parametrize("lines, changes", [

@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 
 from lensfield.engine import LensError
-from lensfield.engine.prescription.glasses import CATALOGUE, best_name, find_glass
+from lensfield.engine.prescription.glasses import CATALOGUE, Glass, best_name, find_glass
+from lensfield.engine.prescription.prescription import Prescription, Surface
+from lensfield.engine.prescription.system import system_of
+from lensfield.engine.spectral.refraction import Formula
 
 NAMES = [line.partition(",")[0] for line in CATALOGUE.read_text(encoding="utf-8").splitlines()]
 
@@ -81,3 +84,22 @@ def test_a_glass_without_extinction_absorbs_nothing():
     assert without.extinction_at(550.0) == 0
     flint = find_glass("SF11", "lens", "glass")
     assert flint.extinction_at(400.0) > flint.extinction_at(550.0) > 0
+
+
+def one_glass(name, figures=""):
+    return Prescription("condenser", (Surface(50.0, 3.0, name, stop=True, glass_figures=figures), Surface(-50.0, 47.0)),
+                        ("f_number", 10.0), ("angle_deg", 5.0))
+
+
+@pytest.mark.parametrize("name, figures, nm, message", [
+    ("SCHOTT B270", "", 400.0, r"known from 435.83 to 656.27 nm only, not at 400 nm: .*n/V such as 1.523/58.76 \("),
+    ("SCHOTT B270", "1.523/58.57", 700.0, r"to 656.27 nm only, not at 700 nm: .*n/V such as 1.523/58.57 \(--glass"),
+    ("SCHOTT N-BK7", "", 200.0, "known from 300 to 2500 nm only, not at 200 nm: .*n/V such as 1.5168/64.17 ")])
+def test_a_wavelength_beyond_a_glass_is_an_error_with_its_range(name, figures, nm, message):
+    with pytest.raises(LensError, match=f"surface 1, glass is {name}: .*{message}"):
+        system_of(one_glass(name, figures)).indices_at([550.0, nm])
+
+
+def test_a_glass_that_is_unknown_at_the_spectral_lines_has_no_figures():
+    infrared = Glass("IR", Formula(5, (3.4,), (1200.0, 9000.0)))
+    assert not infrared.figures

@@ -109,8 +109,10 @@ def test_an_index_without_dispersion_becomes_the_glass_name(read):
      "surface 3 is BiconicGeometry, curved along x and y: Optiland adds the sags"),
     (dict(cs={"reference_cs": {"x": 0.0}}), "surface 3 is in the coordinate system of another"),
     (dict(material={"type": "Mirror"}), "surface 3, glass is Mirror: expected a catalogue glass"),
+    (dict(aperture={"type": "RectangularAperture", "x_min": -4.0, "x_max": 5.0, "y_min": -6.0, "y_max": 6.0}),
+     "surface 3, aperture is RectangularAperture: expected a centred circle, RadialAperture, or rectangle"),
     (dict(aperture={"type": "EllipticalAperture", "a": 8.0, "b": 1.0}),
-     "surface 3, aperture is EllipticalAperture: expected a circle")], ids=lambda value: None)
+     "surface 3, aperture is EllipticalAperture: expected a centred circle")], ids=lambda value: None)
 def test_unsupported_surfaces_of_optiland_are_refused(read, third, message):
     with pytest.raises(LensError, match=message):
         read(optiland(**third))
@@ -130,6 +132,12 @@ def test_toroids_and_cylinders_of_optiland(read, third, changes):
     expected = Surface(-50.0, 2.0, "1.62/60.3", conic=-0.5)
     lens = read(contents)
     assert lens.surfaces[2] == replace(expected, **changes) and "Not used" not in lens.notes
+
+
+def test_a_rectangular_aperture_of_optiland(read):
+    lens = read(optiland(aperture={"type": "RectangularAperture", "x_min": -4.0, "x_max": 4.0, "y_min": -6.0,
+                                   "y_max": 6.0}))
+    assert lens.surfaces[2].half_widths_mm == (4.0, 6.0) and "Not used" not in lens.notes
 
 
 def test_poses_of_optiland(read):

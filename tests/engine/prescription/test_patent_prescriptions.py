@@ -153,6 +153,19 @@ def test_differing_f_numbers_of_a_dot_lens_are_noted(dot_lens, name, header, use
     assert f"The name says f/{name}, the header f/{header}: f/{used:g} is used." in lens.notes
 
 
+@pytest.mark.parametrize("size", ["1e6", "1000000.000", "0"])
+def test_a_dot_lens_may_state_no_aperture(dot_lens, size):
+    """The Hologon's stop is 1e6 wide: it has none, and the f-number sets its size."""
+    lens = dot_lens(("0.00     5.000 ", f"0.00 {size} "), field=FIELD)
+    assert lens.surfaces[0] == replace(STOP, semi_aperture_mm=np.inf, coating="none")
+    assert build_system(lens).stop_semi_aperture_mm == pytest.approx(2.4, abs=0.1)
+
+
+def test_a_dot_lens_without_any_size_of_its_stop_is_rejected(dot_lens):
+    with pytest.raises(LensError, match="aperture, stop is inf: expected a positive number"):
+        dot_lens(("0.00     5.000 ", "0.00 1e6 "), ("f/10", "slow"), field=FIELD)
+
+
 LAST_ROW = "16.000    0\n"
 
 

@@ -11,6 +11,7 @@ from lensfield.engine import LensError
 from lensfield.engine.bake.bake import bake
 from lensfield.engine.prescription.prescription import Pose, Prescription, Surface
 from lensfield.engine.prescription.readers import ReadingOptions, read_prescription
+from lensfield.engine.prescription.readers.toml import write_prescription
 from lensfield.engine.rays.focus import build_system
 
 SINGLET = Prescription("singlet", SURFACES, ("entrance_pupil_diameter_mm", 5.0), ("angle_deg", 14.0),
@@ -19,6 +20,7 @@ GLASS = "GLAS N-BK7 0 0 1.5 40 0 0 0 0 0 0"
 NEAR = ("DISZ INFINITY", "DISZ 250")
 BREAK = "SURF 4\n  TYPE COORDBRK\n  {}\n  CURV 0\n  DISZ 0\n"
 LAST = "DISZ 4.75E+1\n"
+FRONT = "TYPE STANDARD\n  CURV 2.0E-2"
 
 
 @pytest.fixture
@@ -324,7 +326,9 @@ def test_an_unusual_temperature_is_reported(read, air, reported):
     ("TYPE STANDARD\n  CURV 2.0E-2", "TYPE IRREGULA\n  CURV 2.0E-2", "surface 2 is IRREGULA: expected one of"),
     ("TYPE STANDARD\n  CURV 2.0E-2", "TYPE GRID_SAG\n  CURV 2.0E-2", "surface 2 is GRID_SAG: expected one of"),
     ("FLAP 0 8.0 0", "CLAP 0 8.0 0\n  OBDC 0 1.0", "surface 2, aperture is decentred: expected"),
-    ("FLAP 0 8.0 0", "SQAP 4 3 0", "surface 2, aperture is SQAP: expected a circle"),
+    ("FLAP 0 8.0 0", "ELAP 4 3 0", "surface 2, aperture is ELAP: expected a circle, CLAP or FLAP, a rectangle"),
+    ("FLAP 0 8.0 0", "SQAP 4 3 0\n  OBDC 1 0", "surface 2, aperture is decentred: expected a centred circle"),
+    ("FLAP 0 8.0 0", "SQAP 4", "surface 2, half_widths_mm is (4.0,): expected two positive numbers"),
     ("FLAP 0 8.0 0", "OBSC 1 3 0", "surface 2, aperture is an obstruction in the shape of a ring: expected OBSC"),
     ("FLAP 0 8.0 0", "FLAP 0 x 0", "line 34 is FLAP 0 x 0: expected a number as word 3"),
     ("  STOP\n", "", "stop is at 0 surfaces"),
@@ -356,3 +360,80 @@ def test_untraceable_lenses_are_errors_with_their_location(read, old, new, messa
 def test_a_truncated_file_is_not_read_as_a_shorter_lens(read, marker):
     with pytest.raises(LensError):
         read((ZEMAX[ZEMAX.index(marker):], ""))
+
+
+@pytest.mark.parametrize("old, new, name", [
+    (FRONT, "TYPE EVENASPH\n  XDAT 1 2\n  XDAT 3 1e-6\n  CURV 2.0E-2", "XDAT of surface 2"),
+    (FRONT, "TYPE STANDARD\n  XDAT 3 1e-6 0\n  CURV 2.0E-2", "XDAT of surface 2"),
+    (FRONT, "TYPE STANDARD\n  PARM 2 1e-6\n  CURV 2.0E-2", "PARM of surface 2"),
+    ("DISZ INFINITY", "DISZ INFINITY\n  CLAP 0 9 0", "CLAP of surface 0"),
+    ("DISZ INFINITY", "DISZ INFINITY\n  SQAP 9 9 0", "SQAP of surface 0")])
+def test_figures_that_a_surface_does_not_use_are_noted(read, old, new, name):
+    assert read((old, new)).notes == f"Not used from the file: {name}."
+
+
+def test_extra_data_of_zero_are_not_noted(read):
+    assert not read((FRONT, "TYPE EVENASPH\n  XDAT 1 0 0\n  PARM 1 0\n  CURV 2.0E-2")).notes
+
+
+def extended(shape, *data):
+    """Replacement of the front of the singlet by an extended asphere with these extra data."""
+    lines = "".join(f"  XDAT {number} {value} 0 0 1 0 0 0\n" for number, value in enumerate(data, 1))
+    return FRONT, f"TYPE {shape}\n{lines}  CURV 2.0E-2"
+
+
+@pytest.mark.parametrize("change, terms", [
+    (extended("XASPHERE", 2, 1, 0, 1e-6), dict(aspheric=(0.0, 1e-6))),
+    (extended("XASPHERE", 3, 4, 0.5, 0, -0.25), dict(aspheric=(0.5 / 4**2, 0.0, -0.25 / 4**6))),
+    (extended("XOSPHERE", 4, 4, 0, 0, 0.5, -0.25), dict(odd_aspheric=(0.0, 0.5 / 4**3), aspheric=(0.0, -0.25 / 4**4))),
+    (extended("XOSPHERE", 2, 10, 0, 0.5), dict(aspheric=(0.5 / 10**2,))),
+    (extended("XASPHERE", 0, 0), {})])
+def test_extended_aspheres(read, change, terms):
+    assert read(change).surfaces[1] == replace(SURFACES[1], **terms)
+    assert not read(change).notes
+
+
+def test_an_extended_asphere_has_more_powers_than_sixteen(read, tmp_path):
+    """Its coefficients are in the unit of the file, and are written beyond r^40."""
+    data = (25, 0.5, *(0.0,) * 24, 1e-3)
+    lens = read(extended("XASPHERE", *data), ("UNIT MM", "UNIT CM"))
+    assert lens.surfaces[1].aspheric == (*(0.0,) * 24, pytest.approx(1e-3 * 10 / 5**50, rel=1e-12))
+    (tmp_path / "written.toml").write_text(write_prescription(lens))
+    assert read_prescription(tmp_path / "written.toml").surfaces == lens.surfaces
+
+
+def test_unused_extra_data_of_an_extended_asphere_are_noted(read):
+    lens = read(extended("XASPHERE", 1, 4, 0.5, 1e-3))
+    assert lens.surfaces[1].aspheric == (0.5 / 4**2,) and lens.notes == "Not used from the file: XDAT of surface 2."
+
+
+@pytest.mark.parametrize("data, message", [
+    ((2, 0, 0, 1e-6), "surface 2, XDAT 2 is 0: expected a positive normalisation radius"),
+    ((1.5, 1, 0), "surface 2, XDAT 1 is 1.5: expected 0 to 100 terms"),
+    ((1e9, 1, 0), "surface 2, XDAT 1 is 1e"), (("nan", 1, 0), "surface 2, XDAT 1 is nan")])
+def test_an_invalid_extended_asphere_is_an_error(read, data, message):
+    with pytest.raises(LensError, match=message):
+        read(extended("XOSPHERE", *data))
+
+
+def test_a_rectangular_aperture_is_read(read):
+    """A semi-diameter next to it is not an aperture."""
+    expected = replace(SURFACES[1], semi_aperture_mm=np.inf, half_widths_mm=(4.0, 6.0))
+    lens = read(("FLAP 0 8.0 0", "SQAP 4 6 0"))
+    assert lens.surfaces[1] == expected and not lens.notes
+    assert read(("FLAP 0 8.0 0", "SQAP .4 .6 0"), ("UNIT MM", "UNIT CM")).surfaces[1].half_widths_mm == (4.0, 6.0)
+
+
+def test_rectangles_that_clip_the_beam_are_noted(read):
+    """The beam on surface 2 has a radius of 2.5 mm."""
+    assert "Apertures clip the axial beam to 80% of its radius (surface 2)." in read(("FLAP 0 8.0 0", "SQAP 2 6")).notes
+    assert "to 60% of its radius (surface 2)." in read(("FLAP 0 8.0 0", "SQAP 4 1.5")).notes
+
+
+def test_a_rectangle_turns_with_a_coordinate_break(read):
+    """A quarter turn exchanges its sides."""
+    breaks = BREAK.format("PARM 5 {}").replace("SURF 4\n", "SURF {}\n")
+    lens = read(("FLAP 0 8.0 0", "SQAP 4 6"), ("SURF 2\n", breaks.format(2, 90) + "SURF 3\n"),
+                ("SURF 3\n  TYPE STANDARD\n  CURV -2", breaks.format(4, -90) + "SURF 5\n  TYPE STANDARD\n  CURV -2"),
+                ("SURF 4\n  TYPE STANDARD", "SURF 6\n  TYPE STANDARD"))
+    assert lens.surfaces[2].half_widths_mm == (6.0, 4.0) and lens.surfaces[2].pose is None

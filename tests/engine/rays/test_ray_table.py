@@ -16,6 +16,7 @@ from lensfield.engine.prescription.readers import read_prescription
 from lensfield.engine.prescription.system import system_of
 from lensfield.engine.rays.aiming import aim_at_image
 from lensfield.engine.rays.focus import build_system
+from lensfield.engine.rays.light_end import light_end
 from lensfield.engine.rays.pupil import PupilQuadrature
 from lensfield.engine.rays.ray_table import FINER_PUPIL, ray_table
 from lensfield.engine.rays.rays import HalfPupil, trace_pupil
@@ -164,7 +165,7 @@ def test_uniform_light_from_the_scene_is_as_bright_as_its_rays(name):
 
 def light_on_rings(system, wavelength_nm, edges_mm, rings=3200):
     """Irradiance over radiance on rings of the sensor, by rays from rings of the scene."""
-    last, = system.fields_of([system.last_height_mm])
+    last, = system.fields_of([light_end(system, (wavelength_nm,)).height_mm])
     fields, pupil = (np.arange(rings) + 0.5) / rings * last, HalfPupil(17, 21)
     wavefronts = trace_wavefronts(system, system.heights_of(fields), [wavelength_nm], pupil)
     extent = np.sin(np.abs(fields)) if system.object_at_infinity else np.abs(fields)

@@ -42,6 +42,51 @@ def test_a_damaged_file_counts_as_missing(folder, damage):
     assert cache.load("kind", KEY) == b"0123456789"
 
 
+def test_an_entry_copied_to_another_name_counts_as_missing(folder):
+    for key, content in ((KEY, b"some"), (OTHER, b"other")):
+        cache.store("kind", key, content, 2000)
+    one, two = (folder / "kind").iterdir()
+    one.write_bytes(two.read_bytes())
+    assert sorted(filter(None, (cache.load("kind", key) for key in (KEY, OTHER)))) in ([b"some"], [b"other"])
+
+
+@pytest.mark.skipif(os.name != "posix", reason="POSIX only")
+@pytest.mark.parametrize("place", [os.mkfifo, lambda path: path.symlink_to("/dev/zero"),
+                                   lambda path: path.symlink_to(path.parent / "missing")])
+def test_an_entry_that_is_no_file_counts_as_missing_and_is_replaced(folder, place):
+    cache.store("kind", KEY, b"some", 2000)
+    path = only_file(folder)
+    path.unlink()
+    place(path)
+    assert cache.load("kind", KEY) is None
+    cache.store("kind", KEY, b"some", 2000)
+    assert cache.load("kind", KEY) == b"some" and path.is_file() and not path.is_symlink()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="links need a privilege")
+def test_a_link_in_the_cache_does_not_lead_to_another_file(folder, tmp_path):
+    (tmp_path / "mine").write_text("mine")
+    cache.store("kind", KEY, b"some", 2000)
+    only_file(folder).unlink()
+    path = cache._path(folder, "kind", KEY)
+    path.symlink_to(tmp_path / "mine")
+    cache.store("kind", KEY, b"some", 2000)
+    assert (tmp_path / "mine").read_text() == "mine" and cache.load("kind", KEY) == b"some"
+
+
+def test_an_implausibly_large_file_is_not_read(folder, monkeypatch):
+    cache.store("kind", KEY, bytes(1000), 2000)
+    monkeypatch.setattr(cache, "MOST_FILE_BYTES", 1000)
+    assert cache.load("kind", KEY) is None
+
+
+def test_content_that_cannot_be_read_counts_as_missing(folder):
+    cache.store("kind", KEY, b"12", 2000)
+    assert cache.load("kind", KEY, int) == 12
+    cache.store("kind", KEY, b"junk", 2000)
+    assert cache.load("kind", KEY, int) is None
+
+
 def test_the_least_recently_used_files_are_removed_first(folder):
     keys = [bytes([number] * 32) for number in range(6)]
     most = 4 * (64 + 1 + len(b"some"))

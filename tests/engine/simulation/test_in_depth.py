@@ -117,6 +117,21 @@ def test_light_in_and_out_of_focus_ends_where_the_lens_data_end(out_of_field):
         assert np.all(lit[:, radius_mm > 0.52] == (out_of_field == "hold"))
 
 
+def test_nothing_is_lit_beyond_the_end_of_the_light():
+    """As above, for lens data whose last height is dark: whatever the option, and nothing is reported missing."""
+    lens = tinted(make_lens(heights_mm=np.linspace(0, 0.5, 6), object_distance_mm=FOCUS_MM, magnification=-0.005,
+                            relative_illumination=lambda nm, p: (p < 0.45).astype(float)))
+    grid = PixelGrid((70, 90), 16.0, centre_px=(30.0, 52.0), overscan_px=(6, 6))
+    x_mm, y_mm = grid.frame().axes_mm()
+    radius_mm = np.hypot(x_mm, y_mm[:, None])
+    for depth_mm in (FOCUS_MM, 150.0):
+        scene, report = LayeredRadiance((layer(grid, 3.0, depth_mm),), NM, grid, lens.capture_focal_length_mm), Report()
+        irradiance = simulate(scene, lens, report=report).cube
+        assert np.all(irradiance[:, radius_mm < 0.38] > 0.5 * irradiance.max())
+        assert np.all(irradiance[:, radius_mm > 0.52] < 1e-4 * irradiance.max())
+        assert report.lens_image.out_of_field_fraction == 0
+
+
 def test_an_even_plane_tilted_through_focus_shows_no_seam(lens):
     """From well in front of the focus to well behind it: no seam where rays begin, and none where layers do."""
     grid = grid_of(lens)

@@ -195,7 +195,7 @@ def compared_rays(case):
     lens, bare = (opened(system_of(lens_of(case, bare))) for bare in (False, True))
     optic, plane = optic_of(lens.system.prescription)
     beam, pairs = beam_of_lamp(lens.system, case), np.vstack([lens.pairs, [[-1, -1]]])
-    limits_mm = WIDE / lens.per_semi_aperture[0] * np.tile([-1.0, 1.0, -1.0, 1.0], (len(pairs), 1))
+    limits_mm = WIDE / lens.openings.per_semi_aperture[0] * np.tile([-1.0, 1.0, -1.0, 1.0], (len(pairs), 1))
     ours, ours_bare = (trace_ghosts(each, each.coated(np.array([NM]))[0], beam, pairs, limits_mm, FEW)
                        for each in (lens, bare))
     rays = lamp_rays(beam, *rays_within(lens, limits_mm))
