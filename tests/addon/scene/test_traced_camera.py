@@ -99,7 +99,7 @@ def test_rays_beyond_a_rectangle_are_black(lens, number, tmp_path):
     halves_mm = np.quantile(np.sqrt(squares_mm2), 0.7, axis=1)
     optics = aimed_along(lens_from_sensor(with_rectangle(halves_mm), NM, FILM.edges_mm), place_mm, direction)
     scene = truth_scenes.empty_scene()
-    use_shader(scene.camera.data, shader_text(optics, FILM, UNIT_MM))
+    use_shader(scene.camera.data, shader_text(optics, FILM, UNIT_MM), Journal())
     _, light = places_seen(scene, tmp_path, 30.0)
     passing = np.all(squares_mm2 < halves_mm[:, None]**2, axis=0)
     assert 4 < passing.sum() < passing.size - 4
