@@ -37,16 +37,21 @@ NEARLY = 1 - 1e-4  # of the distance to a patch: its own surface is not in the w
 MOST_NAMED = 3
 
 
-def outside_steps(ready, capture):
-    """Steps that find the sources of a scene that is ready for its passes; returns what `outside_sources` returns.
+def outside_steps(ready, capture, needed):
+    """Steps that find the sources of a scene that is ready for its passes; returns what `outside_sources` returns, or
+    None for the sources if they take renders and are not needed.
 
     Parameters
     ----------
     ready : Ready
     capture : PixelGrid
+    needed : bool
+        Whether the lens image has stray light.
     """
     scene, sky = ready.scene, None
     if shows_world(scene) and ready.substitution.emission_at(rendered_world(scene), ready.job.wavelengths_nm) is None:
+        if not needed:
+            return None, ()
         sky = yield from sky_steps(ready)
     return outside_sources(scene, ready.job, ready.substitution, capture, sky)
 

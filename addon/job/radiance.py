@@ -204,12 +204,13 @@ def capture(scene, job, result, share):
     """
     with temporary_folder() as folder, Journal() as journal, ExitStack() as alone:
         ready = yield from ready_steps(scene, job, result.files, share, folder, journal, alone)
-        outside, uncounted = (None, ()) if job.traced else (yield from outside_steps(ready, _rendered_grid(ready)))
+        stray, outside, uncounted = bool(job.stray.parts(job.options.accuracy or DEFAULT_ACCURACY)), None, ()
+        if not job.traced:
+            outside, uncounted = yield from outside_steps(ready, _rendered_grid(ready), stray)
         sampled = _passes(ready, journal)
         lights = yield from light_steps(ready, sampled, ready.capture_px, ready.slabs, share, journal)
     captured = captured_from(ready, lights, ready.grid, ready.capture_px)
-    of_stray = uncounted if job.stray.parts(job.options.accuracy or DEFAULT_ACCURACY) else ()
-    captured = replace(captured, outside=outside, remarks=(*captured.remarks, *of_stray))
+    captured = replace(captured, outside=outside, remarks=(*captured.remarks, *(uncounted if stray else ())))
     result.report.add(_facts(ready, lights, captured, sampled.text))
     return captured
 
