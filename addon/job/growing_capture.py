@@ -16,7 +16,7 @@ from ..scene.denoise import can_denoise, denoise_quickly, denoised, guide_planes
 from ..scene.render_state import rendered_layer, show_samples, show_slab
 from ..scene.undo import Journal
 from .light import place_in
-from .radiance import Captured, captured_from, light_steps, planned_steps, sliced_steps
+from .radiance import Captured, captured_from, light_steps, planned_steps, sliced_steps, unfocused_light
 from .sampled_passes import Samples, WholePasses, mean_light
 
 FINER = 3  # fine pixels in a coarse one, down and across
@@ -69,8 +69,8 @@ def growing_capture(scene, job):
                     yield None
 
 
-def _stages(planned, journal):
-    """Steps of the stages of a planned scene, and a Grown after each."""
+def _stages(planned, journal, again=True):
+    """Steps of the stages of a planned scene, and a Grown after each; `again` if they may begin anew with layers."""
     most = planned.scene.cycles.samples
     ready = yield from sliced_steps(planned, 1.0, journal, FINER)
     passes = _GrowingPasses(ready, journal)
@@ -81,7 +81,11 @@ def _stages(planned, journal):
         for samples in stages:
             passes.last = samples
             lights = yield from light_steps(ready, passes, capture_px, slabs, 1.0, journal)
-            yield Grown(captured_from(ready, lights, grid, capture_px), samples, times)
+            captured = captured_from(ready, lights, grid, capture_px)
+            if again and (unfocused := unfocused_light(ready, captured)):
+                yield from _stages(ready.with_emitters(unfocused), journal, again=False)
+                return
+            yield Grown(captured, samples, times)
             passes.order.reverse()  # the next stage begins with the scene as it is
             slabs = [replace(light.slab, narrows=False) for light in lights]
 
