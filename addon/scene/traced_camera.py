@@ -99,12 +99,12 @@ def shader_text(lens: FromSensor, film, unit_mm):
         "CENTRE_X": x_mm - lens.origin_mm[0], "CENTRE_Y": y_mm - lens.origin_mm[1], "WIDTH": columns * pitch_mm,
         "HEIGHT": rows * pitch_mm, "ENTRANCE_PUPIL": lens.entrance_pupil_mm, "COUNT": lens.gap_mm.size,
         "APART": lens.gap_mm, "CURVATURE": lens.curvature_per_mm, "CONIC": lens.conic,
-        "SEMI": np.minimum(lens.semi_aperture_mm, WIDE_MM), "ETA": lens.index_ratio,
+        "SEMI": np.minimum(lens.semi_aperture_mm, WIDE_MM), "HOLE": lens.semi_obstruction_mm, "ETA": lens.index_ratio,
         "ABSORPTION": lens.absorption_per_mm, "COATINGS": lens.coating_transmittance, "ASPHERIC": lens.terms,
         "TERMS": lens.terms.size,
         "BENT": lens.terms.any(axis=1).astype(int), "TERMS_EACH": lens.terms.shape[1],
         "FIRST_POWER": lens.first_power, "POWER_STEP": lens.power_step,
-        "NEWTON_STEPS": NEWTON_STEPS, "GOOD_MM": GOOD_SHARE * lens.gap_mm.sum(), "LEAST_SQUARE": LEAST_SQUARE,
+        "NEWTON_STEPS": NEWTON_STEPS, "GOOD_MM": GOOD_SHARE * np.abs(lens.gap_mm).sum(), "LEAST_SQUARE": LEAST_SQUARE,
         "UNIT_MM": unit_mm, **_aim_numbers(lens.aim), **_section_numbers(lens.sections),
         **_rectangle_numbers(lens.half_widths_mm)}
     numbers = {name: ", ".join(map(repr, np.ravel(value).tolist())) for name, value in numbers.items()}

@@ -182,8 +182,9 @@ def _lens(system: System, view: View, nodes: Nodes, tables: Tables, wavelengths_
     return GridLens(
         name=prescription.name, maker=prescription.maker, story=prescription.story, source=prescription.source,
         notes=notes, efl_mm=system.efl_mm, magnification=system.magnification,
-        f_number_effective=0.5 / np.sqrt(reference_area / np.pi), object_distance_mm=prescription.object_distance_mm,
-        entrance_pupil_mm=system.entrance_pupil_mm, sensor_mm=sensor_mm(system),
+        f_number_effective=0.5 / np.sqrt(reference_area / np.pi), central_obstruction=system.central_obstruction,
+        object_distance_mm=prescription.object_distance_mm, entrance_pupil_mm=system.entrance_pupil_mm,
+        sensor_mm=sensor_mm(system),
         reference_wavelength_nm=prescription.reference_wavelength_nm, wavelengths_nm=wavelengths_nm,
         y_mm=nodes.lines_mm[0], x_mm=nodes.lines_mm[1], mirrored=mirrored(prescription),
         source_mm=(_source_tangent(system, view, nodes, wavelengths_nm) * per_tangent).reshape(*shape, 2),

@@ -131,7 +131,7 @@ def _lens(system: System, heights_mm, wavefronts, area, reference_area, flux, pi
     return RadialLens(
         name=prescription.name, maker=prescription.maker, story=prescription.story, source=prescription.source,
         notes=notes, efl_mm=system.efl_mm, magnification=system.magnification,
-        f_number_effective=0.5 / np.sqrt(reference_area / np.pi),
+        f_number_effective=0.5 / np.sqrt(reference_area / np.pi), central_obstruction=system.central_obstruction,
         object_distance_mm=prescription.object_distance_mm, entrance_pupil_mm=system.entrance_pupil_mm,
         sensor_mm=sensor_mm(system),
         reference_wavelength_nm=prescription.reference_wavelength_nm, wavelengths_nm=wavelengths_nm,

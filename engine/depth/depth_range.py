@@ -144,7 +144,7 @@ def focus_range_px(lens: Lens, pitch_um: float) -> tuple[float, float]:
     focus. From a wave on, geometry determines the blur, and its rays also determine occlusion. The limits are at least
     SHARP_PX and BLURRED_PX.
     """
-    wave_px = 8e-3 * lens.reference_wavelength_nm * lens.f_number_effective / pitch_um
+    wave_px = 8e-3 * lens.reference_wavelength_nm * lens.rim_f_number / pitch_um
     return max(wave_px / 4, SHARP_PX), max(wave_px, BLURRED_PX)
 
 

@@ -26,7 +26,8 @@ class CompositorLens:
     shift : (float, float)
         From the axis to the middle of the sensor, to the right and up.
     bokeh : float32 array (BOKEH_PX, BOKEH_PX)
-        The opening of the stop, which a distant point shows turned by 180 degrees, from the lower left.
+        The opening of the stop, with the hole of a mirror lens, which a distant point shows turned by 180 degrees,
+        from the lower left.
     bokeh_mm : float
         The side of `bokeh` in the blur of infinitely distant points, times the focus distance in mm and the f-number.
     f_number : float
@@ -89,7 +90,8 @@ def lens_curves(lens: RadialLens, f_number: float, iris: Iris | None = None, vig
     angle_rad, illumination = colour_directions(lens, x_mm, y_mm, vignette)
     sources = np.tan(np.minimum(angle_rad[..., 0], STEEPEST_RAD)) * focal_mm / x_mm[:, None]
     return LensCurves(sources=sources.astype(np.float32), illumination=illumination.astype(np.float32),
-                      bokeh=_bokeh(opening(iris, lens)), **common_values(lens, f_number, iris, shift_mm))
+                      bokeh=_bokeh(opening(iris, lens), lens.central_obstruction),
+                      **common_values(lens, f_number, iris, shift_mm))
 
 
 def farthest_corner_mm(lens: Lens, shift_mm: tuple[float, float]) -> float:
@@ -105,8 +107,11 @@ def common_values(lens: Lens, f_number: float, iris: Iris | None, shift_mm: tupl
     return {"sensor": sensor, "shift": shift, "bokeh_mm": bokeh_mm, "f_number": f_number}
 
 
-def _bokeh(stop):
+def _bokeh(stop, obstruction):
     cell, middles = 2 * stop.reach / BOKEH_PX, (np.arange(BOKEH_PX) + 0.5) / BOKEH_PX * 2 - 1
     place = np.stack(np.meshgrid(middles, middles)) * stop.reach
-    rim = np.clip((stop.reach - np.linalg.norm(place, axis=0)) / cell + 0.5, 0, 1)
+    radius = np.linalg.norm(place, axis=0)
+    rim = np.clip((stop.reach - radius) / cell + 0.5, 0, 1)
+    if obstruction:
+        rim = rim * np.clip((radius - obstruction) / cell + 0.5, 0, 1)
     return (rim * stop.open_share(place, cell)).astype(np.float32)

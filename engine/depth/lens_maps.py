@@ -68,14 +68,15 @@ def lens_maps(lens: GridLens, f_number: float, iris: Iris | None = None, vignett
             "lean": np.broadcast_to(in_focus - focus_nearness(lens), illumination.shape)}
     common = common_values(lens, f_number, iris, shift_mm)
     common["bokeh_mm"] *= max(1.0, squeeze**-2)
-    return LensMaps(bokeh=_bokeh(opening(iris, lens), squeeze), **common,
+    return LensMaps(bokeh=_bokeh(opening(iris, lens), squeeze, lens.central_obstruction), **common,
                     **{name: values.astype(np.float32) for name, values in maps.items()})
 
 
-def _bokeh(stop: Opening, squeeze):
-    """The stop's image in a squeezed picture, in a square around it."""
+def _bokeh(stop: Opening, squeeze, obstruction):
+    """The stop's image in a squeezed picture, in a square around it, with its central obstruction."""
     middles = (np.arange(BOKEH_PX * PARTS) + 0.5) / (BOKEH_PX * PARTS) * 2 - 1
     wider = np.array([squeeze**2, 1.0]) / min(1.0, squeeze**2)
     place = np.stack(np.meshgrid(*(middles * times for times in wider))) * stop.reach
-    open_share = stop.open_share(place, 2 * stop.reach / BOKEH_PX) * (np.linalg.norm(place, axis=0) <= stop.reach)
+    radius = np.linalg.norm(place, axis=0)
+    open_share = stop.open_share(place, 2 * stop.reach / BOKEH_PX) * (radius <= stop.reach) * (radius >= obstruction)
     return open_share.reshape(BOKEH_PX, PARTS, BOKEH_PX, PARTS).mean(axis=(1, 3)).astype(np.float32)

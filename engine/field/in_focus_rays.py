@@ -5,8 +5,8 @@ import numpy as np
 from ..rays.ray_table import WAVELENGTHS_NM
 
 
-def in_focus_rays(pupil_mm: np.ndarray, chief: np.ndarray, nearness: float | np.ndarray, light: np.ndarray
-                  ) -> np.ndarray:
+def in_focus_rays(pupil_mm: np.ndarray, chief: np.ndarray, nearness: float | np.ndarray, light: np.ndarray,
+                  margin: np.ndarray) -> np.ndarray:
     """Quantities of rays from points in focus, for the tables of rays.
 
     Parameters
@@ -18,6 +18,8 @@ def in_focus_rays(pupil_mm: np.ndarray, chief: np.ndarray, nearness: float | np.
     nearness : float, or array (..., 1, 1)
         Inverse depths in focus, per mm.
     light : array (..., 1, 1)
+    margin : array (radius, azimuth)
+        As `pupil_margin`.
 
     Returns
     -------
@@ -34,7 +36,13 @@ def in_focus_rays(pupil_mm: np.ndarray, chief: np.ndarray, nearness: float | np.
     away = np.sqrt(1 + chief[0]**2 + chief[1]**2)
     path_mm = nearness * foot_square_mm2 / (away + np.sqrt(np.maximum(away**2 - nearness**2 * foot_square_mm2, 0)))
     return np.stack([foot_x, foot_y, *(tangent * cosine / (1 + cosine) for tangent in (tangent_x, tangent_y)),
-                     np.ones_like(cosine), path_mm, light + 0 * cosine])
+                     margin + 0 * cosine, path_mm, light + 0 * cosine])
+
+
+def pupil_margin(stop: np.ndarray, obstruction: float) -> np.ndarray:
+    """`SensorRays.surface_margin` of rays through the stop, (2, ...) in semi-apertures, of a lens with this central
+    obstruction and no other limits."""
+    return np.sum(stop**2, axis=0) - obstruction**2 if obstruction else np.ones(stop.shape[1:])
 
 
 def table_wavelengths(first_nm: float, last_nm: float) -> np.ndarray:

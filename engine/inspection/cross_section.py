@@ -1,4 +1,4 @@
-"""The cross section of a lens: its glasses, stop and image plane, and the rays of three fields.
+"""The cross section of a lens: its glasses, mirrors, stop and image plane, and the rays of three fields.
 
 Lenses without rotational symmetry have two, along y and along x, through the axis of the undisturbed design.
 """
@@ -69,18 +69,43 @@ def draw_cross_section(panel: "Axes", system: System, section: int = Y) -> None:
     prescription = system.prescription
     fans_mm, image_mm = _fans_mm(system, section)
     vertices_mm, semi_mm = _vertices_mm(system), _semi_diameters_mm(system, section, fans_mm)
-    profiles = [_profile(surface, vertex_mm, section, semi) for surface, vertex_mm, semi in
-                zip(prescription.surfaces, vertices_mm, semi_mm, strict=False)]  # the last is the image plane
-    for surface, front, rear in zip(prescription.surfaces, profiles, profiles[1:], strict=False):
-        if surface.glass:
-            outline = np.concatenate([front, rear[::-1]])
-            panel.fill(*outline.T, facecolor=GLASS_COLOUR, edgecolor=INK, linewidth=0.8)
+    rows = list(zip(prescription.surfaces, vertices_mm, semi_mm, strict=False))  # the last vertex is the image plane
+    for front, rear in zip(rows, rows[1:], strict=False):
+        if front[0].glass:
+            _draw_glass(panel, front, rear, section)
+    for row in rows:
+        _draw_mirror_or_obstruction(panel, *row, section)
     for colour, fan_mm in zip(RAY_COLOURS, fans_mm, strict=False):  # of three, or of none
         panel.plot(*fan_mm, color=colour, linewidth=0.6)
     _draw_stop(panel, system, vertices_mm[prescription.stop_index], section)
     panel.plot(*_placed(prescription.image_pose, vertices_mm[-1], section, image_mm).T, color=INK, linewidth=1.6)
     panel.set_aspect("equal")
     panel.axis("off")
+
+
+def _draw_glass(panel, front, rear, section):
+    """Fill the glass between two surfaces, (surface, vertex, semi-diameter) each; mirrors have holes."""
+    hole_mm = max((surface.semi_obstruction_mm for surface, *_ in (front, rear) if surface.mirror), default=0.0)
+    parts = [[_profile(surface, vertex_mm, section, ends_mm) for ends_mm in _parts_mm(hole_mm, semi_mm)]
+             for surface, vertex_mm, semi_mm in (front, rear)]
+    for ahead, behind in zip(*parts, strict=False):
+        outline = np.concatenate([ahead, behind[::-1]])
+        panel.fill(*outline.T, facecolor=GLASS_COLOUR, edgecolor=INK, linewidth=0.8)
+
+
+def _draw_mirror_or_obstruction(panel, surface, vertex_mm, semi_mm, section):
+    hole_mm = surface.semi_obstruction_mm
+    if surface.mirror:
+        parts_mm = _parts_mm(hole_mm, semi_mm)
+    else:
+        parts_mm = [(-hole_mm, hole_mm)] if hole_mm else []
+    for ends_mm in parts_mm:
+        panel.plot(*_profile(surface, vertex_mm, section, ends_mm).T, color=INK, linewidth=1.6)
+
+
+def _parts_mm(hole_mm, semi_mm):
+    """Heights of a surface's parts: below and above a hole, or from rim to rim."""
+    return [(-semi_mm, -hole_mm), (hole_mm, semi_mm)] if 0 < hole_mm < semi_mm else [(-semi_mm, semi_mm)]
 
 
 def _vertices_mm(system):
@@ -105,7 +130,9 @@ def _fans_mm(system, section):
     passing = ~(blocked | rays.lost[0])
     points_mm = np.where(passing, points_mm, np.nan)
     along_mm = np.sum(points_mm[0] * direction, axis=0)
-    start_mm = np.nanmin(along_mm, axis=(1, 2), keepdims=True, initial=0.0) - IN_FRONT * _vertices_mm(system)[-1]
+    vertices_mm = _vertices_mm(system)
+    start_mm = (np.nanmin(along_mm, axis=(1, 2), keepdims=True, initial=0.0) + vertices_mm.min()
+                - IN_FRONT * np.ptp(vertices_mm))
     lines_mm = np.concatenate([[points_mm[0] + (start_mm - along_mm) * direction], points_mm])[:, [2, section]]
     fans_mm = [field.reshape(*field.shape[:2], -1).swapaxes(0, 1) for field in np.moveaxis(lines_mm, 2, 0)]
     reach_mm = np.max(rays.position_mm[section, 0], initial=0.0, where=passing)
@@ -136,9 +163,9 @@ def _semi_diameters_mm(system, section, fans_mm):
     return np.where(np.isfinite(stated_mm), stated_mm, ROOM * reached_mm)
 
 
-def _profile(surface, vertex_mm, section, semi_mm):
-    """Points of a surface from its lower to its upper rim: array (point, 2) of z and height."""
-    heights_mm = np.linspace(-semi_mm, semi_mm, POINTS)
+def _profile(surface, vertex_mm, section, ends_mm):
+    """Points of a surface between two heights: array (point, 2) of z and height."""
+    heights_mm = np.linspace(*ends_mm, POINTS)
     sag_mm = sag_and_gradient(surface, *_own_places(surface.pose, section, heights_mm))[0]
     return _placed(surface.pose, vertex_mm, section, heights_mm, sag_mm)
 

@@ -39,6 +39,7 @@ def lens_info(lens: Lens) -> dict:
     facts = {
         "name": lens.name, "maker": lens.maker, "story": lens.story, "source": lens.source, "notes": lens.notes,
         "efl_mm": lens.efl_mm, "magnification": lens.magnification, "f_number_effective": lens.f_number_effective,
+        "central_obstruction": lens.central_obstruction,
         "transmittance": white_transmittance(lens), "t_number_effective": t_number_effective(lens),
         "coatings": _coatings(lens),
         "object_distance_mm": json_value(lens.object_distance_mm), "entrance_pupil_mm": lens.entrance_pupil_mm,
@@ -124,6 +125,12 @@ def _rows(columns):
     return [dict(zip(columns, row, strict=True)) for row in zip(*map(np.ndarray.tolist, columns.values()), strict=True)]
 
 
+def _hole(info):
+    obstruction = info["central_obstruction"]
+    rim = info["f_number_effective"] * np.sqrt(1 - obstruction**2)
+    return f": f/{rim:.3g} with a central obstruction of {obstruction:.0%} of its diameter" if obstruction else ""
+
+
 def lens_text(info: dict) -> str:
     """The figures of `lens_info` as text."""
     distance, enclosed = info["object_distance_mm"], info["least_enclosed_energy"]
@@ -132,7 +139,7 @@ def lens_text(info: dict) -> str:
         f"focal length             {info['efl_mm']:.5f} mm",
         *_camera_lines(info),
         f"magnification            {info['magnification']:.6f}",
-        f"effective f-number       {info['f_number_effective']:.3f}",
+        f"effective f-number       {info['f_number_effective']:.3f}{_hole(info)}",
         f"effective T-stop         {info['t_number_effective']:.3f}: T = {info['transmittance']:.3f} in white light",
         *_coating_lines(info),
         f"object distance          {'infinity' if distance is None else f'{distance:g} mm'}",

@@ -28,7 +28,7 @@ def _pitch(lens):
         return
     pitch_um, shortest_nm = lens.psf_pitch_um, lens.wavelengths_nm[0]
     airy_um = airy_radius_um(lens, lens.wavelengths_nm.mean())
-    nyquist_um = 0.5e-3 * shortest_nm * lens.f_number_effective  # the optical cutoff is 1 / (wavelength * f-number)
+    nyquist_um = 0.5e-3 * shortest_nm * lens.rim_f_number  # the optical cutoff is 1 / (wavelength * f-number)
     if not 1 / PITCH_FACTOR < pitch_um / airy_um < PITCH_FACTOR:
         yield LensFinding("error", "psf_pitch_um", f"{pitch_um:g} um, where the Airy disc's radius is {airy_um:.3g} um",
                           "out of proportion: check the unit")

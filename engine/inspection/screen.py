@@ -59,6 +59,7 @@ def _findings(prescription):
         yield from _focal_length(prescription, system)
         yield from _name(prescription, system)
         yield from _aperture(prescription, system)
+        yield from _mirrors(prescription)
         yield from _sensor(system)
         yield from _wandering(prescription, built)
         yield from _wide_open_light(prescription)
@@ -125,6 +126,14 @@ def _aperture(prescription, system):
         yield LensFinding("error" if widest * THIRD_OF_A_STOP < 1 else "note", f"aperture, {kind}",
                           f"{value:g}, and {widest:.0%} of its width passes on the axis",
                           f"surface {narrow} is the narrowest: check its radius and aperture")
+
+
+def _mirrors(prescription):
+    """Whether mirrors block light on its way to others."""
+    if prescription.mirrors and not any(surface.semi_obstruction_mm for surface in prescription.surfaces):
+        yield LensFinding("note", "semi_obstruction_mm", "0 at all surfaces of a mirror lens",
+                          "the mirrors block no light, and blurred points have no hole: give the obstructions, if you "
+                          "know them")
 
 
 def _wide_open_light(prescription):

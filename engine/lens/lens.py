@@ -19,7 +19,7 @@ LARGEST = 1e15  # limit for every figure except an infinite distance: larger fig
 TEXTS = ("name", "maker", "story", "source", "notes")
 FIRST_ORDER = ("efl_mm", "magnification", "f_number_effective", "object_distance_mm", "entrance_pupil_mm",
                "reference_wavelength_nm")
-NUMBERS = (*FIRST_ORDER, "psf_pitch_um")
+NUMBERS = (*FIRST_ORDER, "psf_pitch_um", "central_obstruction")
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -40,7 +40,7 @@ class Lens(Value):
     magnification : float
         Paraxial image height over object height; negative for a real image.
     f_number_effective : float
-        0.5 / NA on the axis, in image space.
+        0.5 / NA on the axis, in image space, of a pupil without a hole that has the same area.
     object_distance_mm : float
         From the first surface to the object plane; inf for a lens focused at infinity.
     entrance_pupil_mm : float
@@ -60,6 +60,8 @@ class Lens(Value):
         Fraction of the light within the PSF window; NaN if unknown.
     transmittance : array (wavelength,)
         T(wavelength) of Eq. 2.
+    central_obstruction : float
+        Diameter of a mirror lens's hole in the pupil, relative to the diameter of the pupil; 0 by default.
     point_flux : array (wavelength, *place)
         All light that the lens collects from a point of that plane, divided by the light that follows from the f-number
         and the relative illumination at its chief ray. It differs from 1 by a few hundredths at wide apertures, where
@@ -83,6 +85,7 @@ class Lens(Value):
     psf_pitch_um: float
     enclosed_energy: np.ndarray
     transmittance: np.ndarray
+    central_obstruction: float = 0.0
     point_flux: np.ndarray = field(default_factory=lambda: np.ones(()))
     maker: str = field(default="", repr=False)
     story: str = field(default="", repr=False)
@@ -146,6 +149,12 @@ class Lens(Value):
         """Rise of the inverse depth in focus, in 1/mm, with x and y of the ideal image, in mm: 0 unless the plane of
         focus leans."""
         return 0.0, 0.0
+
+    @property
+    def rim_f_number(self) -> float:
+        """0.5 / NA of the pupil's rim: less than `f_number_effective`, whose pupil has the same area, with a central
+        obstruction."""
+        return self.f_number_effective * float(np.sqrt(1 - self.central_obstruction**2))
 
     @property
     def capture_focal_length_mm(self) -> float:
@@ -263,6 +272,8 @@ def _check_numbers(lens):
             raise LensError(lens.name, name, getattr(lens, name), "expected a finite number")
         if LARGEST < abs(getattr(lens, name)) < np.inf:
             raise LensError(lens.name, name, getattr(lens, name), f"expected at most {LARGEST:g}")
+    if not 0 <= lens.central_obstruction < 1:
+        raise LensError(lens.name, "central_obstruction", lens.central_obstruction, "expected 0, or less than 1")
     if lens.magnification == 0 and np.isfinite(lens.object_distance_mm):
         raise LensError(lens.name, "magnification", lens.magnification, "expected other than 0 at a finite distance")
     if len(lens.sensor_mm) != 2 or not all(0 < side <= LARGEST for side in lens.sensor_mm):

@@ -21,7 +21,7 @@ from ..runtime.inputs import reading
 from .npz import read_arrays
 
 FORMAT = "lensfield-lens"
-ADDED = ("point_flux",)  # absent from older packages
+ADDED, ADDED_SCALARS = ("point_flux",), ("central_obstruction",)  # absent from older packages
 AMPLITUDE_STEPS = np.iinfo(np.uint16).max
 
 
@@ -35,7 +35,7 @@ class Layout:
     @property
     def scalars(self) -> tuple[str, ...]:
         return tuple(field.name for field in fields(self.kind)
-                     if field.name not in (*self.arrays, *ADDED, "psf", "prescription"))
+                     if field.name not in (*self.arrays, *ADDED, *ADDED_SCALARS, "psf", "prescription"))
 
 
 LAYOUTS = {
@@ -59,7 +59,7 @@ def package_bytes(lens: Lens) -> bytes:
     stream = BytesIO()
     version, layout = next(each for each in LAYOUTS.items() if isinstance(lens, each[1].kind))
     header = {"format": FORMAT, "version": version, "software": software()}
-    header |= {name: getattr(lens, name) for name in layout.scalars}
+    header |= {name: getattr(lens, name) for name in (*layout.scalars, *ADDED_SCALARS)}
     arrays = {name: getattr(lens, name) for name in (*layout.arrays, *ADDED)} | {"psf_amplitude": _amplitudes(lens.psf)}
     np.savez_compressed(stream, header=np.array(json.dumps(header)), **arrays)
     return stream.getvalue()
@@ -87,6 +87,7 @@ def _lens_of(path, contents):
         raise LensError(path, missing[0], "missing", f"required in a lens package of version {version}")
     try:
         return layout.kind(**{name: header[name] for name in layout.scalars},
+                           **{name: header[name] for name in ADDED_SCALARS if name in header},
                            **{name: contents[name] for name in layout.arrays},
                            **{name: contents[name] for name in ADDED if name in contents},
                            psf=_psfs(contents["psf_amplitude"], 3 + len(layout.kind.AXES)))

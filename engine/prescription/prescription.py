@@ -20,6 +20,7 @@ ORIGINS = ("patent", "published", "estimated", "guessed")
 HIGHEST_F_NUMBER = 22.0  # default of the aperture ring
 CLOSEST_FOCUS = 10  # default of the focus ring, in focal lengths
 LEAST_MM, LARGEST_MM = 1e-6, 1e12  # lengths: squares outside this range lose digits
+ALUMINIUM = 0.9  # reflectance of a mirror that states none: protected aluminium in the visible, 0.85 to 0.92
 POSE_DIGITS = 10  # after the decimal point, of lengths and degrees: the rest is rounding
 LEAST_F_NUMBER = 0.5  # light from a half space
 MOST_SURFACES, MOST_TERMS = 300, 100  # several times any lens's: more is damage, and takes minutes
@@ -98,6 +99,14 @@ class Surface:
         Its displacement from the axis.
     coating : str
         One of `Prescription.coatings` or `BUILT_IN`; "" for the lens's.
+    mirror : bool
+        Whether it reflects: the light stays in its medium, which `glass` names again. Up to the next mirror, light
+        travels backwards, and thicknesses are negative. Radii keep their sign.
+    reflectance : float
+        Share of the light that a mirror reflects, at all wavelengths and angles.
+    semi_obstruction_mm : float
+        Light nearer to the axis is blocked: by the back of a smaller mirror in front, or at a mirror's hole. 0 without
+        a central obstruction.
     glass : str
         Medium behind: "" for air, one of `Prescription.glasses`, a catalogue glass ("N-BK7", "SCHOTT N-BK7"), or
         "n/V", its index and Abbe number.
@@ -133,6 +142,9 @@ class Surface:
     skews: tuple[float, ...] = ()
     pose: Pose | None = None
     coating: str = ""
+    mirror: bool = False
+    reflectance: float = ALUMINIUM
+    semi_obstruction_mm: float = 0.0
     half_widths_mm: tuple[float, ...] = ()
 
     @property
@@ -150,6 +162,7 @@ class Surface:
         return replace(self, radius_mm=self.radius_mm * factor, thickness_mm=self.thickness_mm * factor,
                        gaps_mm=tuple(gap * factor for gap in self.gaps_mm),
                        semi_aperture_mm=self.semi_aperture_mm * factor,
+                       semi_obstruction_mm=self.semi_obstruction_mm * factor,
                        half_widths_mm=tuple(half * factor for half in self.half_widths_mm),
                        radius_x_mm=self.radius_x_mm and self.radius_x_mm * factor,
                        pose=self.pose and self.pose.scaled(factor),
@@ -159,7 +172,7 @@ class Surface:
 
 @dataclass(frozen=True)
 class Prescription:
-    """A lens of refracting surfaces.
+    """A lens of refracting surfaces and mirrors.
 
     Attributes
     ----------
@@ -188,7 +201,7 @@ class Prescription:
     widest_stop_mm : float or None
         Semi-aperture of the widest stop for a lens that is stopped down; None if `aperture` is the widest.
     highest_f_number : float
-        Limit of stopping down.
+        Limit of stopping down; not used with a central obstruction, around which the f-number is fixed.
     field : (str, float)
         Quantity that ends the field, one of `FIELDS`, and its value; the image height is paraxial.
     focal_length_mm : float or None
@@ -282,6 +295,11 @@ class Prescription:
         return tuple(index for index, surface in enumerate(self.surfaces) if surface.half_widths_mm)
 
     @property
+    def mirrors(self) -> tuple[int, ...]:
+        """Indices of the mirrors among the surfaces."""
+        return tuple(index for index, surface in enumerate(self.surfaces) if surface.mirror)
+
+    @property
     def stop_index(self) -> int:
         """Index of the stop among the surfaces."""
         return [surface.stop for surface in self.surfaces].index(True)
@@ -361,6 +379,7 @@ def _check(prescription):
         if surface.gaps_mm and len(surface.gaps_mm) != len(prescription.focused_at_mm):
             refuse(f"surface {number}, gaps", f"{len(surface.gaps_mm)} numbers",
                    f"expected one for each of focused_at_mm, {len(prescription.focused_at_mm)}")
+    _check_mirrors(prescription, refuse)
     _check_rings(prescription, refuse)
     _check_image_space(prescription, f"surface {len(prescription.surfaces)}", refuse)
     _check_aperture_and_field(prescription, refuse)
@@ -413,6 +432,28 @@ def _check_coatings(prescription, refuse):
             refuse(field, name, f"expected one of {', '.join((*private, *BUILT_IN))}")
 
 
+def _check_mirrors(prescription, refuse):
+    """Check that the light stays in its medium at each mirror, and that mirrors leave the picture unmirrored."""
+    media = ("", *(surface.glass for surface in prescription.surfaces))
+    for index in prescription.mirrors:
+        surface, name = prescription.surfaces[index], f"surface {index + 1}"
+        if surface.glass != media[index]:
+            refuse(f"{name}, glass", surface.glass or "air", f"expected {media[index] or 'air'}, the medium in front "
+                                                             "of the mirror, which also is behind it")
+        if surface.coating:
+            refuse(f"{name}, coating", surface.coating, "expected the mirror's reflectance instead")
+        if not 0 < surface.reflectance <= 1:
+            refuse(f"{name}, reflectance", surface.reflectance, "expected more than 0, and at most 1")
+    if len(prescription.mirrors) % 2:
+        refuse("mirrors", len(prescription.mirrors), "expected an even number: otherwise, the picture is mirrored, and "
+                                                     "its sensor faces away from the scene")
+    for first, second in zip(prescription.mirrors[::2], prescription.mirrors[1::2], strict=True):
+        back_mm = sum(surface.thickness_mm for surface in prescription.surfaces[first:second])
+        if not back_mm < 0:
+            refuse(f"surface {first + 1}, thickness_mm", f"{back_mm:g} in total up to the mirror, surface {second + 1}",
+                   "expected a negative distance: light travels back between these mirrors")
+
+
 def _check_rings(prescription, refuse):
     """Check the focus and aperture rings, and the nominal focal length."""
     positions = prescription.focused_at_mm
@@ -434,8 +475,8 @@ def _check_image_space(prescription, last, refuse):
     if surface.glass:
         refuse(f"{last}, glass", surface.glass, "expected air before the image plane")
     behind_mm = surface.thickness_mm
-    for other in reversed(before):
-        if other.glass:
+    for other, behind in zip(reversed(before), reversed(prescription.surfaces), strict=False):
+        if other.glass or behind.mirror:
             break
         behind_mm += other.thickness_mm
     if prescription.focus == "as given" and not behind_mm > 0:
@@ -455,6 +496,9 @@ def _check_surface(surface, name, refuse):
     halves_mm = surface.half_widths_mm
     if halves_mm and not (len(halves_mm) == 2 and all(LEAST_MM <= half <= LARGEST_MM for half in halves_mm)):
         refuse(f"{name}, half_widths_mm", halves_mm, "expected two positive numbers")
+    if not 0 <= surface.semi_obstruction_mm < min(surface.semi_aperture_mm, LARGEST_MM):
+        refuse(f"{name}, semi_obstruction_mm", surface.semi_obstruction_mm,
+               f"expected 0, or less than the semi-aperture, {surface.semi_aperture_mm:g}")
     terms = len(surface.aspheric) + len(surface.odd_aspheric)
     if terms > MOST_TERMS:
         refuse(f"{name}, aspheric", f"{terms} terms", f"expected at most {MOST_TERMS}")

@@ -13,6 +13,7 @@ from .paraxial import FirstOrder, first_order
 from .prescription import Prescription
 
 MOST_SYSTEMS = 64  # in the cache
+LEAST_HEIGHT_MM = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,15 +99,30 @@ class System(FirstOrder):
         sizes_mm = np.append(self.semi_apertures_mm, self.half_widths_mm)
         return square_mm2 / np.reshape(sizes_mm**2, (-1, *(1,) * (square_mm2.ndim - 1)))
 
+    @property
+    def central_obstruction(self) -> float:
+        """Diameter of the hole in the pupil relative to the diameter of the pupil, on the axis and to first order; 0
+        without one."""
+        holes_mm = [surface.semi_obstruction_mm for surface in self.prescription.surfaces]
+        return float(np.max(holes_mm / np.maximum(np.abs(self.marginal_heights_mm), LEAST_HEIGHT_MM)))
+
     def limits(self, square_mm2: np.ndarray) -> np.ndarray:
         """What blocks rays, except the stop: array (limit, ...) of smooth functions, up to 1 for rays that pass.
+
+        The first are `rims`. The others, of central obstructions, fall with the height on the scale of the axial beam,
+        and do not diverge.
 
         Parameters
         ----------
         square_mm2 : array (square, ...)
             As `BothWays.square_mm2`.
         """
-        return self.rims(square_mm2)
+        square_mm2 = np.asarray(square_mm2)
+        over_places = (-1, *(1,) * (square_mm2.ndim - 1))
+        holes_mm = np.array([surface.semi_obstruction_mm for surface in self.prescription.surfaces])
+        number = np.flatnonzero(holes_mm)
+        hole_mm2, beam_mm2 = (np.reshape(each[number]**2, over_places) for each in (holes_mm, self.marginal_heights_mm))
+        return np.concatenate([self.rims(square_mm2), (hole_mm2 + beam_mm2) / (square_mm2[number] + beam_mm2)])
 
     @property
     def exit_pupil_distance_mm(self) -> float:
@@ -135,6 +151,9 @@ class System(FirstOrder):
     def indices_at(self, wavelengths_nm: Sequence[float] | np.ndarray) -> np.ndarray:
         """Refractive indices in front of each surface and behind the last: array (surface + 1, wavelength).
 
+        They are negative where light travels backwards, behind an odd number of mirrors. Reflection is then refraction
+        to the negative index, of rays whose directions still point along the axis and whose lengths are negative.
+
         Raises
         ------
         LensError
@@ -146,13 +165,15 @@ class System(FirstOrder):
     def coatings(self) -> tuple[Coating, ...]:
         """Coating of each surface, as it is designed for its glass."""
         known = BUILT_IN | {coating.name: coating for coating in self.prescription.coatings}
-        indices = self.indices_at([self.prescription.reference_wavelength_nm])[:, 0]
+        indices = np.abs(self.indices_at([self.prescription.reference_wavelength_nm])[:, 0])
         return tuple(on_glass(known[name], index) for name, index in
                      zip(self.prescription.surface_coatings, np.maximum(indices[:-1], indices[1:]), strict=True))
 
     def reflectances(self, wavelengths_nm: Sequence[float] | np.ndarray,
                      invariants: Sequence[float] | np.ndarray) -> np.ndarray:
         """Reflectance of each surface for unpolarised light, from either side: array (surface, wavelength, invariant).
+
+        Mirrors count as surfaces between equal media, with a reflectance of 0.
 
         Parameters
         ----------
@@ -166,7 +187,7 @@ class System(FirstOrder):
             A wavelength outside the range of a glass or of a measured coating.
         """
         nm = np.asarray(wavelengths_nm, dtype=float)
-        indices = self.indices_at(nm)[..., None]
+        indices = np.abs(self.indices_at(nm)[..., None])
         invariants = np.broadcast_to(invariants, (len(self.glasses), nm.size, np.shape(invariants)[-1]))
         shares = np.stack([reflectance(coating, (before, behind), nm[:, None], squares) for coating, before, behind,
                            squares in zip(self.coatings, indices[:-1], indices[1:], invariants, strict=True)])
@@ -177,6 +198,11 @@ class System(FirstOrder):
                             f"not known at {nm[wavelength]:g} nm: give other wavelengths, or another coating "
                             "(--coating)")
         return shares
+
+    @property
+    def mirror_reflectance(self) -> float:
+        """The share of the light that all mirrors together reflect."""
+        return float(np.prod([self.prescription.surfaces[index].reflectance for index in self.prescription.mirrors]))
 
     def glass_transmittance(self, wavelengths_nm: Sequence[float] | np.ndarray) -> np.ndarray:
         """T of the bulk glass along the axis: array (wavelength,), without losses of model glasses."""
@@ -228,7 +254,9 @@ def _glass(prescription, number):
 
 def _indices(prescription, glasses, wavelengths_nm):
     nm = np.asarray(wavelengths_nm, dtype=float)
+    backwards = np.cumsum([0, *(surface.mirror for surface in prescription.surfaces)]) % 2
     indices = np.stack([np.ones_like(nm), *(glass.index_at(nm) for glass in glasses)])
+    indices *= np.where(backwards, -1.0, 1.0)[:, None]
     unknown = np.argwhere(np.isnan(indices))
     if unknown.size:
         surface, wavelength = unknown[0]

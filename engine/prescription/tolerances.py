@@ -1,8 +1,9 @@
 """This copy of a lens: how far its elements are from their places, drawn from the tolerances of a grade.
 
-An element is the glass between two airspaces: cemented lenses move together. Each is displaced and turned about the
-middle of its thickness, and so is each group, the elements in front of the stop and those behind it. The stop, the
-spacing along the axis and the sensor stay.
+An element is the glass between two airspaces: cemented lenses move together, and so do the passes of light through a
+mirror's glass. A mirror without glass is an element, too. Each is displaced and turned about the middle of its
+thickness, and so is each group, the elements in front of the stop and those behind it. The stop, the spacing along the
+axis and the sensor stay.
 """
 
 from collections.abc import Sequence
@@ -120,6 +121,8 @@ def elements(surfaces: Sequence[Surface]) -> list[range]:
         elif first is not None and (not surface.glass or index == len(surfaces) - 1):
             found.append(range(first, index + 1))
             first = None
+        elif surface.mirror and not surface.glass:
+            found.append(range(index, index + 1))
     return found
 
 

@@ -53,11 +53,13 @@ def aim_at_image(system: System, indices: np.ndarray, heights_mm: np.ndarray, x_
 
 def _aimed(system, indices, kind, reached, targets, x_mm, y_mm):
     """Slopes of rays to targets of a kind, and whether they reach them. Chief rays come first, interpolated between
-    `SLOPES`."""
+    `_slopes`."""
     search = _search if running() == NUMPY else _compiled_search
     with np.errstate(all="ignore"):  # one wavelength at a time fits in the processor's cache
-        found = np.stack([search(system, media, kind, targets, _first_guess(places, np.abs(targets)), x_mm, y_mm)
-                          for media, places in zip(indices.T, reached, strict=True)], axis=1)
+        guesses = [_first_guess(slopes, places, np.abs(targets))
+                   for slopes, places in zip(_slopes(system, indices), reached, strict=True)]
+        found = np.stack([search(system, media, kind, targets, guess, x_mm, y_mm)
+                          for media, guess in zip(indices.T, guesses, strict=True)], axis=1)
         return found[0], found[1], found[2] < AIMED
 
 
@@ -80,17 +82,22 @@ def _search(system, indices, kind, targets, guess, x_mm, y_mm):
     return _broyden(missed, targets[:, None], x_mm, y_mm, chief, PLACE_STEP * system.stop_semi_aperture_mm)
 
 
-def _first_guess(reached, targets):
-    """Slopes of chief rays by interpolation between `SLOPES`, up to where the field folds back; NaN beyond."""
+def _slopes(system, indices):
+    """`SLOPES` with the sign that fields of positive heights have at the stop: array (wavelength, slope)."""
+    return np.multiply.outer(np.sign(indices[system.prescription.stop_index]), SLOPES)
+
+
+def _first_guess(slopes, reached, targets):
+    """Slopes of chief rays by interpolation, up to where the field folds back; NaN beyond."""
     rises = np.diff(reached) > 0
-    last = SLOPES.size if rises.all() else int(np.argmin(rises)) + 1
-    return np.interp(targets, reached[:last], SLOPES[:last], right=np.nan)
+    last = slopes.size if rises.all() else int(np.argmin(rises)) + 1
+    return np.interp(targets, reached[:last], slopes[:last], right=np.nan)
 
 
 def _fields_reached(system, indices):
-    """Fields of chief rays with `SLOPES`: angles in radians or object heights in mm, array (wavelength, slope)."""
+    """Fields of chief rays with `_slopes`: angles in radians or object heights in mm, array (wavelength, slope)."""
     with np.errstate(all="ignore"):
-        chief = trace_both_ways(system.prescription, indices[:, :, None], 0.0, 0.0, 0.0, SLOPES)
+        chief = trace_both_ways(system.prescription, indices[:, :, None], 0.0, 0.0, 0.0, _slopes(system, indices))
         if system.object_at_infinity:
             return np.arctan2(chief.before[1], chief.before[2])
         back_mm = (system.prescription.object_distance_mm + chief.entry[2]) / chief.before[2]
@@ -98,9 +105,10 @@ def _fields_reached(system, indices):
 
 
 def _heights_reached_mm(system, indices):
-    """Image heights of chief rays with `SLOPES`: array (wavelength, slope)."""
+    """Image heights of chief rays with `_slopes`: array (wavelength, slope)."""
     with np.errstate(all="ignore"):
-        return trace_both_ways(system.prescription, indices[:, :, None], 0.0, 0.0, 0.0, SLOPES).position[1]
+        slopes = _slopes(system, indices)
+        return trace_both_ways(system.prescription, indices[:, :, None], 0.0, 0.0, 0.0, slopes).position[1]
 
 
 def _miss(system, indices, fields, x_mm, y_mm, slope_x, slope_y):

@@ -31,6 +31,8 @@ class AxialBundle:
     wavelength_nm : float
     aperture : float
         Numerical aperture: direction cosine of the outermost rays that pass.
+    obstruction : float
+        Direction cosine of the innermost rays that pass; 0 without a central obstruction.
     path_mm : function
         Optical path of the plane waves at the centre of the image plane, as a function of the direction cosine.
     light : function
@@ -41,6 +43,7 @@ class AxialBundle:
 
     wavelength_nm: float
     aperture: float
+    obstruction: float
     path_mm: Callable[[np.ndarray], np.ndarray]
     light: Callable[[np.ndarray], np.ndarray]
     crossings_mm: np.ndarray
@@ -57,13 +60,17 @@ class AxialBundle:
         """
         shift = lp_mm * self.wavelength_nm * 1e-6
         near, far, areas = _overlap(self.aperture, shift)
-        weights = areas * np.sqrt(np.prod([np.maximum(self.light(cosine**2), 0) for cosine in (near, far)], axis=0))
+        weights = areas * np.sqrt(self._passing(near) * self._passing(far))
         wave_number = 2e6 * np.pi / self.wavelength_nm
         phase = wave_number * (self.path_mm(far) - self.path_mm(near))
         change = wave_number * (np.sqrt(1 - far**2) - np.sqrt(1 - near**2))
         _, distances, all_areas = _overlap(self.aperture, 0.0)
-        light = np.sum(all_areas * np.maximum(self.light(distances**2), 0))
+        light = np.sum(all_areas * self._passing(distances))
         return np.cos(phase + np.multiply.outer(shifts_mm, change)) @ weights / light
+
+    def _passing(self, cosine):
+        """`light` at direction cosines up to the aperture, and 0 within the central obstruction."""
+        return np.where(cosine < self.obstruction, 0, np.maximum(self.light(cosine**2), 0))
 
 
 def trace_axial_bundles(system: System, wavelengths_nm: Sequence[float] | np.ndarray) -> list[AxialBundle]:
@@ -75,12 +82,12 @@ def trace_axial_bundles(system: System, wavelengths_nm: Sequence[float] | np.nda
         No light gets through.
     """
     rays = trace_pupil(system, [0.0], wavelengths_nm, FAN)
-    semi_apertures_mm = system.semi_apertures_mm[:, None, None]
-    extents = np.sqrt(rays.square_height_mm2[:, :, 0, :, 0]) / semi_apertures_mm
-    extents[system.prescription.stop_index] = FAN.radii
+    limits, surfaces = np.sqrt(system.limits(rays.square_height_mm2[:, :, 0, :, 0])), len(system.glasses)
+    limits[system.prescription.stop_index] = FAN.radii
+    extents, holes = limits[:surfaces].max(axis=0), limits[surfaces:].max(axis=0, initial=0.0)
     cosine, height_mm, source = (np.where(rays.lost, np.nan, values[1])[:, 0, :, 0]
                                  for values in (rays.direction, rays.position_mm, rays.source))
-    return [_bundle(system, *each) for each in zip(rays.wavelengths_nm, cosine, height_mm, source, extents.max(axis=0),
+    return [_bundle(system, *each) for each in zip(rays.wavelengths_nm, cosine, height_mm, source, extents, holes,
                                                    strict=True)]
 
 
@@ -96,8 +103,9 @@ def eye_response_at(wavelengths_nm: Sequence[float] | np.ndarray) -> np.ndarray:
     return response if response.any() else np.ones(len(response))
 
 
-def _bundle(system, wavelength_nm, cosine, height_mm, source, extent):
-    """Bundle from a fan of rays. `extent` is 1 for a ray that touches the edge of an aperture."""
+def _bundle(system, wavelength_nm, cosine, height_mm, source, extent, hole):
+    """Bundle from a fan of rays. `extent` is 1 for a ray that touches the edge of an aperture, and `hole`, which falls
+    outwards, for one that touches a central obstruction."""
     side = np.sign(cosine[1])
     cosine, height_mm = side * cosine, side * height_mm
     rises = np.append(True, np.diff(cosine) > 0)  # NaN, for lost rays, does not
@@ -105,12 +113,13 @@ def _bundle(system, wavelength_nm, cosine, height_mm, source, extent):
     if count < 2:
         raise LensError(system.prescription.name, "field height", "0 mm", "only the chief ray gets "
                         f"through here at {wavelength_nm:g} nm: check the surfaces' shapes and apertures")
-    cosine, height_mm, source, extent = (values[:count] for values in (cosine, height_mm, source, extent))
+    cosine, height_mm, source, extent, hole = (values[:count] for values in (cosine, height_mm, source, extent, hole))
     degree = min(DEGREE, count - 1)
     passing = slice(1, max(2, int(np.sum(extent <= 1))))
     slope = cosine / np.sqrt(1 - cosine**2)
     return AxialBundle(
         wavelength_nm=float(wavelength_nm), aperture=np.interp(1.0, np.maximum.accumulate(extent), cosine),
+        obstruction=np.interp(1.0, np.maximum.accumulate(hole[::-1]), cosine[::-1]),
         path_mm=scipy.interpolate.make_interp_spline(cosine, -height_mm, k=degree).antiderivative(),
         light=scipy.interpolate.make_interp_spline(cosine**2, source**2, k=degree).derivative(),
         crossings_mm=-height_mm[passing] / slope[passing])

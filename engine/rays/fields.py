@@ -179,8 +179,7 @@ def _traced(prescription, media, x_mm, y_mm, slope_x, slope_y) -> BothWays:
 def _in_front(prescription, media):
     """The lens up to its stop, for rays that are only needed there, and its refractive indices."""
     stop = prescription.stop_index
-    surfaces = (*prescription.surfaces[:stop], replace(prescription.surfaces[stop], glass=""))
-    return replace(_part(prescription, surfaces), image_pose=None), media[:stop + 2]
+    return replace(_part(prescription, prescription.surfaces[:stop + 1]), image_pose=None), media[:stop + 2]
 
 
 def _behind(prescription, media):
@@ -190,9 +189,9 @@ def _behind(prescription, media):
 
 
 def _part(prescription, surfaces):
-    """A part of a lens, at its present focus, without a given image plane: its last thickness may be 0."""
-    return replace(prescription, surfaces=tuple(replace(surface, gaps_mm=()) for surface in surfaces),
-                   focused_at_mm=(), focus="paraxial")
+    """The shapes of a part of a lens, at its present focus; its media and mirrors are in the indices."""
+    shapes = tuple(replace(surface, gaps_mm=(), glass="", mirror=False) for surface in surfaces)
+    return replace(prescription, surfaces=shapes, focused_at_mm=(), focus="paraxial")
 
 
 def _missed_places(system, view, media):

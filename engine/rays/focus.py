@@ -72,7 +72,11 @@ def axial_contrast(system: System, lines_per_mm: float) -> float:
 
 
 def _check_aperture(system, kind, value):
-    """Check that the surfaces pass the aperture's paraxial marginal ray, with some tolerance."""
+    """Check that the surfaces pass the aperture's paraxial marginal ray, with some tolerance, and that its light is not
+    all obstructed."""
+    if system.central_obstruction >= 1:
+        raise LensError(system.prescription.name, f"aperture, {kind}", value, "its light is as wide as a central "
+                        "obstruction: open the aperture")
     heights_mm = np.maximum(np.abs(system.marginal_heights_mm), np.abs(system.across.marginal_heights_mm))
     passing = np.min(system.semi_apertures_mm / np.maximum(heights_mm, 1e-12))
     if passing < LEAST_PASSING:

@@ -26,7 +26,7 @@ class FromSensor:
     Attributes
     ----------
     gap_mm : array (surface,)
-        Distance to this vertex from the previous one, or from the sensor.
+        Distance to this vertex from the previous one, or from the sensor; negative between two mirrors.
     curvature_per_mm, conic : arrays (surface,)
     terms : array (surface, term)
         Coefficients of the powers `first_power`, `first_power + power_step`, ... of the distance from the axis, in mm.
@@ -35,8 +35,10 @@ class FromSensor:
         Including the stop's; inf if unlimited.
     half_widths_mm : array (surface, 2) or None
         Of rectangular apertures, along x and y; inf without one. None if no surface has one.
+    semi_obstruction_mm : array (surface,)
+        0 without a central obstruction.
     index_ratio : array (surface,)
-        Index in front of a surface over the index behind it, along these rays.
+        Index in front of a surface over the index behind it, along these rays; negative for a mirror, as in `System`.
     absorption_per_mm : array (surface,)
         Absorption of the medium in front of a surface, along these rays.
     coating_transmittance : float
@@ -59,6 +61,7 @@ class FromSensor:
     first_power: int
     power_step: int
     semi_aperture_mm: np.ndarray
+    semi_obstruction_mm: np.ndarray
     index_ratio: np.ndarray
     absorption_per_mm: np.ndarray
     coating_transmittance: float
@@ -136,6 +139,7 @@ def lens_from_sensor(prescription: Prescription, wavelength_nm: float, edges_mm:
         conic=np.array([surface.conic for surface in surfaces]),
         terms=terms, first_power=first_power, power_step=power_step,
         semi_aperture_mm=system.all_semi_apertures_mm[::-1],
+        semi_obstruction_mm=np.array([surface.semi_obstruction_mm for surface in surfaces]),
         index_ratio=(indices[1:] / indices[:-1])[::-1],
         absorption_per_mm=4 * np.pi * extinction / (wavelength_nm * 1e-6),
         coating_transmittance=float(coating_transmittance(system, [wavelength_nm])[0]),

@@ -56,7 +56,8 @@ class SensorRays:
         Direction cosines in front of the lens, along the light: at a depth z in front of the plane a ray is at
         `entrance_mm - z * direction[:2] / direction[2]`.
     margin : array
-        Positive if the ray passes: the least 1 - (r / semi-aperture)^2 over the surfaces and the stop.
+        Positive if the ray passes: the least 1 - (r / semi-aperture)^2 over the surfaces and the stop, or 1 - limit of
+        a central obstruction (`System.limits`).
     surface_margin : array
         The margin over the surfaces without the stop: smooth where the limit changes between the stop's rim and a
         surface.

@@ -207,8 +207,9 @@ def _wide_open(prescription):
 
 
 def _f_number(prescription, far, requested):
-    """The f-number within the lens's range, and a warning if it is not the requested one."""
-    last = max(far.f_number, prescription.highest_f_number)
+    """The f-number within the lens's range, and a warning if it is not the requested one. Around a central obstruction,
+    there is no iris: it would soon block all light."""
+    last = far.f_number if far.central_obstruction else max(far.f_number, prescription.highest_f_number)
     if requested is None:
         return far.f_number, ()
     if far.f_number * (1 - SLACK) <= requested <= last * (1 + SLACK):
@@ -264,8 +265,9 @@ def _reduction(lens, distance_mm):
     ends = _reductions(lens)
 
     def excess(reduction):
-        moved = replace(_moved(lens, reduction), object_distance_mm=distance_mm)
-        return -system_of(moved).magnification - reduction
+        """By Newton's equation: positive even if the lens with these gaps forms no real image so close."""
+        moved = system_of(_moved(lens, reduction))
+        return moved.efl_mm / distance_mm - reduction * (1 - moved.front_focus_mm / distance_mm)
 
     if excess(ends[0]) <= 0 or excess(ends[-1]) >= 0:  # at an end, except for rounding
         return ends[0] if excess(ends[0]) <= 0 else ends[-1]

@@ -30,18 +30,20 @@ def transmittance(system: System, wavelengths_nm: Sequence[float] | np.ndarray) 
 
 
 def coating_transmittance(system: System, wavelengths_nm: Sequence[float] | np.ndarray) -> np.ndarray:
-    """Share of the light that gets through all surfaces without a reflection, in the middle of the picture: the mean
-    over the stop, array (wavelength,). 1 if all coatings are ideal. Raises a LensError if no light gets there."""
+    """Share of the light that gets through all surfaces, reflected by mirrors only, in the middle of the picture:
+    the mean over the stop, array (wavelength,). 1 if all coatings are ideal, and without mirrors. Raises a LensError if
+    no light gets there."""
     nm = np.asarray(wavelengths_nm, dtype=float)
     if all(coating is BUILT_IN[IDEAL] for coating in system.coatings):
-        return np.ones_like(nm)
+        return np.full_like(nm, system.mirror_reflectance)
     invariants, lost = _axial_rays(system, nm)
     if np.all(lost, axis=-1).any():
         raise LensError(system.prescription.name, "light in the middle of the picture", "none",
                         "expected rays from the stop to get there: check apertures, tilts and decentres")
     shares = np.prod(1 - system.reflectances(nm, invariants), axis=0)
     weights = np.where(lost, 0.0, _trapezium(lost.shape[-1]))
-    return np.sum(weights * np.where(lost, 0.0, shares), axis=-1) / weights.sum(axis=-1)
+    through = np.sum(weights * np.where(lost, 0.0, shares), axis=-1) / weights.sum(axis=-1)
+    return system.mirror_reflectance * through
 
 
 def _trapezium(rays):

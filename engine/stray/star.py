@@ -52,17 +52,24 @@ class Edge:
         Between the normals in the middle and at an end: 0 for a straight edge.
     length : float
         Of one edge.
-    count : int
+    count : float
+        Their number, relative to the share of the opening that no central obstruction blocks.
     """
 
     azimuth_rad: float
     half_angle_rad: float
     length: float
-    count: int
+    count: float
 
 
-def edges_of(opening: Opening) -> list[Edge]:
-    """The edges of an opening: its blades, and the parts of the lens's rim between them."""
+def edges_of(opening: Opening, obstruction: float = 0.0) -> list[Edge]:
+    """The edges of an opening: its blades, the parts of the lens's rim between them, and the circle of a central
+    obstruction with this radius."""
+    edges = [*_outer_edges(opening), *([Edge(0.0, np.pi / 2, np.pi * obstruction, 2)] if obstruction else [])]
+    return [replace(edge, count=edge.count / (1 - obstruction**2)) for edge in edges]
+
+
+def _outer_edges(opening):
     iris, blades = opening.iris, opening.iris.blades
     if not blades:
         return [Edge(0.0, np.pi / 2, np.pi, 2)]
@@ -96,13 +103,13 @@ def star_share(lens: Lens, opening: Opening, wavelengths_nm: np.ndarray) -> np.n
 
     It is the light outside a disc that diffraction at a round stop leaves as much as outside the PSFs' window.
     """
-    perimeter = sum(edge.count * edge.length for edge in edges_of(opening))
+    perimeter = sum(edge.count * edge.length for edge in edges_of(opening, lens.central_obstruction))
     return perimeter / (np.pi**2 * _wave_numbers(lens, wavelengths_nm) * _window_mm(lens, wavelengths_nm))
 
 
 def _wave_numbers(lens, wavelengths_nm):
     """k over r, in 1/mm: array (wavelength,)."""
-    return np.pi / (np.asarray(wavelengths_nm) * 1e-6 * lens.f_number_effective)
+    return np.pi / (np.asarray(wavelengths_nm) * 1e-6 * lens.rim_f_number)
 
 
 def _window_mm(lens, wavelengths_nm):
@@ -131,7 +138,7 @@ def add_stars(cube: np.ndarray, lens: Lens, opening: Opening, frame: PixelGrid, 
     array (wavelength,)
         `star_share`, by which the lens image must be dimmed.
     """
-    edges = edges_of(opening)
+    edges = edges_of(opening, lens.central_obstruction)
     radii_px, (small, *large) = _discs(light.radius_px, max(frame.shape_px) / 2)
     share = _fine_share(light, small)
     cells = FineCells(len(cube), frame.shape_px)

@@ -12,7 +12,7 @@ from ..image.layers import LayeredRadiance
 from ..image.nonfinite import clamp_fireflies, count_nonfinite
 from ..image.spectral_image import SpectralImage
 from ..lens import Lens
-from ..lens.entrance_pupil import entrance_pupil_size_mm
+from ..lens.entrance_pupil import entrance_pupil_area_mm2
 from ..prescription.system import system_of
 from ..runtime.scratch import zeros_stored_like
 from .arrivals import Arrivals, arrivals
@@ -150,7 +150,7 @@ class _Scene:
         if self.outside is None:
             return self.inside_light
         facing = self.outside.irradiance * np.maximum(self.outside.directions[:, 2:], 0)
-        pupil_px = np.pi / 4 * np.prod(entrance_pupil_size_mm(self.lens)) / self._pixel_mm2
+        pupil_px = entrance_pupil_area_mm2(self.lens) / self._pixel_mm2
         return self.inside_light + facing.sum(axis=0) * self._transmittance * pupil_px
 
     @cached_property
@@ -187,6 +187,8 @@ def no_ghosts(lens: Lens, wavelengths_nm: np.ndarray) -> str:
     """Why a lens has no ghosts, and the remedy; "" if it has."""
     if lens.prescription is None:
         return f"{lens.name}: lens data without a prescription have no ghosts; use a prescription"
+    if lens.prescription.mirrors:
+        return f"{lens.name}: ghosts of mirror lenses are not computed; choose other stray light"
     if not _pairs_share(lens, wavelengths_nm).any():
         return f"{lens.name}: its coatings are unknown and count as ideal, without ghosts; choose them (--coating)"
     return ""

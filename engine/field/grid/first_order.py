@@ -9,7 +9,7 @@ import numpy as np
 from ...lens.entrance_pupil import entrance_pupil_size_mm, focus_nearness
 from ...lens.grid_lens import GridLens
 from ...rays.grid_rays import GridRayTable, grid_coefficients, table_axes, table_pupil
-from ..in_focus_rays import in_focus_rays, table_wavelengths
+from ..in_focus_rays import in_focus_rays, pupil_margin, table_wavelengths
 from .geometry import GridGeometry
 
 
@@ -31,9 +31,10 @@ def first_order_rays(lens: GridLens, reach: float = 1.0) -> GridRayTable:
     # axes from here on: x and y, wavelength, row, column, radius, azimuth
     ideal_mm, across = ideal_mm[..., None, None], np.reshape([lens.squeeze, 1.0], (2, 1, 1, 1, 1, 1))
     chief = -across * ideal_mm / lens.capture_focal_length_mm
-    pupil_mm = reach / 2 * np.stack([size_mm * place for size_mm, place in
-                                     zip(entrance_pupil_size_mm(lens), (pupil.x, pupil.y), strict=True)])
-    light = illumination[..., None, None] / (4 * lens.f_number_effective**2)
-    values = in_focus_rays(pupil_mm, chief, focus_nearness(lens, *ideal_mm), light)
+    stop = reach * np.stack([pupil.x, pupil.y])
+    pupil_mm = np.reshape(entrance_pupil_size_mm(lens), (2, 1, 1)) / 2 * stop
+    light = illumination[..., None, None] / (4 * lens.rim_f_number**2)
+    values = in_focus_rays(pupil_mm, chief, focus_nearness(lens, *ideal_mm), light,
+                           pupil_margin(stop, lens.central_obstruction))
     return GridRayTable(lens.name, wavelengths_nm, *ends_mm, lens.mirrored, lens.entrance_pupil_mm,
                         grid_coefficients(values, lens.mirrored).astype(np.float32), reach)

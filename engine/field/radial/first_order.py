@@ -9,7 +9,7 @@ import numpy as np
 from ...lens.entrance_pupil import entrance_pupil_diameter_mm, focus_nearness
 from ...lens.radial_lens import RadialLens
 from ...rays.ray_table import HEIGHTS, PUPIL, RayTable, spline_coefficients
-from ..in_focus_rays import in_focus_rays, table_wavelengths
+from ..in_focus_rays import in_focus_rays, pupil_margin, table_wavelengths
 from .distortion import FieldGeometry
 
 
@@ -31,8 +31,9 @@ def first_order_rays(lens: RadialLens, reach: float = 1.0) -> RayTable:
                              zip(fields, paraxial_mm, strict=True)])
     chief = (paraxial_mm / lens.capture_focal_length_mm)[..., None, None]  # tangents, away from the axis
     # axes from here on: wavelength, height, radius, azimuth
-    pupil_mm = reach * entrance_pupil_diameter_mm(lens) / 2 * np.stack([PUPIL.x, PUPIL.y])
-    light = illumination[..., None, None] / (4 * lens.f_number_effective**2)
-    values = in_focus_rays(pupil_mm, np.stack([0 * chief, chief]), focus_nearness(lens), light)
+    stop = reach * np.stack([PUPIL.x, PUPIL.y])
+    light = illumination[..., None, None] / (4 * lens.rim_f_number**2)
+    values = in_focus_rays(entrance_pupil_diameter_mm(lens) / 2 * stop, np.stack([0 * chief, chief]),
+                           focus_nearness(lens), light, pupil_margin(stop, lens.central_obstruction))
     return RayTable(lens.name, wavelengths_nm, float(last_mm), lens.entrance_pupil_mm,
                     spline_coefficients(values).astype(np.float32), reach, lens.dark_beyond)

@@ -31,8 +31,8 @@ def read_prescription(path: str | Path, options: ReadingOptions = AS_IT_IS) -> P
     Raises
     ------
     LensError
-        A file that is missing, damaged, inconsistent, or does not describe a centred lens of refracting surfaces; or
-        options that do not apply to it.
+        A file that is missing, damaged, inconsistent, or does not describe a lens of refracting surfaces and mirrors;
+        or options that do not apply to it.
     """
     return checked(Path(path), read_file(path, options), options.allow_mismatch)
 

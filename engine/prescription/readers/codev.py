@@ -22,7 +22,7 @@ APERTURES = {"EPD": "entrance_pupil_diameter_mm", "FNO": "working_f_number", "NA
              "NA": "working_f_number"}
 FIELDS = {"AN": "angle_deg", "OB": "object_height_mm", "IM": "image_height_mm"}
 REAL_IMAGE_HEIGHT = "RI"
-SURFACES = ("SO", "S", "SI")
+SURFACES, MIRROR = ("SO", "S", "SI"), "REFL"
 POWERS = {letter: 4 + 2 * number for number, letter in enumerate("ABCDEFGHJ")}  # of r; there is no I
 SHAPES = ("CYL", "YTO", "XTO", "AAS")  # with a second section, along x
 SECTION = ("CUX", "RDX")
@@ -53,17 +53,22 @@ KNOWN_COMMANDS = ("RDM", "TITLE", "TIT", "DIM", "WL", "REF", "ZOO", *APERTURES, 
 HARMLESS_COMMANDS = (  # remarks, weights, drawing, optimisation flags, and solves with saved results
     "LEN", "RDM;LEN", "GO", "INI", "WTW", "WTF", "WTX", "WTY", "CLS", "SLB", "CCY", "THC", "GLC", "KC", "AC", "BC",
     "CC", "DC", "CON", "ASP", "IC", "CUF", "PIM", "CCX", "TEM", "PRE", "XDC", "YDC", "ZDC", "ADC", "BDC", "CDC",
-    "DER")
+    "DER", "CUM", "THM")  # the last two are of a mirror's back
+CLEAR, OBSTRUCTION, EDGE, HOLE = "CLR", "OBS", "EDG", "HOL"  # qualifiers of CIR; the last two are drawn only
+LABEL = re.compile(r"[Ll]'.*'")
+OBSTRUCTED = f"CIR {OBSTRUCTION}"
 QUOTED = re.compile(r"""('[^'\n]*')|"[^"\n]*"|![^\n]*""")
 
 
 def read_codev(path: Path, options: ReadingOptions) -> Reading:
-    """Read a .seq. CIR apertures block light; vignetting factors are ignored."""
+    """Read a .seq. CIR apertures and obstructions block light; vignetting factors are ignored."""
     system, rows, private = _commands(path)
     glasses = {glass.glass.name: glass for glass in private_glasses(private)}
     _check_ends(path, rows)
     unit_mm, curvatures = _unit_mm(system), _has_curvatures(path, system, rows)
-    surfaces = [_surface(path, number, row, curvatures, glasses) for number, row in enumerate(rows[1:-1], 1)]
+    surfaces = []
+    for row in rows[1:-1]:
+        surfaces.append(_surface(row, curvatures, glasses, surfaces[-1].glass if surfaces else ""))
     defocus = rows[-1]["SI"].figure(2, 0.0)  # from the paraxial image plane to the actual one
     surfaces[-1] = replace(surfaces[-1], thickness_mm=surfaces[-1].thickness_mm + defocus)
     frames = list(_frames(rows, surfaces))
@@ -151,8 +156,10 @@ def _add(row, line, named):
     if command == SPHERE:
         for other in (*SHAPES, *OF_SHAPES):
             row.pop(other, None)
-    elif command not in (CIRCLE, *RECTANGLE) or _is_clear(line):
-        row[command] = line
+        return
+    kind = _aperture_kind(line) if command in (CIRCLE, *RECTANGLE) else ""
+    if kind not in (EDGE, HOLE):
+        row[OBSTRUCTED if kind == OBSTRUCTION else command] = line
 
 
 def _words(path):
@@ -170,13 +177,16 @@ def _is_number(word):
         return False
 
 
-def _is_clear(line):
-    """Whether an aperture is clear: without a qualifier or with CLR; EDG is the edge of the glass."""
-    kind = line.words[1].upper() if len(line.words) == 3 else "CLR"
-    if len(line.words) not in (2, 3) or kind not in ("CLR", "EDG") or not _is_number(line.words[-1]):
-        raise line.refusal(f"expected {line.words[0].upper()} and the "
-                           f"{'radius' if line.words[0].upper() == CIRCLE else 'half-width'} of a clear aperture")
-    return kind == "CLR"
+def _aperture_kind(line):
+    """The kind of a CIR, REX or REY: a clear aperture, an obstruction in it (CIR only), or the edge or hole of the
+    glass."""
+    command, kinds = line.words[0].upper(), [word.upper() for word in line.words[1:-1] if not LABEL.fullmatch(word)]
+    kind = kinds[0] if kinds else CLEAR
+    known = (CLEAR, EDGE, HOLE, OBSTRUCTION) if command == CIRCLE else (CLEAR, EDGE, HOLE)
+    if len(kinds) > 1 or kind not in known or len(line.words) < 2 or not _is_number(line.words[-1]):
+        raise line.refusal("expected CIR and the radius of a clear aperture, or CIR OBS and the one of an obstruction"
+                           if command == CIRCLE else f"expected {command} and the half-width of a clear aperture")
+    return kind
 
 
 def _check_ends(path, rows):
@@ -219,20 +229,21 @@ def _has_curvatures(path, system, rows):
     return False
 
 
-def _surface(path, number, row, curvatures, private):
+def _surface(row, curvatures, private, glass_before):
     line = row["S"]
     glass = _glass(line, private)
-    if glass.upper() == "REFL":
-        raise LensError(path, f"surface {number}", "a mirror", "expected refracting surfaces")
+    mirror = glass.upper() == MIRROR
     shape = next((command for command in SHAPES if command in row), "")
     for command in OF_SHAPES:
         if command in row and command not in OF_SHAPE[shape] and row[command].figure(1):
             raise row[command].refusal(f"expected one of {', '.join(OF_SHAPE[shape])}"
                                        f"{f' on a surface {shape}' if shape else ', or ' + ', '.join(SHAPES)}")
     value = line.figure(1, 0.0)
-    surface = Surface((1 / value if curvatures else value) if value else np.inf, line.figure(2, 0.0), glass,
-                      row[CIRCLE].figure(-1) if CIRCLE in row else np.inf, _value(row, "KY") or _value(row, "K"),
-                      _terms(row, POWERS), "STO" in row, half_widths_mm=_half_widths(row))
+    surface = Surface((1 / value if curvatures else value) if value else np.inf, line.figure(2, 0.0),
+                      glass_before if mirror else glass, row[CIRCLE].figure(-1) if CIRCLE in row else np.inf,
+                      _value(row, "KY") or _value(row, "K"), _terms(row, POWERS), "STO" in row, mirror=mirror,
+                      semi_obstruction_mm=row[OBSTRUCTED].figure(-1) if OBSTRUCTED in row else 0.0,
+                      half_widths_mm=_half_widths(row))
     return replace(surface, **_second_section(surface, shape, row)) if shape else surface
 
 

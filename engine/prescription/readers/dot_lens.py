@@ -108,6 +108,9 @@ def _surface(line):
     index, abbe, diameter_mm = (line.figure(at) for at in (2, 3, 4))
     semi_mm = np.inf if not diameter_mm or diameter_mm >= NO_APERTURE_MM else diameter_mm / 2
     glass = "" if index <= 1 else f"{index:.9g}/{abbe:.9g}" if abbe else f"{index:.9g}"
+    if line.figure(1) < 0:
+        raise LensError(line.path, f"{line.place}, thickness", line.words[1], "this is a mirror lens, and rows of "
+                        "a .lens do not state which surfaces are mirrors: type it as a .toml")
     surface = Surface(radius_mm, line.figure(1), glass, semi_mm, stop=stop, coating=_coating(line))
     if kind in CYLINDERS_X:
         return replace(surface, radius_x_mm=np.inf)

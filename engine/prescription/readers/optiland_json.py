@@ -38,9 +38,11 @@ def read_optiland(path: Path, contents: dict, options: ReadingOptions) -> Readin
     rows = contents["surface_group"]["surfaces"]
     _check_ends(path, rows)
     places = [row["geometry"]["cs"]["z"] for row in rows]
-    in_poses, image_pose = posed([_surface(path, number, row, places[number + 1] - places[number])
-                                  for number, row in enumerate(rows[1:-1], 1)],
-                                 [_frame(path, number, row) for number, row in enumerate(rows[1:], 1)])
+    on_axis = []
+    for number, row in enumerate(rows[1:-1], 1):
+        glass_before = on_axis[-1].glass if on_axis else ""
+        on_axis.append(_surface(path, number, row, places[number + 1] - places[number], glass_before))
+    in_poses, image_pose = posed(on_axis, [_frame(path, number, row) for number, row in enumerate(rows[1:], 1)])
     surfaces = with_stop(path, in_poses, options)
     if contents["fields"].get("telecentric"):
         raise LensError(path, "fields", "telecentric in object space", "expected rays to be aimed at the stop")
@@ -64,22 +66,23 @@ def _check_ends(path, rows):
         raise LensError(path, "object", "tilted or decentred", "expected an object plane on the axis")
 
 
-def _surface(path, number, row, thickness_mm):
+def _surface(path, number, row, thickness_mm, glass_before):
     shape, aperture, interaction = row["geometry"], row.get("aperture"), row.get("interaction_model", {})
-    mirror = interaction.get("is_reflective") or row.get("is_reflective")  # of older releases
-    if interaction.get("type", REFRACTIVE) != REFRACTIVE or mirror:
-        raise LensError(path, f"surface {number}", "not a refracting surface", "expected refracting surfaces")
+    mirror = bool(interaction.get("is_reflective") or row.get("is_reflective"))  # of older releases
+    if interaction.get("type", REFRACTIVE) != REFRACTIVE:
+        raise LensError(path, f"surface {number}", interaction["type"], "expected refracting surfaces and mirrors")
     if shape["type"] not in SHAPES:
         raise LensError(path, f"surface {number}", shape["type"], f"expected one of {', '.join(SHAPES)}")
-    return Surface(thickness_mm=thickness_mm, glass=_glass(path, number, row["material_post"]), stop=row["is_stop"],
-                   **_clear_aperture(path, number, aperture), **_form(path, number, shape))
+    return Surface(thickness_mm=thickness_mm, stop=row["is_stop"], mirror=mirror,
+                   glass=glass_before if mirror else _glass(path, number, row["material_post"]),
+                   **_aperture_of(path, number, aperture), **_form(path, number, shape))
 
 
-def _clear_aperture(path, number, aperture):
+def _aperture_of(path, number, aperture):
     """Fields of a surface from its aperture, if it has one."""
     kind = aperture["type"] if aperture else ""
-    if kind == "RadialAperture" and not aperture.get("r_min"):
-        return {"semi_aperture_mm": aperture["r_max"]}
+    if kind == "RadialAperture":
+        return {"semi_aperture_mm": aperture["r_max"], "semi_obstruction_mm": aperture.get("r_min") or 0.0}
     if kind == "RectangularAperture" and all(aperture[f"{axis}_min"] == -aperture[f"{axis}_max"] for axis in "xy"):
         return {"half_widths_mm": (aperture["x_max"], aperture["y_max"])}
     if aperture:

@@ -14,7 +14,7 @@ import numpy as np
 from ...runtime.errors import LensError
 from ...runtime.unread import unread_note
 from ..glasses import INDEX_ALONE, successor
-from ..prescription import Prescription, Surface
+from ..prescription import ALUMINIUM, Prescription, Surface
 from ..system import System, system_of
 
 SEMI_DIAMETERS = ("aperture", "ignore")
@@ -28,6 +28,8 @@ UNTRACED = ("Without the indices of all glasses, the focal length and f-number s
             "with its surfaces.")
 REMEDY = ("a figure in the file is mistyped or missing: correct it, or accept the surfaces as they are "
           "(--allow-mismatch)")
+UNOBSTRUCTED = ("The file states no central obstruction: no light is blocked by mirrors in front of others, and "
+                "blurred points are discs without a hole.")
 ANY_ABBE = 50.0  # for a glass with only an index: it does not matter at the wavelength of that index
 
 
@@ -131,7 +133,8 @@ def checked(path: Path, reading: Reading, allow_mismatch: bool = False) -> Presc
         raise LensError(path, *mismatches[0], REMEDY)
     if any(field == FOCAL_LENGTH for field, _ in mismatches):
         prescription = replace(prescription, focal_length_mm=None)
-    notes = [*renamed, unread_note(reading.unread), *_notes(reading.f_number, stated, traced)]
+    notes = [*renamed, unread_note(reading.unread), *_notes(reading.f_number, stated, traced),
+             *_mirror_notes(prescription)]
     differences = [f"The file's {field} is {values}." for field, values in mismatches]
     return replace(prescription, notes=" ".join(filter(None, (
         prescription.notes, *differences, *(() if reading.native else notes)))))
@@ -141,6 +144,15 @@ def _notes(f_number, stated, traced):
     if traced is None:
         return [UNTRACED] if stated else []
     return [_stop_note(f_number, traced), _clipping_note(traced.system)]
+
+
+def _mirror_notes(prescription):
+    """Notes on what files do not state about mirrors."""
+    if not prescription.mirrors:
+        return
+    yield f"Mirrors count as reflecting {ALUMINIUM:.0%} of the light: the file does not state how much."
+    if not any(surface.semi_obstruction_mm for surface in prescription.surfaces):
+        yield UNOBSTRUCTED
 
 
 def _with_successors(prescription):

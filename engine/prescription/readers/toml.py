@@ -23,11 +23,12 @@ NUMBERS = ("object_distance_mm", "reference_wavelength_nm", "highest_f_number")
 OF_THE_LENS = ("focal_length_mm", "closest_focus_mm")  # numbers that `scale` does not change; sensor_mm neither
 FIELDS_OF_FILE = ("format", "version", "scale", "aperture", "field", "sensor_mm", "surfaces", "year", "character",
                   "focused_at_mm", "glasses", "provenance", "image_pose", "coatings", *TEXTS, *NUMBERS, *OF_THE_LENS)
-SURFACE_NUMBERS = ("radius_mm", "semi_aperture_mm", "conic", "radius_x_mm", "conic_x")
+SURFACE_NUMBERS = ("radius_mm", "semi_aperture_mm", "semi_obstruction_mm", "conic", "radius_x_mm", "conic_x",
+                   "reflectance")
 FIELDS_OF_GLASS = ("formula", "coefficients", "range_nm")
 EVERYWHERE_NM = (0.0, np.inf)
 FIELDS_OF_SURFACE = (*SURFACE_NUMBERS, "thickness_mm", "glass", "aspheric", "stop", "profile", "skews", "pose",
-                     "coating", "half_widths_mm")
+                     "coating", "mirror", "half_widths_mm")
 MEASURED = ("wavelengths_nm", "angles_deg", "reflectance")
 FIELDS_OF_COATING = ("name", "layers", *MEASURED)
 FIELDS_OF_POSE = ("offset_mm", "tilt_deg")
@@ -188,8 +189,11 @@ def _surface(table):
     skews, odd_skews = _by_power(table, "skews")
     if odd_skews:
         raise table.refusal("skews", "expected even powers")
-    return Surface(**numbers, glass=table.line("glass"), stop=table.flag("stop"), aspheric=even, odd_aspheric=odd,
-                   profile=table.line("profile"), skews=skews, coating=table.line("coating"), pose=_pose(table, "pose"))
+    if "reflectance" in table and not table.flag("mirror"):
+        raise table.refusal("reflectance", "expected mirror = true, too")
+    return Surface(**numbers, glass=table.line("glass"), stop=table.flag("stop"), mirror=table.flag("mirror"),
+                   aspheric=even, odd_aspheric=odd, profile=table.line("profile"), skews=skews,
+                   coating=table.line("coating"), pose=_pose(table, "pose"))
 
 
 def _by_power(table, field):
@@ -251,7 +255,8 @@ def _fields_of(surface):
     """The fields of a surface's table."""
     return {"radius_mm": surface.radius_mm, "radius_x_mm": surface.radius_x_mm,
             "thickness_mm": surface.gaps_mm or surface.thickness_mm, "glass": surface.glass,
-            "semi_aperture_mm": surface.semi_aperture_mm, "half_widths_mm": surface.half_widths_mm,
+            "mirror": surface.mirror, "reflectance": surface.reflectance, "semi_aperture_mm": surface.semi_aperture_mm,
+            "semi_obstruction_mm": surface.semi_obstruction_mm, "half_widths_mm": surface.half_widths_mm,
             "stop": surface.stop, "conic": surface.conic, "conic_x": surface.conic_x, "profile": surface.profile,
             "aspheric": _powers(surface.aspheric, surface.odd_aspheric), "skews": _powers(surface.skews),
             "pose": _pose_table(surface.pose), "coating": surface.coating}

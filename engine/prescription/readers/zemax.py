@@ -26,10 +26,10 @@ EXTENDED = {"XASPHERE": 2, "XOSPHERE": 1}  # steps between the powers of r; coef
 TERMS, NORMALISATION, FIRST_TERM = 1, 2, 3  # numbers of an extended asphere's extra data
 SHAPES = ("STANDARD", "EVENASPH", "ODDASPHE", *EXTENDED, "TOROIDAL", "BICONICX", "COORDBRK")
 BREAK, COATING = "COORDBRK", "COAT"  # a coating is a name, which another file defines
-RECTANGLE, OTHER_APERTURES = "SQAP", ("ELAP", "USAP", "OBSC", "SQOB", "ELOB", "SPID")
-SURFACE_OPERANDS = ("TYPE", "CURV", "CONI", "PARM", "DISZ", "GLAS", "STOP", "DIAM", "CLAP", "FLAP", "OBDC", "SCBD",
-                    "XDAT", RECTANGLE, *OTHER_APERTURES)
-APERTURE_OPERANDS = ("CLAP", "FLAP", RECTANGLE, *OTHER_APERTURES)
+RECTANGLE, OBSTRUCTION, OTHER_APERTURES = "SQAP", "OBSC", ("ELAP", "USAP", "SQOB", "ELOB", "SPID")
+APERTURE_OPERANDS = ("CLAP", "FLAP", RECTANGLE, OBSTRUCTION, *OTHER_APERTURES)
+SURFACE_OPERANDS = ("TYPE", "CURV", "CONI", "PARM", "DISZ", "GLAS", "STOP", "DIAM", "OBDC", "SCBD", "XDAT",
+                    *APERTURE_OPERANDS)
 WITH_EXTRA_DATA = ("TOROIDAL", *EXTENDED)
 LAST_PARAMETERS = {**dict.fromkeys(EXTENDED, 0), "EVENASPH": 8, "ODDASPHE": 8, "TOROIDAL": 8, "BICONICX": 2}
 ZERNIKE_TERMS = 13  # parameter of a toroid: their number; in older files the first of its extra data
@@ -47,7 +47,8 @@ PLACEHOLDER = (1.5, 40.0)  # written by Zemax after a glass name, regardless of 
 
 
 def read_zemax(path: Path, options: ReadingOptions) -> Reading:
-    """Read a sequential .zmx. Circular and rectangular apertures and fixed semi-diameters block light; vignetting
+    """Read a sequential .zmx. Circular and rectangular apertures, central obstructions and fixed semi-diameters block
+    light; vignetting
     factors do not."""
     system, rows, unread = _operands(path)
     field = options.field
@@ -167,10 +168,11 @@ def _surface(path, number, row, makers, glass_before):
     if shape == BREAK:  # a plane on the axis, within the preceding medium
         return Surface(thickness_mm=row["DISZ"][-1].figure(1), glass=glass_before, stop="STOP" in row)
     curvature = row["CURV"][-1].figure(1)
-    glass, figures = _glass(path, number, row, makers)
+    mirror = _is_mirror(row)
+    glass, figures = (glass_before, "") if mirror else _glass(row, makers)
     conic = Surface(1 / curvature if curvature else np.inf, row["DISZ"][-1].figure(1), glass,
-                    conic=row["CONI"][-1].figure(1) if "CONI" in row else 0.0, stop="STOP" in row,
-                    glass_figures=figures, **_clear_aperture(path, number, row))
+                    conic=row["CONI"][-1].figure(1) if "CONI" in row else 0.0, stop="STOP" in row, mirror=mirror,
+                    glass_figures=figures, **_aperture_of(path, number, row))
     return replace(conic, **_form(path, number, row)) if shape != "STANDARD" else conic
 
 
@@ -256,14 +258,16 @@ def _is_fixed(rows, number, steps):
     return line.figure(1) > 0 and origin == FIXED
 
 
-def _glass(path, number, row, makers):
+def _is_mirror(row):
+    return "GLAS" in row and " ".join(row["GLAS"][-1].words[1:2]).upper() == "MIRROR"
+
+
+def _glass(row, makers):
     """Name of a surface's glass, and "n/V" from its line."""
     if "GLAS" not in row:
         return "", ""
     line = row["GLAS"][-1]
     name = " ".join(line.words[1:2])
-    if name.upper() == "MIRROR":
-        raise LensError(path, f"surface {number}", "a mirror", "expected refracting surfaces")
     stated = (line.figure(4), line.figure(5)) if len(line.words) > 5 else PLACEHOLDER
     figures = f"{stated[0]:.9g}/{stated[1]:.9g}" if stated != PLACEHOLDER and stated[0] > 1 else ""
     if name.startswith("___") and line.words[2:3] == ("1",):  # a model glass, defined by these figures
@@ -271,20 +275,21 @@ def _glass(path, number, row, makers):
     return best_name(name, makers), figures
 
 
-def _clear_aperture(path, number, row):
-    """Fields of a surface from its aperture."""
+def _aperture_of(path, number, row):
+    """Fields of a surface from its clear aperture and its central obstruction."""
     for operand in OTHER_APERTURES:
         if operand in row:
-            raise LensError(path, f"surface {number}, aperture", operand, "expected a circle, CLAP or FLAP, or "
-                            f"a rectangle, {RECTANGLE}")
-    circles = [*row["CLAP"], *row["FLAP"]]
-    shapes = [*circles, *row[RECTANGLE]]
-    least, most = (circles[-1].figure(1), circles[-1].figure(2)) if circles else (0.0, np.inf)
-    if least or shapes and any(line.figure(1) or line.figure(2, 0.0) for line in row["OBDC"]):
-        raise LensError(path, f"surface {number}, aperture", "decentred or annular",
-                        "expected a centred circle or rectangle")
-    halves = tuple(row[RECTANGLE][-1].figures()[:2]) if row[RECTANGLE] else ()
-    return {"semi_aperture_mm": most, "half_widths_mm": halves}
+            raise LensError(path, f"surface {number}, aperture", operand, "expected a circle, CLAP or FLAP, a "
+                            f"rectangle, {RECTANGLE}, or a central obstruction, {OBSTRUCTION}")
+    circles, holes = [*row["CLAP"], *row["FLAP"]], row[OBSTRUCTION]
+    if (circles or holes or row[RECTANGLE]) and any(line.figure(1) or line.figure(2, 0.0) for line in row["OBDC"]):
+        raise LensError(path, f"surface {number}, aperture", "decentred", "expected a centred circle or rectangle")
+    if holes and holes[-1].figure(1):
+        raise LensError(path, f"surface {number}, aperture", "an obstruction in the shape of a ring",
+                        "expected OBSC from a radius of 0")
+    inner, outer = (circles[-1].figure(1), circles[-1].figure(2)) if circles else (0.0, np.inf)
+    return {"semi_aperture_mm": outer, "semi_obstruction_mm": max(inner, *(line.figure(2) for line in holes[-1:]), 0.0),
+            "half_widths_mm": tuple(row[RECTANGLE][-1].figures()[:2]) if row[RECTANGLE] else ()}
 
 
 def _aperture(path, system, rows, unit_mm):

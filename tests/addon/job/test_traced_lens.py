@@ -45,6 +45,11 @@ def petzval():
     return Bench("kodak-petzval-100mm", "preview")
 
 
+@pytest.fixture(scope="module")
+def reflex():
+    return Bench("nikkor-reflex-500mm", "preview")
+
+
 def values(figures, start):
     matching = [figure.value for figure in figures if figure.what.startswith(start)]
     assert matching
@@ -53,8 +58,9 @@ def values(figures, start):
 
 def test_a_bare_hole_gives_the_irradiance_of_a_cone(tmp_path):
     radius_mm, distance_mm, one = 2.0, 5.0, np.ones(1)
-    hole = FromSensor(distance_mm * one, 0 * one, 0 * one, np.zeros((1, 0)), 2, 2, radius_mm * one, one, 0 * one, 1.0,
-                      0.0, Bins(1.0, 0.0, -radius_mm * one, radius_mm * one, radius_mm * one), np.zeros(2))
+    hole = FromSensor(distance_mm * one, 0 * one, 0 * one, np.zeros((1, 0)), 2, 2, radius_mm * one, 0 * one, one,
+                      0 * one, 1.0, 0.0, Bins(1.0, 0.0, -radius_mm * one, radius_mm * one, radius_mm * one),
+                      np.zeros(2))
     scene = truth_scenes.empty_scene()
     truth_scenes.set_even_light(scene, 1.0)
     use_shader(scene.camera.data, shader_text(hole, PixelGrid((8, 8), 1.0), 1e3), Journal())
@@ -92,10 +98,20 @@ def test_a_picture_through_the_lens_is_upright_and_not_mirrored(edmund):
         assert column > 24 and row < 18
 
 
-def test_brightness_of_even_light_agrees_with_rays(edmund):
-    rings = 5
-    figures = truth.illumination_figures(edmund, columns=48, samples=256, rings=rings)
-    of_a_ring = five_sigma(edmund.noise) * np.sqrt(rings) / edmund.picture.mean()
+def test_a_picture_by_two_mirrors_is_upright_and_not_mirrored(reflex):
+    scene = truth_scenes.empty_scene()
+    truth_scenes.add_beads(scene, reflex.lens, np.array([[9.0, 4.5]]), 200, distance_mm=5e5)
+    frame_px = truth.full_frame(reflex.lens, 48).shape_px
+    for picture in (reflex.traced(scene, frame_px, 64), reflex.lensfield(scene, frame_px, 16)):
+        row, column = np.unravel_index(picture.argmax(), picture.shape)
+        assert column > 24 and row < 16
+
+
+@pytest.mark.parametrize("bench", ["edmund", "reflex"])
+def test_brightness_of_even_light_agrees_with_rays(bench, request):
+    rings, bench = 5, request.getfixturevalue(bench)
+    figures = truth.illumination_figures(bench, columns=48, samples=256, rings=rings)
+    of_a_ring = five_sigma(bench.noise) * np.sqrt(rings) / bench.picture.mean()
     of_two = np.sqrt(2) * of_a_ring
     assert of_two < 0.01
     assert max(values(figures, "even light")) < 0.01 + of_two

@@ -11,10 +11,12 @@ from crooked_lens import CROOKED
 from lensfield.addon.scene.traced_camera import shader_text, use_shader
 from lensfield.addon.scene.undo import Journal
 from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.prescription.prescription import Pose
 from lensfield.engine.rays.fields import aim_at_places, find_fields, view_of
 from lensfield.engine.rays.focus import build_system
 from lensfield.engine.rays.from_sensor import lens_from_sensor
 from lensfield.engine.rays.trace import trace_both_ways
+from mirror_lens import MIRROR_LENS, SURFACES
 from small_scenes import material, wall
 
 pytestmark = pytest.mark.one_blender
@@ -27,13 +29,17 @@ POSED = replace(CROOKED, surfaces=(*CROOKED.surfaces[:3], TURNED, CROOKED.surfac
 CENTRED = replace(POSED, image_pose=None, surfaces=tuple(
     replace(surface, pose=None, odd_aspheric=() if surface.radius_x_mm else (1e-4, 2e-5)) for surface in
     POSED.surfaces))
+MIRRORS = replace(MIRROR_LENS, focus="paraxial", surfaces=tuple(
+    replace(surface, pose=Pose((0.05, -0.1, 0.0), (0.2, 0.1, 0.0))) if number == 6 else surface
+    for number, surface in enumerate(SURFACES)))
 
 
 def rays_from_the_stop(lens):
     """A ray to the middle of each pixel, through its own point of the stop, by the compiled loops.
 
     Returns its place on the sensor (2, pixel) and direction there (3, pixel), its position (3, pixel) and direction in
-    front of the lens, relative to the camera, and its squared places on rectangular apertures.
+    front of the lens, relative to the camera, whether it passes (pixel,), and its squared places on rectangular
+    apertures.
     """
     system = build_system(lens)
     view, right_up_mm = view_of(system), np.stack(np.meshgrid(*FILM.axes_mm())).reshape(2, -1)
@@ -43,7 +49,8 @@ def rays_from_the_stop(lens):
     assert aimed[0, own, own].all()
     traced = trace_both_ways(system.prescription, system.indices_at([NM])[..., None], *stop_mm, *slope[..., own, own])
     entry = view.turned(traced.entry[:, 0] - view.viewpoint_mm[:, None])
-    return (traced.position[:2, 0], traced.direction[:, 0], entry, view.turned(traced.before[:, 0]),
+    passes = np.all(system.limits(traced.square_mm2[:, 0]) <= 1, axis=0)
+    return (traced.position[:2, 0], traced.direction[:, 0], entry, view.turned(traced.before[:, 0]), passes,
             traced.square_mm2[len(lens.surfaces):, 0])
 
 
@@ -73,18 +80,21 @@ def places_seen(scene, folder, depth):
 
 
 @pytest.mark.parametrize("depth", [30.0, 200.0])
-@pytest.mark.parametrize("lens", [POSED, CENTRED], ids=["posed", "centred"])
+@pytest.mark.parametrize("lens", [POSED, CENTRED, MIRRORS], ids=["posed", "centred", "mirrors"])
 def test_rays_through_every_kind_of_surface_are_those_of_the_compiled_loops(lens, depth, tmp_path):
-    place_mm, direction, entry, before, _ = rays_from_the_stop(lens)
+    place_mm, direction, entry, before, passes, _ = rays_from_the_stop(lens)
     optics = aimed_along(lens_from_sensor(lens, NM, FILM.edges_mm), place_mm, direction)
     scene = truth_scenes.empty_scene()
     use_shader(scene.camera.data, shader_text(optics, FILM, UNIT_MM), Journal())
     found, light = places_seen(scene, tmp_path, depth)
     entry = entry / UNIT_MM
     expected = (entry - (depth + entry[2]) / before[2] * before)[:2].reshape(found.shape)
-    np.testing.assert_allclose(found, expected, rtol=0, atol=3 * AIM_MM / optics.aim.away_mm * depth)
+    lit = passes.reshape(light.shape)
+    np.testing.assert_allclose(found[:, lit], expected[:, lit], rtol=0, atol=3 * AIM_MM / optics.aim.away_mm * depth)
     box = (2 * AIM_MM)**2 / optics.aim.away_mm**2 * direction[2].reshape(light.shape)**4
-    np.testing.assert_allclose(light, box, rtol=5e-3)  # of a small difference, in single precision
+    reflected = np.prod([surface.reflectance for surface in lens.surfaces if surface.mirror])
+    np.testing.assert_allclose(light, reflected * lit * box, rtol=5e-3)  # of a small difference, in single precision
+    assert lit.sum() > lit.size / 4 and lit.all() == (lens is not MIRRORS)
 
 
 @pytest.mark.parametrize("number", [1, 2], ids=["toroid", "stop"])
@@ -95,7 +105,7 @@ def test_rays_beyond_a_rectangle_are_black(lens, number, tmp_path):
         surfaces[number] = replace(surfaces[number], half_widths_mm=tuple(halves_mm))
         return replace(lens, surfaces=tuple(surfaces))
 
-    place_mm, direction, _, _, squares_mm2 = rays_from_the_stop(with_rectangle((9.0, 9.0)))
+    place_mm, direction, _, _, _, squares_mm2 = rays_from_the_stop(with_rectangle((9.0, 9.0)))
     halves_mm = np.quantile(np.sqrt(squares_mm2), 0.7, axis=1)
     optics = aimed_along(lens_from_sensor(with_rectangle(halves_mm), NM, FILM.edges_mm), place_mm, direction)
     scene = truth_scenes.empty_scene()

@@ -55,7 +55,7 @@ def optic_of(system, wavelength_nm):
     optic.surfaces.add(index=0, thickness=prescription.object_distance_mm)
     for number, surface in enumerate(prescription.surfaces, 1):
         optic.surfaces.add(index=number, radius=surface.radius_mm, conic=surface.conic, thickness=surface.thickness_mm,
-                           material=IdealMaterial(indices[number]), is_stop=surface.stop)
+                           material=material_of(surface, indices[number]), is_stop=surface.stop)
         if surface.aspheric:
             _replace_by_asphere(optic.surfaces[number], surface)
     optic.surfaces.add(index=len(prescription.surfaces) + 1)
@@ -68,6 +68,11 @@ def optic_of(system, wavelength_nm):
     optic.wavelengths.add(wavelength_nm * 1e-3, is_primary=True)
     optic.ray_tracer.set_aiming("robust", tol=AIM_TOLERANCE)
     return optic
+
+
+def material_of(surface, index):
+    """Optiland's medium behind a surface; the engine's index is negative where light travels backwards."""
+    return "mirror" if surface.mirror else IdealMaterial(abs(index))
 
 
 def witness_rays(optic, system, height_mm, wavelength_nm, pupil):
@@ -91,7 +96,7 @@ def displaced_optic(prescription, indices):
     optic, vertex_mm = Optic(), 0.0
     optic.surfaces.add(index=0, z=-np.inf)
     for number, surface in enumerate(prescription.surfaces, 1):
-        optic.surfaces.add(index=number, material=IdealMaterial(indices[number]), is_stop=surface.stop,
+        optic.surfaces.add(index=number, material=material_of(surface, indices[number]), is_stop=surface.stop,
                            **_shaped(surface), **_placed(surface.pose, vertex_mm))
         if surface.aspheric and not surface.profile:
             _replace_by_asphere(optic.surfaces[number], surface)

@@ -32,12 +32,15 @@ def path_of(system, wavelength_nm, object_gap_mm):
                                                    coefs=list(surface.aspheric) or None)
                                     for surface in prescription.surfaces), EvenPolynomial()]
     poses = [None, *(surface.pose for surface in prescription.surfaces), prescription.image_pose]
-    interfaces = [Surface(profile=profile, delta_n=behind - before, decenter=displacement(pose))
-                  for profile, before, behind, pose in zip(profiles, indices, indices[1:], poses, strict=False)]
+    mirrors = [False, *(surface.mirror for surface in prescription.surfaces), False]
+    interfaces = [Surface(profile=profile, delta_n=behind - before, decenter=displacement(pose),
+                          interact_mode="reflect" if mirror else "transmit")
+                  for profile, before, behind, pose, mirror in
+                  zip(profiles, indices, indices[1:], poses, mirrors, strict=False)]
     gaps_mm = [object_gap_mm, *(surface.thickness_mm for surface in prescription.surfaces), 0.0]
     steps = [forward_transform(here, gap_mm, ahead) for here, gap_mm, ahead in
              zip(interfaces, gaps_mm, [*interfaces[1:], interfaces[-1]], strict=True)]
-    return [[interface, Gap(t=gap_mm), (turn.T, offset_mm), index, 1.0]
+    return [[interface, Gap(t=gap_mm), (turn.T, offset_mm), abs(index), np.sign(index)]
             for interface, gap_mm, (turn, offset_mm), index in
             zip(interfaces, gaps_mm, steps, indices[1:], strict=True)]
 

@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("optiland", reason="the second truth of depth is Optiland's: make test-bake")
 
 from depth_second_truth import CASES, NM, PRESCRIPTIONS, Judged, with_glasses  # noqa: E402
-from depth_witness import JudgedDesign  # noqa: E402
+from depth_witness import ANAMORPHIC, MIRRORS, JudgedDesign  # noqa: E402
 from foreign_lens import ForeignLens  # noqa: E402
 
 SURFACES_CM = (
@@ -96,8 +96,16 @@ def test_real_lenses(case, tmp_path):
 
 def test_lamps_through_an_anamorphic_lens():
     """Near the axis behind an edge, and far off the axis."""
-    judged = JudgedDesign()
+    judged = JudgedDesign(*ANAMORPHIC)
     for lamp in ((1000.0, 0.0, True), (8000.0, 0.25, False)):
         deviation = judged.lamp(*lamp)
         assert not deviation.missed, deviation
         assert deviation.oval < 0.85, "the disc is round: nothing is tested of the squeeze"
+
+
+def test_lamps_through_a_mirror_lens():
+    """Near the axis behind an edge, and in a corner. An even disc without the hole would be 12 % narrower."""
+    judged = JudgedDesign(*MIRRORS)
+    for lamp in ((5000.0, 0.0, True), (30000.0, 0.04, False)):
+        deviation = judged.lamp(*lamp)
+        assert not deviation.missed, deviation

@@ -14,7 +14,8 @@ from lensfield.engine.rays.focus import build_system  # noqa: E402
 from lensfield.engine.rays.rays import HalfPupil, trace_pupil  # noqa: E402
 from rayoptics_witness import focal_length_mm, witness_ray  # noqa: E402
 
-NAMES = ("angenieux-50mm", "apple-phone-4mm", "edmund-54852", "kodak-petzval-100mm")
+NAMES = ("angenieux-50mm", "apple-phone-4mm", "edmund-54852", "kodak-petzval-100mm", "nikkor-reflex-500mm",
+         "nikkor-reflex-c-500mm")
 PUPIL = HalfPupil(3, 5)
 lenses = pytest.mark.parametrize("name", NAMES)
 

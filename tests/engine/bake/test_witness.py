@@ -20,7 +20,8 @@ from varied_lenses import VARIED  # noqa: E402
 
 PUPIL = HalfPupil(5, 7)
 WAVELENGTHS_NM = (400.0, 550.0, 700.0)
-NAMES = *VARIED, "cooke-speed-panchro-35mm", "nikkor-z-58mm-noct", "pentax-fisheye-17mm", "sigma-40mm-f1.4"
+NAMES = (*VARIED, "cooke-speed-panchro-35mm", "nikkor-z-58mm-noct", "pentax-fisheye-17mm", "sigma-40mm-f1.4",
+         "nikkor-reflex-500mm", "nikkor-reflex-c-500mm")
 PATHS = [PRESCRIPTIONS / f"{name}.toml" for name in NAMES]
 lenses = pytest.mark.parametrize("path", PATHS, ids=lambda path: path.stem)
 

@@ -14,6 +14,7 @@ from lensfield.engine.rays.focus import build_system
 from lensfield.engine.rays.rays import HalfPupil, trace_pupil
 from lensfield.engine.rays.rings import turned
 from lensfield.engine.rays.trace import points_from_image
+from mirror_lens import MIRROR_LENS
 
 figure = pytest.importorskip("matplotlib.figure")
 
@@ -129,3 +130,19 @@ def test_a_lens_with_two_sections_has_both_in_its_picture():
     dark = cross_section(system_of(anamorphic), 300)[..., :3].min(axis=-1) < 250
     upper, lower = dark[:150], dark[150:]
     assert upper.any() and lower.any() and not np.array_equal(upper, lower)
+
+
+def test_the_folded_path_of_a_mirror_lens():
+    """Rays go back from one mirror to the other; glass and mirrors have their holes."""
+    system = build_system(MIRROR_LENS)
+    outlines, lines = drawn(system.prescription)
+    vertices_mm = np.cumsum([0.0, *(surface.thickness_mm for surface in system.prescription.surfaces)])
+    rays = [line for line in lines if line.shape[1] == len(vertices_mm) + 1 and np.isfinite(line).all()]
+    assert len(rays) >= 10
+    for z_mm, _ in rays:
+        np.testing.assert_array_equal(np.sign(np.diff(z_mm[1:])), [1, 1, 1, 1, -1, -1, 1, 1, 1])
+        assert z_mm[0] < 0 and z_mm[-1] == pytest.approx(vertices_mm[-1])
+    least_mm = [np.abs(y_mm).min() for _, y_mm in outlines]
+    assert least_mm == pytest.approx([0, 3.2, 3.2, 3.2, 3.2, 0], abs=0.05)  # two passes through the mirror's glass
+    bold = [line for line in lines if line.shape[1] == 41]
+    assert sorted(np.abs(y_mm).max() for _, y_mm in bold)[:2] == pytest.approx([3.6, 3.6])  # obstruction, and mirror

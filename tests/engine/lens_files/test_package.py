@@ -161,7 +161,11 @@ def test_an_older_package_gets_a_default_point_flux(path):
     assert np.all(lens.point_flux == 1) and lens.point_flux.shape == lens.relative_illumination.shape
 
 
-@pytest.mark.parametrize("field", HEADER_FIELDS)
+def test_an_older_package_has_no_central_obstruction(path):
+    assert read_package(rewritten(path, header={"central_obstruction": ...})).central_obstruction == 0
+
+
+@pytest.mark.parametrize("field", [name for name in HEADER_FIELDS if name != "central_obstruction"])
 def test_a_missing_figure_is_named(path, field):
     assert error_of(rewritten(path, header={field: ...})).field == field
 

@@ -10,6 +10,7 @@ from lensfield.engine.library import bundled_lenses
 from lensfield.engine.prescription.prescription import Pose
 from lensfield.engine.prescription.tolerances import GRADES, Copy, as_built, elements
 from lensfield.engine.runtime.errors import LensError
+from mirror_lens import MIRROR_LENS
 
 pytestmark = pytest.mark.one_blender
 LENS = bundled_lenses()["tessar-50mm"]
@@ -93,3 +94,10 @@ def test_poses_of_the_design_are_moved_with_its_elements():
 def test_an_invalid_copy_is_an_error(seed, grade):
     with pytest.raises(LensError, match="copy: "):
         Copy(seed, grade)
+
+
+def test_mirrors_move_as_elements():
+    """Both passes through a mirror's glass move together, and a mirror without glass moves by itself."""
+    assert [list(element) for element in elements(MIRROR_LENS.surfaces)] == [[0, 1], [3, 4, 5], [6], [7, 8]]
+    built = as_built(MIRROR_LENS, Copy(3, "vintage")).surfaces
+    assert built[3].pose == built[5].pose != built[4].pose and built[6].pose

@@ -199,8 +199,10 @@ def test_impossible_positions_are_an_error():
         turned(turned_round, Rings(500.0))
 
 
+SOFT = ("jacobsen-41mm-2x",  # its main lens is a Speed Panchro, soft at every distance
+        "nikkor-reflex-500mm")  # two moving parts for 1:2.5: 22 um there
 INSIDE = [name for name in bundled_names() if "focused_at_mm" in prescription_path(name).read_text(encoding="utf-8")
-          and name != "jacobsen-41mm-2x"]  # its main lens is a Speed Panchro, soft at every distance
+          and name not in SOFT]
 PUPIL = FullPupil(17, 40)
 
 
@@ -208,8 +210,7 @@ def axial_rms_um(prescription):
     """RMS size of the spot on the axis at 587.6 nm."""
     system = build_system(prescription)
     rays = trace_pupil(system, [0.0], [587.6], PUPIL)
-    light = PUPIL.radii[:, None] * ~rays.lost * np.all(
-        rays.square_height_mm2 <= system.semi_apertures_mm[:, None, None, None, None]**2, axis=0)
+    light = PUPIL.radii[:, None] * ~rays.lost * np.all(system.limits(rays.square_height_mm2) <= 1, axis=0)
     return 1e3 * np.sqrt(np.sum(light * np.sum(rays.position_mm**2, axis=0)) / np.sum(light))
 
 
