@@ -197,7 +197,8 @@ class Animation:
         seconds, frames = sum(self.report.stages.values()), len(self.results)
         rendered = f"{frames} frame{'s' * (frames != 1)} in {seconds:.1f} s" if frames else "nothing to render"
         earlier = f"; {len(self.earlier)} already finished" if self.earlier else ""
-        lines = [f"{rendered}{earlier}, in {self._folder}", *filter(None, [self.plan]), *self._other_builds]
+        lines = [f"{rendered}{earlier}, in {self._folder}", *filter(None, [self.plan]), *self._other_builds,
+                 *self._unlike_depth]
         if self.elsewhere:
             lines.append(f"left to other processes: {len(self.elsewhere)} of the frames, from frame "
                          f"{self.elsewhere[0]} on")
@@ -205,6 +206,14 @@ class Animation:
             lines.append(f"the scene has changed since {len(self.outdated)} of the finished frames, from frame "
                          f"{self.outdated[0]} on: Overwrite (--overwrite) renders them again")
         return lines
+
+    @property
+    def _unlike_depth(self):
+        """A line if only some of the rendered frames have layers of depth."""
+        in_layers = [frame for frame, result in self.results.items() if result.report.scene.layers]
+        if in_layers and len(in_layers) < len(self.results):
+            yield (f"{len(in_layers)} of {len(self.results)} frames are in layers of depth, from frame {in_layers[0]} "
+                   "on; in the others, the light out of focus is within the accuracy")
 
     @property
     def messages(self):

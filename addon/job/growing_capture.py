@@ -16,7 +16,7 @@ from ..scene.denoise import can_denoise, denoise_quickly, denoised, guide_planes
 from ..scene.render_state import rendered_layer, show_samples, show_slab
 from ..scene.undo import Journal
 from .light import place_in
-from .radiance import Captured, captured_from, light_steps, planned_steps, sliced_steps
+from .radiance import Captured, captured_from, light_steps, planned_steps, sliced_steps, unfocused_light
 from .sampled_passes import Samples, WholePasses, mean_light
 
 FINER = 3  # fine pixels in a coarse one, down and across
@@ -69,8 +69,8 @@ def growing_capture(scene, job):
                     yield None
 
 
-def _stages(planned, journal):
-    """Steps of the stages of a planned scene, and a Grown after each."""
+def _stages(planned, journal, again=True):
+    """Steps of the stages of a planned scene, and a Grown after each; `again` if they may begin anew with layers."""
     most = planned.scene.cycles.samples
     ready = yield from sliced_steps(planned, 1.0, journal, FINER)
     passes = _GrowingPasses(ready, journal)
@@ -81,7 +81,12 @@ def _stages(planned, journal):
         for samples in stages:
             passes.last = samples
             lights = yield from light_steps(ready, passes, capture_px, slabs, 1.0, journal)
-            yield Grown(captured_from(ready, lights, grid, capture_px), samples, times)
+            captured = captured_from(ready, lights, grid, capture_px)
+            if again and (unfocused := unfocused_light(ready, captured)):
+                yield from _stages(ready.with_emitters(unfocused), journal, again=False)
+                return
+            yield Grown(captured, samples, times)
+            passes.order.reverse()  # the next stage begins with the scene as it is
             slabs = [replace(light.slab, narrows=False) for light in lights]
 
 
@@ -128,27 +133,43 @@ class _GrowingPasses(WholePasses):
 
     def light(self, index, gathered, step):
         """Steps that render the stage's samples; returns the PassLight of all samples so far."""
-        slab = gathered.slab
+        slab, again = gathered.slab, False
         part = self._before(index, slab)
         while (first := part.count if part else 0) < self.last:
-            count = min(self.last - first, max(1, round(LONGEST_S / max(self._sample_s, SHORTEST_S))))
-            part = _sum(part, (yield from self._range(index, gathered, step, first, count)))
+            count = round(LONGEST_S / max(self._sample_s, SHORTEST_S)) if self._sample_s else 1
+            count = min(self.last - first, max(1, count))
+            part = _sum(part, (yield from self._range(index, gathered, step, first, count, again)))
+            again = True
         self._parts[index, slab.near_m] = slab.region, part
         if not self._guides:
             return part.light
         picture = denoised(self._scene, part.light.cube[0, ::-1], part.light.guides, self._path.parent)
         return replace(part.light, cube=picture[None, ::-1])
 
-    def _range(self, index, gathered, step, first, count):
-        """Steps that render a range of a pass's samples; returns Samples."""
-        needed, bands, begin_s = [*gathered.planes, *self._guides], [], monotonic()
+    def _range(self, index, gathered, step, first, count, again):
+        """Steps that render a range of a pass's samples; returns Samples. `again`: the pass follows another range."""
+        needed, planes_of, timed = [*gathered.planes, *self._guides], [], []
         for band in _bands(gathered.slab, ceil(count * self._sample_s / LONGEST_S)):
+            begin_s = monotonic()
             show_slab(self._scene, band, self._capture_px, self._journal)
             show_samples(self._scene, first, first + count, False, self._journal)
-            bands.append((yield from self._passes.planes(step, self._path, needed, index, first, count, *band.facts)))
-        self._sample_s = (monotonic() - begin_s) / count
-        planes = {name: np.concatenate([band[name] for band in bands]) for name in needed}
+            planes_of.append((yield from self._passes.planes(step, self._path, needed, index, first, count,
+                                                             *band.facts)))
+            timed.append((band.region[0].stop - band.region[0].start, monotonic() - begin_s))
+        self._learn(timed, count, again)
+        planes = {name: np.concatenate([planes[name] for planes in planes_of]) for name in needed}
         return Samples(count, gathered.light_of(planes, self._guides))
+
+    def _learn(self, timed, count, again):
+        """Estimate a sample's time from the (rows, seconds) of renders of this many samples.
+
+        The first one at other wavelengths takes longer, mainly for the map of the world's light, however few its
+        samples are: it counts only if no other is known.
+        """
+        usual = timed if again else timed[1:] or ([] if self._sample_s else timed)
+        if usual:
+            all_rows, (usual_rows, seconds) = sum(rows for rows, _ in timed), map(sum, zip(*usual, strict=True))
+            self._sample_s = seconds / count * all_rows / usual_rows
 
     def _before(self, index, slab):
         """The Samples of the earlier stages, in the slab's region; None at first."""

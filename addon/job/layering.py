@@ -3,7 +3,7 @@
 import numpy as np
 import scipy
 
-from ...engine.depth.depth_range import BACKGROUND_MM, blur_per_nearness_px, planar_depth_mm
+from ...engine.depth.depth_range import blur_per_nearness_px, planar_depth_mm
 from ...engine.image.layers import Layer, LayeredRadiance
 from ..scene.units import M_TO_MM
 
@@ -20,7 +20,7 @@ def layered_radiance(lights, lens, capture, wavelengths_nm, exposure, others=())
     Parameters
     ----------
     lights : sequence of GatheredLight
-        From near to far.
+        From near to far, with the depth of all of their content.
     lens : Lens
     capture : PixelGrid
     wavelengths_nm : array
@@ -56,13 +56,6 @@ class _Part:
     def __init__(self, light):
         self.slab, self.cube, self.alpha, self.detail = light.slab, light.radiance(), light.alpha, light.detail
         self.clip_mm = light.depth_m * np.float32(M_TO_MM)
-        unknown = self.clip_mm >= BACKGROUND_MM
-        if light.slab.transparent and unknown.all():  # only content that the depth pass ignores
-            self.clip_mm[:] = 2 * M_TO_MM / (1 / light.slab.near_m + 1 / light.slab.far_m)
-        elif light.slab.transparent:
-            missed = unknown & ((self.alpha > 0) | self.cube.any(axis=0))
-            nearest = scipy.ndimage.distance_transform_edt(unknown, return_distances=False, return_indices=True)
-            self.clip_mm[missed] = self.clip_mm[tuple(nearest[:, missed])]
 
     def layer(self, lens, capture):
         """The finished Layer."""

@@ -25,6 +25,7 @@ from ..scene.patches import LAMP_PATCHES, Patches, in_disc, lamp_patches, mesh_p
 from ..scene.render_state import rendered_layer, rendered_world
 from ..scene.units import mm_per_unit
 from ..shading.lobes import MIRRORED, has_surface, lobes_of
+from .emitters import faces_of_materials, has_size
 from .sky import sky_steps
 from .unlayered import material_of
 
@@ -37,16 +38,21 @@ NEARLY = 1 - 1e-4  # of the distance to a patch: its own surface is not in the w
 MOST_NAMED = 3
 
 
-def outside_steps(ready, capture):
-    """Steps that find the sources of a scene that is ready for its passes; returns what `outside_sources` returns.
+def outside_steps(ready, capture, needed):
+    """Steps that find the sources of a scene that is ready for its passes; returns what `outside_sources` returns, or
+    None for the sources if they take renders and are not needed.
 
     Parameters
     ----------
     ready : Ready
     capture : PixelGrid
+    needed : bool
+        Whether the lens image has stray light.
     """
     scene, sky = ready.scene, None
     if shows_world(scene) and ready.substitution.emission_at(rendered_world(scene), ready.job.wavelengths_nm) is None:
+        if not needed:
+            return None, ()
         sky = yield from sky_steps(ready)
     return outside_sources(scene, ready.job, ready.substitution, capture, sky)
 
@@ -159,12 +165,7 @@ def _lamp(instance, emission_of, sight, computed, linked):
     elif emission.any() and lamp.energy and not (lamp.type == "AREA" and lamp.cycles.is_portal):
         patches = lamp_patches(lamp, instance.matrix_world, sight.origin)
         if patches:
-            yield _Emitter(name, patches, emission, instance.obj.visible_camera and _has_size(lamp))
-
-
-def _has_size(lamp):
-    """Whether a lamp that the camera shows makes an image: points do not."""
-    return lamp.type == "AREA" or (lamp.angle if lamp.type == "SUN" else lamp.shadow_soft_size) > 0
+            yield _Emitter(name, patches, emission, instance.obj.visible_camera and has_size(lamp))
 
 
 def _mesh(instance, emission_of, sight, computed, not_mesh):
@@ -172,20 +173,14 @@ def _mesh(instance, emission_of, sight, computed, not_mesh):
     if not isinstance(mesh, bpy.types.Mesh):
         not_mesh[name] = None
         return
-    override = sight.layer.material_override
-    slots = [override] if override else [slot.material for slot in instance.obj.material_slots] or list(mesh.materials)
-    used = np.zeros(len(mesh.polygons), np.int32)
-    if not override and "material_index" in mesh.attributes:
-        mesh.polygons.foreach_get("material_index", used)
-    used = np.clip(used, 0, max(len(slots) - 1, 0))
-    for index, material in enumerate(slots):
+    for material, faces in faces_of_materials(instance, sight.layer):
         emission = emission_of(material) if material else np.zeros(1)
-        if not (used == index).any():
+        if not faces.any():
             continue
         if emission is None:
             computed[name] = None
         elif emission.any():
-            yield _Emitter(instance.obj.name, mesh_patches(mesh, used == index, instance.matrix_world, sight.origin,
+            yield _Emitter(instance.obj.name, mesh_patches(mesh, faces, instance.matrix_world, sight.origin,
                                                             sight.is_cut), emission, instance.obj.visible_camera)
 
 

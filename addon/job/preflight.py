@@ -4,6 +4,8 @@ import os
 from contextlib import contextmanager
 from dataclasses import dataclass
 
+import numpy as np
+
 from ...engine.depth.depth_range import AUTO
 from ...engine.depth.slabs import SlabPlan
 from ...engine.runtime.errors import InputError
@@ -13,7 +15,9 @@ from ..scene.render_state import go_to_frame, stand_in_camera, turn_on_layer
 from ..scene.requirements import check_scene
 from ..scene.undo import Journal
 from ..shading.lint import lint
+from ..shading.lobes import shines
 from ..shading.repeated import tinting_objects
+from .emitters import emitters_of
 from .empty_frame import empty_reasons
 from .job import check_output_folder, job_of
 from .photo import camera_words
@@ -82,7 +86,9 @@ def preflight(scene, *, frame=None, **given):
                 remarks += tuple(empty.before_render(film))
                 if not job.traced:
                     depth_mm = visible_depth_mm(scene, job.lens, looked_at(grid))
-                    slabs = plan_by(depth_mm, scene, job, grid, tinting_objects(scene), empty.sky and not film)[0]
+                    emitters = emitters_of(scene, lambda block: None if shines(block) else np.zeros(1))
+                    slabs, *_ = plan_by(depth_mm, scene, job, grid, tinting_objects(scene), empty.sky and not film,
+                                        emitters)
                     remarks += (*depth_remarks(job, slabs), *scale_remarks(depth_mm, job.lens, grid.pitch_um),
                                 *unlayered_remarks(scene, job, grid))
                 stand_in_camera(scene, journal)

@@ -7,7 +7,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...engine import SpectralImage
-from ...engine.depth.depth_range import AUTO, check_depth, planar_depth_mm
+from ...engine.depth.depth_range import (
+    AUTO,
+    blur_px,
+    check_depth,
+    focus_in_capture,
+    focus_range_px,
+    focus_share,
+    planar_depth_mm,
+)
 from ...engine.field.overscan import columns_for_blur
 from ...engine.image.layers import Layer, LayeredRadiance
 from ...engine.image.pixel_grid import PixelGrid
@@ -34,8 +42,10 @@ from ..scene.traced_camera import trace_lens
 from ..scene.undo import Journal
 from ..scene.units import M_TO_MM, metres_per_unit
 from .bands import WAVELENGTHS_PER_PASS
+from .emitters import emitters_in, emitters_of
 from .empty_frame import empty_reasons
 from .finished_passes import FinishedPasses, alone_with_passes
+from .known_depth import known_depth_m
 from .layering import layered_radiance
 from .light import GatheredLight
 from .outside_sources import outside_steps
@@ -95,7 +105,8 @@ class Captured:
 
     def depth_check(self, lens):
         """How much of the frame is outside the depths at which a lens's data hold: DepthCheck."""
-        return check_depth(self._frame_mm(), lens, self.radiance.pitch_um, empty=self._frame(self._empty))
+        return check_depth(self._frame_mm(), lens, self.radiance.pitch_um, empty=self._frame(self._empty),
+                           light=self._frame(self.radiance.cube.mean(axis=0)))
 
     def scale_remarks(self, lens):
         """The `scale_remarks` for the frame and a lens: tuple of str."""
@@ -204,14 +215,43 @@ def capture(scene, job, result, share):
     """
     with temporary_folder() as folder, Journal() as journal, ExitStack() as alone:
         ready = yield from ready_steps(scene, job, result.files, share, folder, journal, alone)
-        outside, uncounted = (None, ()) if job.traced else (yield from outside_steps(ready, _rendered_grid(ready)))
-        sampled = _passes(ready, journal)
-        lights = yield from light_steps(ready, sampled, ready.capture_px, ready.slabs, share, journal)
-    captured = captured_from(ready, lights, ready.grid, ready.capture_px)
-    of_stray = uncounted if job.stray.parts(job.options.accuracy or DEFAULT_ACCURACY) else ()
-    captured = replace(captured, outside=outside, remarks=(*captured.remarks, *of_stray))
+        stray, outside, uncounted = bool(job.stray.parts(job.options.accuracy or DEFAULT_ACCURACY)), None, ()
+        if not job.traced:
+            outside, uncounted = yield from outside_steps(ready, _rendered_grid(ready), stray)
+        lights, sampled, captured = yield from _captured_steps(ready, share, journal)
+        if unfocused := unfocused_light(ready, captured):
+            ready = yield from sliced_steps(ready.with_emitters(unfocused), share, journal)
+            lights, sampled, captured = yield from _captured_steps(ready, share, journal)
+    captured = replace(captured, outside=outside, remarks=(*captured.remarks, *(uncounted if stray else ())))
     result.report.add(_facts(ready, lights, captured, sampled.text))
     return captured
+
+
+def _captured_steps(ready, share, journal):
+    """Steps that render all passes of a scene; returns a GatheredLight for each slab, the passes and a Captured."""
+    sampled = _passes(ready, journal)
+    lights = yield from light_steps(ready, sampled, ready.capture_px, ready.slabs, share, journal)
+    return lights, sampled, captured_from(ready, lights, ready.grid, ready.capture_px)
+
+
+def unfocused_light(ready, captured):
+    """The out-of-focus light of a Captured without layers, as Emitters; None if it is within the accuracy, or allowed.
+
+    It is too small for the look at depth, and not known as an emitter.
+    """
+    job, radiance, accuracy = ready.job, captured.radiance, ready.job.options.depth_accuracy
+    if ready.cut or job.depth != AUTO:
+        return None
+    capture = replace(radiance.grid, focal_mm=radiance.focal_mm)
+    planar_mm = np.where(captured.depth_m < BACKGROUND_M, captured.depth_m * M_TO_MM, np.inf)
+    rows, columns = np.indices(capture.shape_px, sparse=True)
+    shares = [focus_share(blur_px(lens, capture.pitch_um, planar_mm, focus_in_capture(lens, capture, rows, columns)),
+                          focus_range_px(lens, capture.pitch_um)) for lens in (job.lens, *job.others)]
+    spread = 1 - np.min(shares, axis=0)
+    light = np.maximum(radiance.cube.mean(axis=0), 0)
+    if np.sum(spread * light) <= accuracy * light.sum():
+        return None
+    return emitters_in(radiance, planar_mm, (spread > accuracy) & (light > 0))
 
 
 def _rendered_grid(ready):
@@ -243,6 +283,8 @@ class Ready:
     region, rendered : (slice, slice)
         Blender's render region in the frame, or None; and the rows and columns of the capture that it takes.
     empty : EmptyReasons
+    emitters : Emitters or None
+        None until the scene is cut.
     exposure : float
     film : bool
         Whether the film is transparent.
@@ -266,11 +308,21 @@ class Ready:
     region: object
     rendered: tuple
     empty: object
+    emitters: object
     exposure: float
     film: bool
     remarks: list
     of_capture: list
     peak_mb: float
+
+    @property
+    def sky(self):
+        """Whether the film shows light from the world."""
+        return self.empty.sky and not self.film
+
+    def with_emitters(self, more):
+        """The same scene with more Emitters, to be cut anew."""
+        return replace(self, emitters=self.emitters.together(more))
 
 
 def ready_steps(scene, job, files, share, folder, journal, alone, times=1):
@@ -315,7 +367,7 @@ def planned_steps(scene, job, files, folder, journal, alone, times=1):
         rendered = captured_region(region, job.lens, job.wavelengths_nm, grid, job.options, job.room, job.others)
     journal.set(scene.render, "use_persistent_data", True)  # from the depth pre-pass on
     return Ready(scene, job, plan, substitution, None, passes, grid, grid, (single_slab(scene, rendered),), names,
-                 clamps_of(scene), folder / "pass.exr", None, region, rendered, empty, exposure, film, remarks,
+                 clamps_of(scene), folder / "pass.exr", None, region, rendered, empty, None, exposure, film, remarks,
                  of_capture, 0.0)
 
 
@@ -332,11 +384,12 @@ def sliced_steps(planned, share, journal, times=1):
         Parts of a pixel, down and across, in the finest pixels to be captured: the scene is cut for these.
     """
     scene, job, plan, grid, cut = planned.scene, planned.job, planned.plan, planned.grid, None
+    emitters = planned.emitters or (None if job.traced else _emitters(planned))
     if job.depth == AUTO:
         planned.substitution.set_wavelengths(plan.bands[0], plan.dispersive)
         planned.substitution.place_window(looked_at(grid))
         cut = yield from cut_steps(scene, job, grid.finer(times), finer_region(planned.rendered, times), plan.tinting,
-                                   planned.empty.sky and not planned.film, planned.passes,
+                                   planned.sky, emitters, planned.passes,
                                    planned.path.with_name("look.exr"), 0.0, LOOK_SHARE * share)
     cut = cut and cut.coarser(times)
     columns = layer_columns(job, cut.capture) if cut and times == 1 else 1
@@ -348,8 +401,14 @@ def sliced_steps(planned, share, journal, times=1):
     planned.substitution.place_window(capture_px)
     needed_bytes, scratch = room_for_capture(scene, job, capture_px.finer(times), plan,
                                              [slab.finer(times) for slab in slabs])
-    return replace(planned, cut=cut, capture_px=capture_px, slabs=slabs, scratch=scratch,
+    return replace(planned, emitters=emitters, cut=cut, capture_px=capture_px, slabs=slabs, scratch=scratch,
                    peak_mb=(taken_bytes() + needed_bytes) / MEGABYTE)
+
+
+def _emitters(planned):
+    """The Emitters of a planned scene."""
+    job, substitution = planned.job, planned.substitution
+    return emitters_of(planned.scene, lambda block: substitution.emission_at(block, job.wavelengths_nm))
 
 
 def _passes(ready, journal):
@@ -417,6 +476,9 @@ def captured_from(ready, lights, grid, capture_px):
     region, rendered = (side and finer_region(side, times) for side in (ready.region, ready.rendered))
     margin = [overscan - n for overscan, n in zip(sensor_px.overscan_px, grid.overscan_px, strict=True)]
     inside = tuple(slice(rim, rim + n) for rim, n in zip(margin, grid.shape_px, strict=True))
+    for light in lights if not job.traced else ():
+        light.depth_m = known_depth_m(light, replace(capture_px, focal_mm=job.lens.capture_focal_length_mm),
+                                      ready.emitters, ready.sky)
     nearest_m = _nearest_m(lights, capture_px)[:, capture_px.across // 2::capture_px.across]
     depth_mm = planar_depth_mm(nearest_m * M_TO_MM, job.lens, sensor_px)[inside]
     layers = layered_radiance(lights, job.lens, capture_px, job.wavelengths_nm, ready.exposure,

@@ -19,6 +19,7 @@ from ...engine.lens.formats import format_mm
 from ...engine.lens.pinhole import fitting_pitch_um
 from ...engine.library import clamped_rings, fits_all_frames, has_rings, iris_is_visible, pinhole_of, prescription_of
 from ...engine.pictures.spectral_exr import read_header, read_parts, read_sources, read_with_layers, read_with_planes
+from ...engine.plan.options import DEFAULT_ACCURACY
 from ...engine.plan.plan_cache import cached_plan
 from ...engine.prescription.coatings import coating_of
 from ...engine.prescription.tolerances import copy_of
@@ -130,7 +131,8 @@ def _steps(path, request):
     check_photo(request, captured.radiance.grid)
     if captured.layers and not lens.prescription:
         words = *words, f"{lens.name}: {ROUND_BLUR}"
-    warning = "; ".join(filter(None, (*words, warning, _blur_warning(lens, captured, iris))))
+    warning = "; ".join(filter(None, (*words, warning, _blur_warning(lens, captured, iris),
+                                           _outside_warning(captured, request))))
     _check_region(lens, captured, request.options, path)
     discard(result.record)  # the files that it describes are about to change
     yield from lens_steps(captured, lens, request, iris, result, 0.1)
@@ -298,6 +300,14 @@ def _check_region(lens, captured, options, path):
     if not captured.region[captured_region(region, lens, captured.radiance.wavelengths_nm, grid, options)].all():
         raise ImageError(path, "render region", "{1} x {0} px".format(*(side.stop - side.start for side in sides)),
                          f"{lens.name} needs more light from around it than was captured: render again through it")
+
+
+def _outside_warning(captured, request):
+    """A line if stray light lacks the sources beyond the picture; "" otherwise."""
+    if captured.outside is not None or not request.stray.parts(request.options.accuracy or DEFAULT_ACCURACY):
+        return ""
+    return ("stray light from beyond the picture is missing, because the radiance was rendered without Stray Light: "
+            "render again with it")
 
 
 def _blur_warning(lens, captured, iris):

@@ -1,6 +1,7 @@
 """Slabs: ranges of depth that the camera's clipping renders separately, so that near objects do not hide far ones.
 
-A depth pre-pass, small and with one sample, decides where to cut, and whether to cut at all.
+A depth pre-pass, small and with one sample, decides where to cut, and whether to cut at all, together with the scene's
+emitters, which may be smaller than its pixels.
 """
 
 from dataclasses import dataclass, replace
@@ -100,7 +101,7 @@ class Cut:
         return Cut(self.plan, self.capture.finer_across(columns), tuple(slabs))
 
 
-def cut_steps(scene, job, grid, region, tinting, sky, passes, path, fraction, share):
+def cut_steps(scene, job, grid, region, tinting, sky, emitters, passes, path, fraction, share):
     """Steps of the depth pre-pass; returns the Cut, or None if the lens data hold at every depth in the scene.
 
     Parameters
@@ -110,7 +111,7 @@ def cut_steps(scene, job, grid, region, tinting, sky, passes, path, fraction, sh
         The capture without slabs.
     region : (slice, slice)
         The rendered part of `grid`.
-    tinting, sky
+    tinting, sky, emitters
         As in `plan_by`.
     passes : FinishedPasses
     path : Path
@@ -122,7 +123,7 @@ def cut_steps(scene, job, grid, region, tinting, sky, passes, path, fraction, sh
     shape_px = tuple(-(-n // EVERY_PX) for n in widest.shape_px)
     centre_px = [(centre + 0.5) * few / n - 0.5
                  for centre, few, n in zip(widest.centre_px, shape_px, widest.shape_px, strict=True)]
-    look = PixelGrid(shape_px, EVERY_PX * grid.pitch_um, centre_px, projection=grid.projection)
+    look = PixelGrid(shape_px, EVERY_PX * grid.pitch_um, centre_px, projection=grid.projection, squeeze=grid.squeeze)
     with Journal() as journal:
         guard_render_state(scene, job, look, path, journal)
         for name, value in LOOK.items():
@@ -133,7 +134,7 @@ def cut_steps(scene, job, grid, region, tinting, sky, passes, path, fraction, sh
         planes = yield from passes.planes(RenderPass(scene, "Rendering depth", fraction, share), path,
                                           {name, *colours}, "look")
     depth_mm = depth_pass_m(planes[name], metres_per_unit(scene)) * np.float32(M_TO_MM)
-    plan, *uncut_mm = plan_by(planar_depth_mm(depth_mm, job.lens, look), scene, job, grid, tinting, sky,
+    plan, *uncut_mm = plan_by(planar_depth_mm(depth_mm, job.lens, look), scene, job, grid, tinting, sky, emitters,
                               np.mean([planes[colour] for colour in colours], axis=0))
     return _cut(scene, job.lens, plan, grid, region, *uncut_mm) if plan.needed else None
 
@@ -144,7 +145,7 @@ def looked_at(grid):
     return grid.with_overscan(most_px)
 
 
-def plan_by(depth_mm, scene, job, grid, tinting, sky, light=None):
+def plan_by(depth_mm, scene, job, grid, tinting, sky, emitters, light=None):
     """The SlabPlan for given depths, and (near_mm, far_mm) of each volume and of each closed body.
 
     Parameters
@@ -158,12 +159,20 @@ def plan_by(depth_mm, scene, job, grid, tinting, sky, light=None):
         Names of the objects that tint light passing straight through them, from `tinting_objects`.
     sky : bool
         Whether the film shows light from the world. Otherwise nothing is visible, or hidden, at infinity.
+    emitters : Emitters
+        Lamps and the like, which the depths may miss.
     light : array (row, column), optional
         At the same pixels: edges of lamps have more weight.
     """
-    volumes_mm, bodies_mm = uncut_depths_mm(scene, job.lens, looked_at(grid), tinting)
-    empty = np.isinf(depth_mm) & (light is None or light <= 0) & (not sky and not volumes_mm)
-    plan = plan_slabs(depth_mm, looked_at(grid), job.lens, overscan_px=grid.overscan_px, others=job.others, light=light,
+    widest = looked_at(grid)
+    volumes_mm, bodies_mm = uncut_depths_mm(scene, job.lens, widest, tinting)
+    if light is None:
+        light = np.where(np.isinf(depth_mm) & (not sky), 0.0, 1.0)
+    sighted = emitters.seen(replace(widest, focal_mm=job.lens.capture_focal_length_mm)).at_shape(
+        widest.shape_px, depth_mm.shape)
+    depth_mm, light = sighted.laid_over(depth_mm, light)
+    empty = np.isinf(depth_mm) & (light <= 0) & (not sky and not volumes_mm)
+    plan = plan_slabs(depth_mm, widest, job.lens, overscan_px=grid.overscan_px, others=job.others, light=light,
                       empty=empty, reach=max(opening(job.iris, lens).reach for lens in (job.lens, *job.others)),
                       most_slabs=PREVIEW_SLABS if job.spectral.tier == "preview" else MOST_SLABS,
                       accuracy=job.options.depth_accuracy, uncut_mm=volumes_mm, bodies_mm=bodies_mm)

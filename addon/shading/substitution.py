@@ -2,7 +2,8 @@
 
 Stand-ins replace materials, lights, worlds and the node groups in them. The colour inputs of a stand-in are wired,
 once, to Attribute nodes that read properties of the scene. Between passes only these properties change, so Cycles
-keeps its geometry and shaders.
+keeps its geometry and shaders. Worlds have constants instead: Cycles samples a world's light by a map, and would build
+it anew for each render, not only for other wavelengths.
 
 A known colour (a constant, or an assigned spectrum) becomes one attribute. A colour computed by nodes goes through a
 node group that upsamples it: the bases are linear, so the value at one wavelength is a dot product with the colour.
@@ -29,7 +30,15 @@ from .lobes import EMISSIONS, shared_closures
 from .lumens import give_lumens, luminous_efficacy
 from .node_paths import constant_of, feeding, glowing_colour, source_of, window_outputs
 from .spectral_sockets import CHANNELS, EMISSION, INDEX, REFLECTANCE, is_shader, kind, takes_reflectance
-from .wiring import attribute_node, emission_between, multiplied, single_shader, upsampler
+from .wiring import (
+    attribute_node,
+    constant_instead,
+    emission_between,
+    multiplied,
+    property_of,
+    single_shader,
+    upsampler,
+)
 
 PROPERTY_PREFIX = "lensfield_"
 BASIS = {REFLECTANCE: colour_basis, EMISSION: colour_basis, CHANNELS: channel_basis}
@@ -94,6 +103,7 @@ class Substitution:
         self._spectra, self._lamps, self._groups = spectra, lamps, groups
         self._values, self._indices, self._copies, self._sharing = {}, set(), {}, set()
         self._group_of = {}  # the lamp of the light group, by the names of properties for emission
+        self._constants = []  # nodes in worlds, each with the name of the property that it replaces
         self._shown = ()  # the arguments of the last `set_wavelengths`
         self._window = {}  # names of the properties that place Window coordinates, by what they do; once in use
         self.factors, self.mixed_colours, self.refusals = [], False, []
@@ -124,6 +134,9 @@ class Substitution:
                 # without dispersion, all three channels take the index at the D line
                 at_nm = np.full(3, D_LINE_NM) if name in self._indices and not dispersive else wavelengths_nm
                 self._scene[name] = [float(value) for value in values_at(at_nm)]
+            for name, node in self._constants:
+                for socket, value in zip(node.inputs, self._scene[name], strict=True):
+                    socket.default_value = value
         read_again(self._scene)
 
     def place_window(self, capture):
@@ -176,7 +189,7 @@ class Substitution:
     def _emission_values(self, socket, groups, wavelengths_nm):
         """The values of a substituted emission colour at the picture's wavelengths; None if nodes compute them."""
         source = source_of(socket, groups)[0]
-        name = source.node.attribute_name if source and source.node.bl_idname == "ShaderNodeAttribute" else ""
+        name = source and property_of(source.node)
         if name not in self._group_of:
             return None
         return self._values[name](wavelengths_nm) * self._group_of[name].output_at(wavelengths_nm)
@@ -215,6 +228,7 @@ class Substitution:
         if not uses_nodes(world):
             single_shader(stand_in, "ShaderNodeBackground", "ShaderNodeOutputWorld", (*world.color, 1))
         self._substitute_tree(stand_in.node_tree, assigned)
+        self._hold_constant(stand_in.node_tree, {})
 
     def _assigned(self, data_block, **fields):
         return Assigned(**fields, shared_group=self._groups.is_shared(data_block))
@@ -257,12 +271,27 @@ class Substitution:
     def _substituted_group(self, group, assigned):
         key = group.session_uid, assigned
         if key not in self._copies:
-            copy = self._copies[key] = group.copy()
+            copy = self._copies[key] = self._copied_group(group)
             self._copies[copy.session_uid, assigned] = copy
-            self._journal.on_exit(lambda: bpy.data.node_groups.remove(copy))
             copy.animation_data_clear()
             self._substitute_tree(copy, assigned)
         return self._copies[key]
+
+    def _hold_constant(self, tree, copies):
+        """Replace the Attribute nodes of a substituted tree by constants, also in copies of the groups in it."""
+        for node in list(tree.nodes):
+            if node.bl_idname == "ShaderNodeGroup" and node.node_tree:
+                if (key := node.node_tree.session_uid) not in copies:
+                    copies[key] = self._copied_group(node.node_tree)
+                    self._hold_constant(copies[key], copies)
+                node.node_tree = copies[key]
+            elif node.bl_idname == "ShaderNodeAttribute" and node.attribute_name in self._values:
+                self._constants.append((node.attribute_name, constant_instead(tree, node)))
+
+    def _copied_group(self, group):
+        copy = group.copy()
+        self._journal.on_exit(lambda: bpy.data.node_groups.remove(copy))
+        return copy
 
     def _source(self, tree, node, socket, assigned):
         """The output to link to an input, or None to leave the input unchanged."""

@@ -29,6 +29,21 @@ def attribute_node(tree, property_name):
     return node
 
 
+def constant_instead(tree, node):
+    """Replace a node from `attribute_node` by one with constants, labelled with the property; returns it."""
+    constant = tree.nodes.new("ShaderNodeCombineXYZ")
+    constant.label = node.attribute_name
+    for link in [link for output in node.outputs for link in output.links]:
+        tree.links.new(constant.outputs[0], link.to_socket)
+    tree.nodes.remove(node)
+    return constant
+
+
+def property_of(node):
+    """The name of the property that a node from `attribute_node` or `constant_instead` stands for."""
+    return node.attribute_name if node.bl_idname == "ShaderNodeAttribute" else node.label
+
+
 def multiplied(tree, first, second):
     """The output of a new node that multiplies two others, each wavelength separately."""
     node = tree.nodes.new("ShaderNodeVectorMath")

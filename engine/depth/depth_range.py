@@ -37,6 +37,8 @@ class DepthCheck:
         Fraction of the pixels whose depth is not in that range.
     leaning : bool
         Whether the plane of focus leans, so that the range depends on the place.
+    outside_light : float or None
+        Fraction of the light in these pixels; None if it is not known.
     """
 
     blur_um: float
@@ -46,12 +48,15 @@ class DepthCheck:
     farthest_mm: float
     outside_fraction: float
     leaning: bool = False
+    outside_light: float | None = None
 
     @property
     def text(self) -> str:
         """One line for a report."""
         on_axis = " on the axis" if self.leaning else ""
-        return (f"{self.outside_fraction:.1%} of the frame is outside the lens data's depth range, "
+        outside = (f"{self.outside_fraction:.1%} of the frame is" if self.outside_light is None else
+                   f"{self.outside_fraction:.1%} of the frame and {self.outside_light:.1%} of its light are")
+        return (f"{outside} outside the lens data's depth range, "
                 f"{_metres(self.near_mm)} to {_metres(self.far_mm)}{on_axis}, where defocus blurs by at most "
                 f"{self.blur_um:.3g} um; the scene spans {_metres(self.nearest_mm)} to {_metres(self.farthest_mm)}")
 
@@ -175,7 +180,8 @@ def planar_depth_mm(depth_mm: ArrayLike, lens: Lens, capture: PixelGrid) -> np.n
 
 
 def check_depth(depth_mm: ArrayLike, lens: Lens, pitch_um: float, blur_um: float | None = None, *,
-                empty: ArrayLike = False, in_focus: np.ndarray | None = None) -> DepthCheck:
+                empty: ArrayLike = False, in_focus: np.ndarray | None = None,
+                light: np.ndarray | None = None) -> DepthCheck:
     """Compare a picture's depths with the range for which the lens's PSFs, computed for one object plane, are valid.
 
     Parameters
@@ -192,6 +198,8 @@ def check_depth(depth_mm: ArrayLike, lens: Lens, pitch_um: float, blur_um: float
         Pixels of the background without light, which cannot be out of focus.
     in_focus : array (row, column), optional
         Inverse depths in focus of a plane of focus that leans, per mm; by default that on the axis.
+    light : array (row, column), optional
+        Of these pixels, in any unit.
 
     Returns
     -------
@@ -216,7 +224,12 @@ def check_depth(depth_mm: ArrayLike, lens: Lens, pitch_um: float, blur_um: float
     if in_focus is not None:
         outside = np.abs(blur_px(lens, pitch_um, known_mm, in_focus[counted])) > blur_um / pitch_um
     return DepthCheck(blur_um, float(near_mm), float(far_mm), float(known_mm.min()), float(known_mm.max()),
-                      float(outside.sum() / known.sum()) if visible.any() else 0.0, in_focus is not None)
+                      float(outside.sum() / known.sum()) if visible.any() else 0.0, in_focus is not None,
+                      None if light is None else _share(np.maximum(light[counted], 0), outside))
+
+
+def _share(light, chosen):
+    return float(light[chosen].sum(dtype=np.float64) / max(light.sum(dtype=np.float64), np.finfo(float).tiny))
 
 
 def _metres(distance_mm):

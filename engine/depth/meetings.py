@@ -30,7 +30,7 @@ SMOOTH = 1.75  # least side of a tile's look-ups, in these distances: pixels bet
 # interpolated ones by a tenth of the rays' error, and lamps have all of their light
 STEP = 0.05  # at the rim of a lamp's disc, relative to the light around it, from which the number of rays increases
 OPAQUE = 0.998
-STEPS_PX = (0.25, 1.0, 4.0)  # largest differences in blur for 0, 1 and 2 steps of the search; 3 beyond
+STEPS_PX = (0.125, 0.5, 2.0, 8.0)  # largest differences in blur for 0, 1, 2 and 3 steps of the search; 4 beyond
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +72,7 @@ def plan_meetings(layers: list[PreparedLayer], rays: RaySample, sensor: PixelGri
             look = blocks.look(*reach.bounds_px(least, most, around_px(largest_px)))
             least, most = look.least, look.most
         met = look.met & (uncovered | (focus_behind & (look.sharpest > 0)))
-        here["inverse_depth"] = (least + most) / 2
+        here["inverse_depth"] = most
         here["share"] = (look.sharpest + look.dullest) / 2
         varied = (look.clearest < OPAQUE) | (layer.leaning & (look.sharpest > look.dullest))
         steps = np.maximum(np.searchsorted(STEPS_PX, reach.blur_px(most - least)), varied)

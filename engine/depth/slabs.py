@@ -33,6 +33,7 @@ CLOSE_PX = 0.1, 0.3, 1.0, 3.0
 OUTSIDE = 1e-3  # relative distance between a border and a range that must not be cut
 DEEP_PX = 12.0  # of blur between the ends of a body; deeper bodies may be cut
 MOST_WEIGHT = 50.0  # of an edge by its light; 1 in a uniform picture
+LAMP = 4.0  # times the light of a pixel of the look: a brighter one next to it is not left out
 AT_EDGES = 0.1  # of the accuracy, because errors at edges are concentrated and visible
 # For each pixel along an edge between blurs that differ by 1 px, the light of this many pixels comes from behind the
 # near side: the mean of max(x, 0) over a disc of diameter 1. Counting pixels along an edge both across and down
@@ -159,6 +160,25 @@ def plan_slabs(depth_mm: ArrayLike, capture: PixelGrid, lens: Lens, *, accuracy:
                     float(hidden * behind), check)
 
 
+def borders_at_jumps(place: np.ndarray, light: np.ndarray, most: int, accuracy: float) -> list[float]:
+    """Borders, descending, between at most so many parts of a picture that have no jumps in blur inside; none if little
+    light comes from behind its jumps: AT_EDGES times the accuracy.
+
+    Parameters
+    ----------
+    place : array (row, column)
+        Of the visible surfaces, as in `_Look`; NaN without one.
+    light : array (row, column)
+    most : int
+    accuracy : float
+    """
+    share = light / max(light.mean(), np.finfo(float).tiny)
+    edges = _edges_between(place, ~np.isnan(place), share, (1.0, 1.0))
+    if BEHIND_PX * edges.jump_px2.sum() <= AT_EDGES * accuracy * place.size:
+        return []
+    return _cut(edges, [], most, accuracy)[0]
+
+
 def _within(in_focus, pixels):
     """Inverse depths in focus at some pixels; None if it is the same at all pixels."""
     return in_focus[pixels] if np.ndim(in_focus) else None
@@ -254,7 +274,7 @@ def _look(depth_mm, light, empty, capture, lenses, overscan_px, reach):
     step_px = np.divide(capture.shape_px, planar_mm.shape)
     rows, columns = ((np.arange(0, looked, every) + 0.5) * step - 0.5
                      for looked, step in zip(planar_mm.shape, step_px, strict=True))
-    planar_mm, light, empty = (each[::every, ::every] for each in (planar_mm, np.maximum(light, 0), empty))
+    planar_mm, light, empty = _subset(planar_mm, np.maximum(light, 0), empty, every)
     planar_mm = np.where((planar_mm > 0) & ~empty, planar_mm, np.nan)
     beyond_px = [np.maximum(0, np.abs(places - (n - 1) / 2) - frame / 2) for places, n, frame in
                  zip((rows, columns), capture.shape_px, capture.frame_px, strict=True)]
@@ -271,6 +291,19 @@ def _look(depth_mm, light, empty, capture, lenses, overscan_px, reach):
     beyond_px = np.array(np.meshgrid(*beyond_px, indexing="ij"))
     return _Look(planar_mm, light, empty, cosine, stretch, beyond_px, every * step_px, scale,
                  in_focus, tuple(map(int, overscan_px)), capture.overscan_px, reach)
+
+
+def _subset(planar_mm, light, empty, every):
+    """One of each `every` by `every` pixels: the first, or a lamp, which may be smaller than that."""
+    chosen = [each[::every, ::every].copy() for each in (planar_mm, light, empty)]
+    for down, across in np.ndindex(every, every):
+        others = [each[down::every, across::every] for each in (planar_mm, light, empty)]
+        rows, columns = others[0].shape
+        parts = [each[:rows, :columns] for each in chosen]
+        lamp = others[1] > LAMP * parts[1]
+        for part, other in zip(parts, others, strict=True):
+            np.copyto(part, other, where=lamp)
+    return chosen
 
 
 @dataclass(frozen=True, eq=False)
@@ -297,9 +330,13 @@ class _Edges:
 
 
 def _edges(look):
-    place, reaching, (down_px, across_px) = look.place, look.reaching, look.step_px
+    place, reaching = look.place, look.reaching
     share = look.light / max(look.light[reaching].mean(), np.finfo(float).tiny)
-    weight = np.minimum((1 + share) / 2, MOST_WEIGHT)
+    return _edges_between(place, reaching, np.minimum((1 + share) / 2, MOST_WEIGHT), tuple(look.step_px))
+
+
+def _edges_between(place, reaching, weight, step_px):
+    down_px, across_px = step_px
     pairs = [_jumps(place, reaching, weight, down_px), _jumps(place.T, reaching.T, weight.T, across_px)]
     far, near, jump_px2 = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
     return _Edges(far, near, jump_px2, np.sort(place[reaching]), float(down_px * across_px))

@@ -263,7 +263,7 @@ def refinement(psf_pitch_um: float, pixel_pitch_um: float) -> int:
 
     Turned squares overlap and leave gaps; with wider ones, uniform light would have ripples of more than 1 %.
     """
-    return int(np.ceil(np.sqrt(2) * psf_pitch_um / pixel_pitch_um - 1e-9))
+    return max(1, int(np.ceil(np.sqrt(2) * psf_pitch_um / pixel_pitch_um - 1e-9)))
 
 
 def _refine(psf, steps):

@@ -9,6 +9,9 @@ import numpy as np
 from ..runtime.errors import ImageError
 from .projection import PLANE, Projection
 
+MOST_PITCH_UM, FOCAL_LIMITS_MM = 1e9, (1e-4, 1e12)
+"""Beyond all pictures; blur is finite, and at least a billionth of a pixel wide."""
+
 
 @dataclass(frozen=True)
 class PixelGrid:
@@ -57,10 +60,10 @@ class PixelGrid:
                 raise ImageError("image", name, getattr(self, name), "expected whole numbers of rows and columns")
         (rows, columns), overscan = (tuple(int(n) for n in pair) for pair in (self.shape_px, self.overscan_px))
         centre = ((rows - 1) / 2, (columns - 1) / 2) if self.centre_px is None else self.centre_px
-        if not is_positive(self.pitch_um):
-            raise ImageError("image", "pitch_um", self.pitch_um, "expected a positive number")
-        if self.focal_mm is not None and not is_positive(self.focal_mm):
-            raise ImageError("image", "focal_mm", self.focal_mm, "expected a positive number")
+        if not is_positive(self.pitch_um) or self.pitch_um > MOST_PITCH_UM:
+            raise ImageError("image", "pitch_um", self.pitch_um, f"expected a positive number, up to {MOST_PITCH_UM:g}")
+        if self.focal_mm is not None:
+            check_focal_length("image", self.focal_mm)
         if not isinstance(self.projection, Projection):
             raise ImageError("image", "projection", self.projection, "expected a Projection")
         if not is_positive(self.squeeze):
@@ -203,6 +206,13 @@ class PixelGrid:
     def axes_mm(self) -> tuple[np.ndarray, np.ndarray]:
         """x_mm (column,) and y_mm (row,) of the pixel centres."""
         return self.position_mm(np.arange(self.shape_px[0]), np.arange(self.shape_px[1]))
+
+
+def check_focal_length(where: str, focal_mm: object) -> None:
+    """Raise an ImageError unless the focal length of a capture is plausible."""
+    least_mm, most_mm = FOCAL_LIMITS_MM
+    if not (is_positive(focal_mm) and least_mm <= focal_mm <= most_mm):  # type: ignore[operator]
+        raise ImageError(where, "focal_mm", focal_mm, f"expected a positive number, from {least_mm:g} to {most_mm:g}")
 
 
 def is_integer(value: object) -> bool:

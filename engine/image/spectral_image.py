@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from ..runtime.errors import ImageError
 from .detail import Detail, merged
-from .pixel_grid import PixelGrid, is_positive
+from .pixel_grid import PixelGrid, check_focal_length, is_positive
 from .projection import Projection
 from .sampling import Sampling
 
@@ -199,7 +199,7 @@ def check_capture(where: str, wavelengths_nm: np.ndarray, focal_mm: float | None
     nm = wavelengths_nm
     if not np.all(np.isfinite(nm)) or np.any(nm <= 0) or np.any(np.diff(nm) <= 0):
         raise ImageError(where, "wavelengths_nm", nm.tolist(), "expected positive and ascending")
-    if focal_mm is not None and not is_positive(focal_mm):
-        raise ImageError(where, "focal_mm", focal_mm, "expected a positive number")
+    if focal_mm is not None:
+        check_focal_length(where, focal_mm)
     if exposure != 0 and not is_positive(exposure):
         raise ImageError(where, "exposure", exposure, "expected 0 or more")

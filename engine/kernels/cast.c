@@ -112,13 +112,16 @@ INLINE void place(const lf_cast_of *c, const pencil *p, rays depth, rays *x, ray
     }
 }
 
-/* The inverse depth at which rays meet a layer, and the focus share there. */
+/* The inverse depth at which rays meet a layer, and the focus share there. The search starts at the layer's nearest depth.
+   Rays that pass a near surface and meet, behind it, only what it hides do not converge: they stay at its depth, and
+   look up what is beside it. */
 INLINE void meet(const lf_cast_of *c, const lf_layer *l, const pencil *p, const lf_meeting *m, rays *depth, rays *share)
 {
     const lf_level *fine = l->level;
     const float last_x = (float)(fine->light.columns - 1), last_y = (float)(fine->light.rows - 1);
     *depth = (rays){0} + m->inverse_depth;
     *share = (rays){0} + m->share;
+    rays depth_before = *depth, share_before = *share;
     for (int32_t n = 0; n < m->steps; n++) {
         rays x, y, a, b;
         int32_t where[WIDE];
@@ -128,11 +131,16 @@ INLINE void meet(const lf_cast_of *c, const lf_layer *l, const pencil *p, const 
         *(masks *)where = (__builtin_convertvector(y, masks) * (int32_t)fine->light.columns
                            + __builtin_convertvector(x, masks)) * 2;
         load_pairs(l->depth, where, &a, &b);
-        const rays before = *depth;
+        depth_before = *depth;
+        share_before = *share;
         *depth = firsts(a, b);
         *share = seconds(a, b);
-        if (!any(*depth != before)) break; /* converged */
+        if (!any(*depth != depth_before)) return; /* converged */
     }
+    if (m->steps < 2) return; /* before was only the start */
+    const masks nearer = depth_before > *depth;
+    *depth = chosen(nearer, depth_before, *depth);
+    *share = chosen(nearer, share_before, *share);
 }
 
 /* The part of a cell that is beyond the border between two pixels, at a distance of its middle from the first one's. */

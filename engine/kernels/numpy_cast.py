@@ -165,16 +165,19 @@ def _moved(places, depth, casting):
 
 
 def _meet(layer: LayerArrays, places, meeting, casting):
-    """The inverse depth at which rays meet a layer, and the focus share there."""
+    """The inverse depth at which rays meet a layer, and the focus share there: see cast.c."""
     depth, share = (np.full(places[0].shape, meeting[name]) for name in ("inverse_depth", "share"))
     fine = layer.levels[0]
     row, column = (np.float32(each) + np.float32(0.5) for each in fine.axis_px)
+    before = depth, share
     for _ in range(meeting["steps"]):
+        before = depth, share
         x, y = _moved(places, depth, casting)
         rows, columns = (np.clip(each, 0, most - 1).astype(np.int32)
                          for each, most in zip((row - y, column + x), fine.alpha.shape, strict=True))
         depth, share = np.moveaxis(layer.depth[rows, columns], -1, 0)
-    return depth, share
+    nearer = (before[0] > depth) & (meeting["steps"] > 1)
+    return np.where(nearer, before[0], depth), np.where(nearer, before[1], share)
 
 
 def _looked_up(level: LevelArrays, places, covered, meeting):

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..prescription.coatings import BUILT_IN, IDEAL
 from ..prescription.system import System
+from ..runtime.errors import LensError
 from .fields import find_fields, trace_fields, view_of
 from .rays import Pupil, trace_pupil
 from .trace import invariants_from_image
@@ -22,18 +23,23 @@ def transmittance(system: System, wavelengths_nm: Sequence[float] | np.ndarray) 
     Raises
     ------
     LensError
-        A wavelength outside the range of a glass or of a measured coating.
+        A wavelength outside the range of a glass or of a measured coating, or no light reaches the middle of the
+        picture.
     """
     return system.glass_transmittance(wavelengths_nm) * coating_transmittance(system, wavelengths_nm)
 
 
 def coating_transmittance(system: System, wavelengths_nm: Sequence[float] | np.ndarray) -> np.ndarray:
-    """Share of the light that passes all surfaces, and is reflected by mirrors only, in the middle of the picture: the
-    mean over the stop, array (wavelength,). 1 if all coatings are ideal, and without mirrors."""
+    """Share of the light that gets through all surfaces, reflected by mirrors only, in the middle of the picture:
+    the mean over the stop, array (wavelength,). 1 if all coatings are ideal, and without mirrors. Raises a LensError if
+    no light gets there."""
     nm = np.asarray(wavelengths_nm, dtype=float)
     if all(coating is BUILT_IN[IDEAL] for coating in system.coatings):
         return np.full_like(nm, system.mirror_reflectance)
     invariants, lost = _axial_rays(system, nm)
+    if np.all(lost, axis=-1).any():
+        raise LensError(system.prescription.name, "light in the middle of the picture", "none",
+                        "expected rays from the stop to get there: check apertures, tilts and decentres")
     shares = np.prod(1 - system.reflectances(nm, invariants), axis=0)
     weights = np.where(lost, 0.0, _trapezium(lost.shape[-1]))
     through = np.sum(weights * np.where(lost, 0.0, shares), axis=-1) / weights.sum(axis=-1)

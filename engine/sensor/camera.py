@@ -17,6 +17,9 @@ POSITIVE = ("pitch_um", "gain_dn_per_e", "base_iso", "saturation_e", "pixel_aper
 NOT_NEGATIVE = ("black_dn", "dark_noise_e", "readout_noise_dn", "dark_current_e_per_s", "dsnu_e", "prnu", "crosstalk")
 UP_TO_1 = ("pixel_aperture", "crosstalk")
 NUMBERS = POSITIVE + NOT_NEGATIVE
+LEAST, MOST, PITCH_LIMITS_UM = 1e-6, 1e9, (1e-2, 1e3)
+WAVELENGTH_LIMITS_NM = 10.0, 1e5
+"""Limits of each number, beyond those of any sensor: squares and products remain finite at all exposures."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -145,10 +148,12 @@ def _check(camera: Camera) -> None:
     for name in NUMBERS:
         if not _is_number(getattr(camera, name)):
             refuse(name, "expected a number")
-    for name in (name for name in POSITIVE if not getattr(camera, name) > 0):
-        refuse(name, "expected a positive number")
-    for name in (name for name in NOT_NEGATIVE if getattr(camera, name) < 0):
-        refuse(name, "expected 0 or more")
+    for name in (name for name in POSITIVE if not LEAST <= getattr(camera, name) <= MOST):
+        refuse(name, f"expected a positive number, from {LEAST:g} to {MOST:g}")
+    if not PITCH_LIMITS_UM[0] <= camera.pitch_um <= PITCH_LIMITS_UM[1]:
+        refuse("pitch_um", "expected {:g} to {:g}".format(*PITCH_LIMITS_UM))
+    for name in (name for name in NOT_NEGATIVE if not 0 <= getattr(camera, name) <= MOST):
+        refuse(name, f"expected 0 or more, up to {MOST:g}")
     for name in (name for name in UP_TO_1 if getattr(camera, name) > 1):
         refuse(name, "expected at most 1")
     if len(camera.shape_px) != 2 or not all(isinstance(n, int) and 0 < n <= MOST_PX for n in camera.shape_px):
@@ -162,7 +167,7 @@ def _check(camera: Camera) -> None:
 
 
 def _is_number(value):
-    return isinstance(value, int | float) and not isinstance(value, bool) and np.isfinite(value)
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < np.inf
 
 
 def _check_filters(camera, refuse):
@@ -180,8 +185,9 @@ def _check_filters(camera, refuse):
 
 def _check_efficiency(camera, refuse):
     nm, efficiency = camera.wavelengths_nm, camera.quantum_efficiency
-    if nm.ndim != 1 or nm.size < 2 or not np.all(np.diff(nm) > 0) or not (0 < nm[0] and nm[-1] < np.inf):
-        refuse("wavelengths_nm", "expected two or more ascending numbers")
+    shortest, longest = WAVELENGTH_LIMITS_NM
+    if nm.ndim != 1 or nm.size < 2 or not np.all(np.diff(nm) > 0) or not (shortest <= nm[0] and nm[-1] <= longest):
+        refuse("wavelengths_nm", f"expected two or more ascending numbers from {shortest:g} to {longest:g}")
     if efficiency.shape != (len(camera.channels), nm.size):
         refuse("quantum_efficiency", f"expected {nm.size} numbers for each of {len(camera.channels)} channels",
                f"of shape {efficiency.shape}")

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..depth.capture_planes import capture_planes
 from ..depth.iris import Iris
+from ..depth.jumps import without_jumps
 from ..image.layers import Radiance
 from ..image.projection import PLANE
 from ..image.sharpening import sharpening_gain
@@ -66,6 +67,8 @@ def simulate(radiance: Radiance, lens: Lens, options: Options = BY_RESULT, *,
     """
     report, cache, sampling = report or Report(), cache or ChannelCache(limit_mb=0), radiance.sampling
     radiance = radiance.even() if options.detail == OFF else radiance
+    with report.stage("casting"):
+        radiance = without_jumps(radiance, lens, options.depth_accuracy)
     with report.stage("plan"):
         plan = cache.plan(options, lens, radiance, out is not None and np.may_share_memory(out, radiance.light))
     times = plan.known if plan.known > 1 else plan.supersampling

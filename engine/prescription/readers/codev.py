@@ -146,7 +146,7 @@ def _surface_numbers(path, rows, words, named):
 
 
 def _add(row, line, named):
-    """Add a command to a surface; edges and holes do not block light."""
+    """Add a command to a surface; an edge (EDG) does not block light."""
     command = line.words[0].upper()
     if command in REFUSED:
         raise line.refusal(REFUSED[command])
@@ -178,11 +178,12 @@ def _is_number(word):
 
 
 def _aperture_kind(line):
-    """The kind of a CIR, REX or REY: a clear aperture, the edge of the glass, or of a CIR an obstruction or a hole."""
+    """The kind of a CIR, REX or REY: a clear aperture, an obstruction in it (CIR only), or the edge or hole of the
+    glass."""
     command, kinds = line.words[0].upper(), [word.upper() for word in line.words[1:-1] if not LABEL.fullmatch(word)]
     kind = kinds[0] if kinds else CLEAR
-    known = (CLEAR, OBSTRUCTION, EDGE, HOLE) if command == CIRCLE else (CLEAR, EDGE)
-    if len(kinds) > 1 or len(line.words) < 2 or kind not in known or not _is_number(line.words[-1]):
+    known = (CLEAR, EDGE, HOLE, OBSTRUCTION) if command == CIRCLE else (CLEAR, EDGE, HOLE)
+    if len(kinds) > 1 or kind not in known or len(line.words) < 2 or not _is_number(line.words[-1]):
         raise line.refusal("expected CIR and the radius of a clear aperture, or CIR OBS and the one of an obstruction"
                            if command == CIRCLE else f"expected {command} and the half-width of a clear aperture")
     return kind

@@ -244,7 +244,7 @@ def test_a_world_of_nodes_is_rendered_in_parts(scene, tmp_path):
     for source, socket in ((geometry.outputs["Incoming"], dot.inputs[0]), (dot.outputs["Value"], greater.inputs[0]),
                            (greater.outputs[0], mix.inputs[0]), (mix.outputs[0], background.inputs["Color"])):
         tree.links.new(source, socket)
-    found = sources(scene, tmp_path)
+    found = read_sources(render(scene, tmp_path, **QUICK | {"stray": StrayOptions("veil")}).radiance)
     brightest = found.chosen(np.flatnonzero(found.directions @ (sun * (1, 1, -1)) > np.cos(np.radians(3))))
     assert total(brightest) > 0.5 * total(found)
     middle = brightest.irradiance[:, 0] @ brightest.directions

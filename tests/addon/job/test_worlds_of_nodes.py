@@ -8,6 +8,7 @@ import pytest
 from mathutils import Vector
 from scipy.ndimage import center_of_mass, label
 
+from lensfield.addon import apply_lens
 from lensfield.addon.job import sky
 from lensfield.addon.job.growing_capture import growing_capture
 from lensfield.addon.job.outside_sources import outside_steps
@@ -62,7 +63,6 @@ def set_nodes(scene, world):
 @pytest.fixture(autouse=True)
 def coarse_sky(monkeypatch):
     monkeypatch.setattr(sky, "SIDE_PX", 32)
-    monkeypatch.setattr(sky, "SAMPLES", 2)
 
 
 @pytest.fixture
@@ -95,6 +95,12 @@ def given(folder, **others):
 def seen(scene):
     """All that a render depends on except the contents of the world: the snapshot of scenes and cameras."""
     return {name: block for name, block in snapshot().items() if name[0] in ("scenes", "cameras")}
+
+
+def at_same_wavelengths(ready):
+    """The snapshot with the stand-ins' values at the first pass's wavelengths: each pass sets them."""
+    ready.substitution.set_wavelengths(ready.plan.bands[0], ready.plan.dispersive)
+    return snapshot()
 
 
 def changed(before, after):
@@ -155,21 +161,19 @@ def test_each_step_leaves_the_scene_as_it_was(lamps, tmp_path, world):
     job = job_of_frame(lamps, 1, **given(tmp_path, depth="auto"))
     with Journal() as journal, ExitStack() as alone:
         planned = run(planned_steps(lamps, job, (), tmp_path, journal, alone))
-        lens = planned.job.lens
-        before_all = snapshot()
+        planned_state = at_same_wavelengths(planned)
         with Journal() as of_slabs:
             ready = run(sliced_steps(planned, 1.0, of_slabs))
             assert len(ready.slabs) > 1
-            before = snapshot()
-            run(outside_steps(ready, PixelGrid((80, 112), 100.0, focal_mm=lens.capture_focal_length_mm)))
-            assert not changed(before, snapshot())
+            before = at_same_wavelengths(ready)
+            run(outside_steps(ready, PixelGrid((80, 112), 100.0, focal_mm=job.lens.capture_focal_length_mm), True))
+            assert not changed(before, at_same_wavelengths(ready))
             with Journal() as of_light:
-                passes = WholePasses(ready.passes, ready.path, len(job.wavelengths_nm))
-                passes.order = [0]
+                passes = WholePasses(ready.passes, ready.path, 1)
                 run(light_steps(ready, passes, ready.capture_px, ready.slabs, 1.0, of_light))
-                assert changed(before, snapshot())
-            assert not changed(before, snapshot())
-        assert not changed(before_all, snapshot())
+                assert changed(before, at_same_wavelengths(ready))
+            assert not changed(before, at_same_wavelengths(ready))
+        assert not changed(planned_state, at_same_wavelengths(planned))
 
 
 @pytest.mark.parametrize("depth", ["off", "traced"])
@@ -184,3 +188,14 @@ def test_a_capture_restores_the_stand_in_camera(lamps, tmp_path, depth):
         states(growing_capture(lamps, job) if depth == "off" else render_steps(lamps, job))
         assert not changed(stand_in, seen(lamps))
     assert not changed(before, snapshot())
+
+
+def test_without_stray_light_no_sky_is_rendered(lamps, tmp_path):
+    """And a lens that is applied later states that light is missing."""
+    set_nodes(lamps, gradient)
+    labels, result = states(render_steps(lamps, job_of_frame(lamps, 1, **given(tmp_path, stray=StrayOptions("off")))))
+    assert labels and not any(name.startswith("Sky") for name in labels)
+    for stray, missing in (("veil", True), ("off", False)):
+        applied = apply_lens(result.radiance, lens=varied_lens("nikkor-28mm"), view="camera",
+                             stray=StrayOptions(stray), output_folder=tmp_path / stray)
+        assert ("beyond the picture is missing" in applied.report.file.lens_warning) == missing

@@ -97,6 +97,19 @@ def test_a_lamp_out_of_focus_is_a_disc_with_first_order_size_and_position(lens, 
     assert not plane.sharp.any()
 
 
+@pytest.mark.parametrize("lamp, sky", [(-10.0, -14.0), (-6.0, -14.0), (4.0, -14.0), (20.0, -14.0), (24.0, 12.0)])
+@pytest.mark.parametrize("side, sky_light", [(1, 0.0), (3, 0.5)])
+def test_a_lamp_before_the_sky_in_one_layer_keeps_its_light(lens, lamp, sky, side, sky_light):
+    """As in two layers, whose lamps lose and gain nothing."""
+    grid = PixelGrid.around_frame((56, 64), PITCH_UM, (25, 25))
+    lit = np.zeros(grid.shape_px, bool)
+    lit[52:52 + side, 57:57 + side] = True
+    depth_mm = np.where(lit, depth_of_blur(lens, lamp), depth_of_blur(lens, sky))
+    one = [layer(np.ones(grid.shape_px), depth_mm, np.where(lit, 4.0, sky_light))]
+    blurred = planes(one, lens, grid, most_of_lamps=1024)[0].blurred
+    assert (blurred - sky_light).sum() == pytest.approx(side**2 * (4 - sky_light), rel=0.02)
+
+
 @pytest.mark.parametrize("blur", [-30.0, -6.0, 9.0])
 def test_an_opaque_plane_is_even_across_layer_borders(lens, blur):
     grid, depth_mm = PixelGrid.around_frame((60, 70), PITCH_UM, (20, 20)), depth_of_blur(lens, blur)

@@ -300,3 +300,14 @@ def test_slabs_are_needed_if_any_lens_needs_them():
     for first, other in ((turned(), turned(4000.0)), (turned(4000.0), turned())):
         assert plan(depth_mm, FRAME, first, others=[other]).needed
     assert not plan(depth_mm, FRAME, turned(), others=[turned(2000.0, 4.0)]).needed
+
+
+@pytest.mark.parametrize("place", [(300, 401), (301, 400), (302, 403), (899, 1199)])
+def test_a_lamp_smaller_than_the_steps_through_a_large_picture_is_not_left_out(place):
+    """Such pictures are planned by some of their pixels."""
+    depth_mm, light = np.full((900, 1200), np.inf), np.zeros((900, 1200))
+    depth_mm[100:200, 100:200], light[100:200, 100:200] = 2000.0, 1.0  # in focus
+    assert not plan(depth_mm, light=light, empty=light == 0).needed
+    depth_mm[place], light[place] = 12e3, 50.0
+    planned = plan(depth_mm, light=light, empty=light == 0)
+    assert planned.needed and planned.check.farthest_mm == 12e3

@@ -7,11 +7,11 @@ import OpenEXR
 import pytest
 
 from exr_bytes import CHANNEL, attribute, channels_attribute, numbered, write_black, write_black_parts
-from lensfield.engine import ImageError
+from lensfield.engine import ImageError, SpectralImage
 from lensfield.engine.pictures import spectral_exr
 from lensfield.engine.pictures.exr_header import SIZES
 from lensfield.engine.pictures.rgb_picture import read_rgb_exr
-from lensfield.engine.pictures.spectral_exr import is_spectral, read_exr, read_parts, write_exr
+from lensfield.engine.pictures.spectral_exr import is_spectral, read_exr, read_header, read_parts, write_exr
 from rgb_files import colours, window
 
 
@@ -207,3 +207,16 @@ def test_headers_that_are_cut_off_are_errors(tmp_path, length):
     path = write_black(tmp_path / "cut.exr", [b"Y"])
     path.write_bytes(path.read_bytes()[:length])
     error_of(is_spectral, path)
+
+
+@pytest.mark.parametrize("name, value", [("focalMm", 1e-30), ("focalMm", 1e30), ("pitchUm", 1e30), ("pitchUm", 1e12)])
+@pytest.mark.parametrize("read", [read_header, read_exr])
+def test_implausible_sizes_are_errors(tmp_path, read, name, value):
+    path, focal_mm, pitch_um = tmp_path / "radiance.exr", 49.375, 9.0625
+    write_exr(SpectralImage(np.ones((1, 6, 8)), [550.0], pitch_um=pitch_um, focal_mm=focal_mm), path)
+    stated = struct.pack("<d", focal_mm if name == "focalMm" else pitch_um)
+    data = path.read_bytes()
+    assert data.count(stated) == 1
+    path.write_bytes(data.replace(stated, struct.pack("<d", value)))
+    expected = f"{'focal_mm' if name == 'focalMm' else 'pitch_um'} is {value!r}: expected a positive number"
+    assert expected in error_of(read, path)

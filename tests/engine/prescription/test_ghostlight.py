@@ -12,6 +12,9 @@ from lensfield.engine import LensError
 from lensfield.engine.prescription.glasses import find_glass
 from lensfield.engine.prescription.prescription import Pose, Surface
 from lensfield.engine.prescription.readers import ReadingOptions, read_prescription
+from lensfield.engine.prescription.system import system_of
+from lensfield.engine.rays.rings import AT_REST, turned
+from lensfield.engine.rays.transmission import transmittance
 
 FIELD = ("image_height_mm", 12.0)
 LENS = (Surface(thickness_mm=2.0, semi_aperture_mm=2.5, stop=True), Surface(50.0, 4.0, "N-BK7", 8.0, coating="single"),
@@ -119,3 +122,11 @@ def test_invalid_files_are_errors_with_their_location(read, change, message):
 def test_the_end_of_the_field_must_be_given(read):
     with pytest.raises(LensError, match="field is missing: a .lens does not state .* give --field-angle"):
         read(field=None)
+
+
+@pytest.mark.parametrize("element, axis", [(1, "x"), (1, "y"), (2, "x")])
+def test_a_lens_that_no_light_passes_is_refused(read, element, axis):
+    """An element is a metre off the axis; its transmittance was NaN."""
+    lens = read(lambda contents: contents["optical_system"][element]["transform"]["position"].update({axis: -1000.0}))
+    with pytest.raises(LensError, match="light in the middle of the picture is none: expected rays from the stop"):
+        transmittance(system_of(turned(lens, AT_REST).prescription), [450.0, 650.0])

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import scipy
 
-from lensfield.engine import CameraError, ImageError, InputError, SpectralImage
-from lensfield.engine.sensor.camera import Camera
+from lensfield.engine import CameraError, ImageError, InputError, Report, SpectralImage, photograph
+from lensfield.engine.sensor.camera import LEAST, MOST, NUMBERS, PITCH_LIMITS_UM, POSITIVE, UP_TO_1, Camera
 from lensfield.engine.sensor.electrons import missing_response, response
 from lensfield.engine.sensor.exposure import Exposure, channels_of, expose
 from lensfield.engine.sensor.resampling import pixel_means
@@ -206,6 +206,35 @@ def test_saturation_stays_above_black_at_any_gain():
 def test_bad_cameras_are_refused(change, message):
     with pytest.raises(CameraError, match=f"camera test: .*{message}"):
         replace(CAMERA, **change)
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+@pytest.mark.parametrize("value", [1e308, 1e-300, np.nan, np.inf, pytest.param(10**400, id="10**400")])
+def test_implausible_numbers_are_refused(name, value):
+    """Their squares and quotients overflow; a number of 0 or nearly 0 is possible where 0 is."""
+    if value == 1e-300 and name not in POSITIVE:
+        assert getattr(replace(CAMERA, **{name: value}), name) == value
+        return
+    with pytest.raises(CameraError, match=f"camera test: {name} is "):
+        replace(CAMERA, **{name: value})
+
+
+@pytest.mark.parametrize("nm", [(1e-300, 500, 600, 700), (400, 500, 600, 1e300)])
+def test_implausible_wavelengths_are_refused(nm):
+    """Integrals over them would take all memory."""
+    with pytest.raises(CameraError, match="wavelengths_nm .* ascending numbers from 10 to 100000"):
+        replace(CAMERA, wavelengths_nm=nm)
+
+
+@pytest.mark.parametrize("iso, shutter_s", [(None, None), (1e20, 1e20), (1e-20, 1e-20), (None, 0.01), (100.0, None)])
+@pytest.mark.parametrize("name", NUMBERS)
+def test_cameras_at_the_limits_take_pictures(name, iso, shutter_s):
+    limits = PITCH_LIMITS_UM if name == "pitch_um" else (LEAST if name in POSITIVE else 0.0, 1.0 if name in UP_TO_1
+                                                         else 4094.0 if name == "black_dn" else MOST)
+    for value in limits:
+        with np.errstate(all="raise"):
+            raw = photograph(flat(0.02, (30, 40)), replace(CAMERA, **{name: value}), iso, shutter_s, report=Report())
+        assert np.isfinite([raw.saturated, raw.dark_dn, raw.highest_dn]).all()
 
 
 def test_bad_exposures_are_refused():

@@ -1,0 +1,59 @@
+"""Depth of all content of a slab's light, also where the one ray of a pixel's depth misses it."""
+
+import numpy as np
+import scipy
+
+from ...engine.depth.depth_range import BACKGROUND_MM
+from ..scene.units import M_TO_MM
+
+MOST_OF_LIGHT = 0.5  # least share of a pixel's light for an emitter's depth to be the pixel's
+
+
+def known_depth_m(light, capture, emitters, sky):
+    """Depths of a slab's pixels, as a camera clips, in metres: float32 array (row, column).
+
+    Known emitters have their own depth; other content that the rays miss has the depth of the nearest pixel's.
+
+    Parameters
+    ----------
+    light : GatheredLight
+    capture : PixelGrid
+        That the slab is a part of, with the focal length of its pinhole.
+    emitters : Emitters
+    sky : bool
+        Whether the world is visible where the film is opaque.
+    """
+    slab, depth_m = light.slab, light.depth_m.copy()
+    lit = light.cube.mean(axis=0)
+    missed = _is_background(depth_m) & ((lit != 0) | (slab.transparent & (light.alpha > 0)))
+    if sky and not slab.transparent:
+        missed[:] = False
+    sighted = _sighted_m(emitters.seen(capture), slab, missed, lit)
+    nearer = sighted < depth_m
+    depth_m[nearer] = sighted[nearer]
+    missed &= ~nearer
+    unknown = _is_background(depth_m)
+    if missed.any() and unknown.all():  # only content that the depth pass ignores
+        depth_m[missed] = 2 / (1 / slab.near_m + 1 / slab.far_m)
+    elif missed.any():
+        nearest = scipy.ndimage.distance_transform_edt(unknown, return_distances=False, return_indices=True)
+        depth_m[missed] = depth_m[tuple(nearest[:, missed])]
+    return depth_m
+
+
+def _is_background(depth_m):
+    return depth_m >= BACKGROUND_MM / M_TO_MM
+
+
+def _sighted_m(seen, slab, missed, lit):
+    """Depth of the nearest emitter in each pixel that rays have missed or that gets most of its light, by a plane of
+    it, from the emitter, in metres; inf without one."""
+    shape_px = lit.shape
+    row, column = (at - side.start for at, side in zip((seen.row, seen.column), slab.region, strict=True))
+    clip_m = seen.clip_mm / M_TO_MM
+    inside = (row >= 0) & (row < shape_px[0]) & (column >= 0) & (column < shape_px[1]) & np.isfinite(clip_m)
+    chosen = np.flatnonzero(inside & (clip_m >= slab.near_m) & (clip_m < slab.far_m))
+    at, light, sighted_m = (row[chosen], column[chosen]), seen.light[chosen], np.full(shape_px, np.inf, np.float32)
+    bright = missed[at] | (light >= MOST_OF_LIGHT * lit[at])
+    np.minimum.at(sighted_m, tuple(each[bright] for each in at), clip_m[chosen][bright].astype(np.float32))
+    return sighted_m
