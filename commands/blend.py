@@ -1,7 +1,9 @@
 """Opening a .blend with the add-on registered."""
 
+from pathlib import Path
+
 from ..engine import InputError
-from ..engine.runtime.files import uninterrupted
+from ..engine.runtime.files import mark_as_own, remove_left_work, uninterrupted
 from ..engine.runtime.inputs import is_confined
 from .blend_paths import check_blend
 from .terminal import quiet
@@ -12,10 +14,12 @@ def import_addon():
     try:
         with quiet(1):  # Blender prints a message if $OCIO is set
             with uninterrupted():  # a process stopped during this import could not remove Blender's temporary folder
-                import bpy  # noqa: F401
+                import bpy
+                mark_as_own(bpy.app.tempdir)
             from .. import addon
     except ImportError as error:
         raise InputError("bpy", "module", "not installed", f"install Blender's Python wheel ({error})") from None
+    remove_left_work(Path(bpy.app.tempdir).parent)
     return addon
 
 

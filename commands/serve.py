@@ -64,11 +64,21 @@ def _serve(requests, main, limits):
         line, stop = requests.next()
         try:
             with stoppable(stop):
-                answer = {"status": main([*_arguments(line), *limits])}
+                answer = {"status": main([*_confined(_arguments(line), limits), *limits])}
         except InputError as error:
             answer = {"error": str(error), "status": USAGE_ERROR}
         with message_lines() as write:
             write(**answer)
+
+
+def _confined(arguments, limits):
+    """The arguments of a command; raises an InputError if they would change the limits."""
+    own = [f"--{name.replace('_', '-')}" for name in OPTIONS]
+    for argument in arguments if limits else ():
+        word = argument.partition("=")[0]
+        if len(word) > len("--") and any(option.startswith(word) for option in own):  # argparse completes them
+            raise InputError("serve", "option", word, "give it to serve --untrusted itself, for all of its commands")
+    return arguments
 
 
 def _arguments(line):

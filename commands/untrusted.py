@@ -8,6 +8,7 @@ error.
 
 import json
 import os
+import secrets
 import signal
 import subprocess
 import sys
@@ -26,7 +27,7 @@ LONGEST_S = 1e7
 GIGABYTE = 1e9
 MEMORY_LIMITS_GB = 2.0, 1e6  # Blender alone needs 1.5 GB of address space
 GRACE_S = 5.0  # for the command to remove half-written files
-CONFINED = "LENSFIELD_CONFINED"
+CONFINED, LIMITS = "LENSFIELD_CONFINED", "limits.json"
 PACKAGE = Path(__file__).resolve().parents[1]
 OF_SYSTEM = ("/usr", "/lib", "/lib32", "/lib64", "/bin", "/etc/ld.so.cache", "/etc/ld.so.conf", "/etc/ld.so.conf.d",
              "/etc/fonts", "/etc/localtime", "/proc", "/sys", "/dev/zero", "/dev/random", "/dev/urandom")
@@ -49,12 +50,22 @@ def run(options, arguments):
             if getattr(options, name, None) is not None:
                 raise InputError("options", "--" + name.replace("_", "-"), "given without --untrusted", "give both")
     elif hasattr(options, "confines") and not getattr(options, "scheduler", None):  # a cluster's workers confine tasks
-        if not os.environ.pop(CONFINED, ""):
+        if not _is_started_by_supervisor():
             return _supervise(options, arguments)
         read, write = _folders(options)
         work = temporary_root()
         confine([*read, *write, work, PACKAGE, *filter(None, [cache_folder()])], [*write, work])
     return options.run(options)
+
+
+def _is_started_by_supervisor():
+    """Whether `_supervise` started this process: the environment and the process's own folder then have one token."""
+    token = os.environ.pop(CONFINED, "")
+    try:
+        limits = json.loads(Path(temporary_root(), LIMITS).read_text(encoding="utf-8"))
+        return bool(token) and limits["token"] == token
+    except (OSError, ValueError, TypeError, KeyError):
+        return False
 
 
 def _folders(options):
@@ -85,11 +96,12 @@ def _supervise(options, arguments):
         print("untrusted: this system cannot confine a process (Landlock): only files that the scene names are "
               "checked", file=sys.stderr)
     with temporary_folder() as work:
-        limits = {"read": [*_program(), *read, NOWHERE], "write": [work, *write, NOWHERE],
+        token = secrets.token_hex()
+        limits = {"token": token, "read": [*_program(), *read, NOWHERE], "write": [work, *write, NOWHERE],
                   "memory_bytes": int(memory_gb * GIGABYTE), "cpu_s": int(time_s * (os.cpu_count() or 1)) + 1}
-        path = work / "limits.json"
+        path = work / LIMITS
         path.write_text(json.dumps(limits, default=str), encoding="utf-8")
-        status = _wait(_start([str(path), *_command(), *arguments], work), what, time_s)
+        status = _wait(_start([str(path), *_command(), *arguments], work, token), what, time_s)
     if status < 0:
         raise InputError(what, "process", f"ended by {signal.Signals(-status).name}",
                          f"it may have reached the memory limit of {memory_gb:.3g} GB: --memory-limit")
@@ -117,14 +129,14 @@ def _command():
     return [first, "--disable-autoexec", *more] if _blender() else [first, *more]
 
 
-def _start(command, work):
+def _start(command, work, token):
     """Start the process, with `work` as its temporary folder."""
     if os.name == "posix":
         command = [sys.executable, "-I", str(Path(__file__).with_name("confine.py")), *command]
     else:
         command = command[1:]
-    return subprocess.Popen(command, env=os.environ | {CONFINED: "1"} | dict.fromkeys(("TMPDIR", "TMP", "TEMP"),
-                                                                                     str(work)),
+    return subprocess.Popen(command, env=os.environ | {CONFINED: token} | dict.fromkeys(("TMPDIR", "TMP", "TEMP"),
+                                                                                       str(work)),
                             start_new_session=sys.platform == "linux")  # elsewhere, Ctrl-C must reach it
 
 

@@ -31,7 +31,7 @@ MARKS = MARK.lower().encode(), b"psf_amplitude.npy", b"seconds_over_paper"  # an
 HEAD_BYTES, LONGEST_HEAD_BYTES = 1 << 16, 1 << 20  # a header of 10,000 channels is shorter than the second
 HALF = ".lensfield-half-written-"
 HIDDEN = ".lensfield"
-WORK = "lensfield-work-"
+WORK, OF_BLENDER = "lensfield-work-", "blender_*"
 OWNER = re.compile(r"([0-9a-f]{8})-(\d+)-")  # follows the prefixes HALF and WORK: the machine and its process
 LONGEST_WRITE_S = 24 * 3600.0
 PROBE_BYTES = 1 << 20
@@ -196,7 +196,7 @@ def identity(path: AnyPath) -> tuple[int, int] | tuple[int, int, str]:
 def atomic_path(path: AnyPath, overwrite: bool = False) -> Iterator[Path]:
     """A temporary path next to `path`. It replaces `path` if the block succeeds, and is removed if the block fails.
 
-    `overwrite` is as for `check_target`.
+    `overwrite` is as for `check_target`. An existing file's permissions remain.
 
     Raises
     ------
@@ -205,14 +205,17 @@ def atomic_path(path: AnyPath, overwrite: bool = False) -> Iterator[Path]:
     """
     check_target(path, overwrite)
     named, path = path, Path(path).resolve()  # a link stays, and its target is replaced
+    status = file_status(path)
+    mode = stat.S_IMODE(status.st_mode) & 0o777 if status else 0o666 & ~UMASK  # mkstemp's is the owner's alone
     try:
         with _pending_path(lambda: create_in(path.parent, lambda: _half_written(path))) as temporary:
             if path.parent not in _swept:
                 _swept.add(path.parent)
                 _remove_half_written(path.parent, temporary.stat().st_mtime)
             yield temporary
-            os.chmod(temporary, 0o666 & ~UMASK)  # mkstemp creates files that only their owner can read
             _flush(temporary)
+            if temporary.stat().st_nlink == 1:  # a link to another file has its permissions
+                os.chmod(temporary, mode)
             os.replace(temporary, path)
             _flush_folder(path.parent)
     except OSError as error:
@@ -351,11 +354,21 @@ def _remove_half_written(folder, now_s):
 
 
 def remove_left_work(folder: AnyPath) -> None:
-    """Remove temporary folders of this machine's killed processes from a folder."""
+    """Remove temporary folders of this machine's killed processes from a folder, and folders of Blender's with their
+    marks."""
     with suppress(OSError):
         for path in Path(folder).glob(f"{WORK}*"):
             if _was_killed(path.name, WORK):
                 shutil.rmtree(path, ignore_errors=True)
+        for path in Path(folder).glob(f"{OF_BLENDER}/{WORK}*"):
+            if _was_killed(path.name, WORK):
+                shutil.rmtree(path.parent, ignore_errors=True)
+
+
+def mark_as_own(folder: AnyPath) -> None:
+    """Mark a folder that Blender has created for this process, so that `remove_left_work` can remove it."""
+    with suppress(OSError):
+        Path(folder, work_prefix()).touch()
 
 
 def _was_killed(name, prefix):

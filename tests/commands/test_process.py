@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -52,6 +53,33 @@ def test_a_malformed_line_gets_an_error_and_the_process_continues(server, line, 
     (["lens", "info", "n" * 10**5], 1), (["lens", "list", "--end-with-stdin"], 2)])
 def test_an_invalid_command_returns_its_status(server, arguments, status):
     assert answers(server, json.dumps(arguments).encode()) == [{"status": status}]
+
+
+OPEN = """
+from lensfield.commands.blend import import_addon
+import_addon()
+import bpy
+print(bpy.app.tempdir, flush=True)
+input()
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="Windows does not report which processes are running")
+def test_the_temporary_folder_of_a_killed_blender_is_removed_by_the_next_process(tmp_path):
+    def start():
+        process = subprocess.Popen([sys.executable, "-c", OPEN], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                                   text=True, env=os.environ | {"TMPDIR": str(tmp_path)})
+        return process, Path(process.stdout.readline().strip())
+
+    (killed, left), (running, own) = start(), start()
+    assert left.is_dir() and own.is_dir() and left.parent == own.parent == tmp_path
+    killed.kill()
+    killed.wait()
+    (tmp_path / "blender_another").mkdir()  # of a Blender without Lensfield
+    last, newest = start()
+    assert not left.exists() and own.is_dir() and newest.is_dir() and (tmp_path / "blender_another").is_dir()
+    for process in (running, last):
+        process.communicate("\n")
 
 
 def test_a_stop_has_no_answer_and_concerns_only_the_request_before_it(server):

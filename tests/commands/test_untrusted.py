@@ -2,19 +2,24 @@
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
 import sys
+from argparse import ArgumentParser
+from importlib import import_module
 
 import numpy as np
 import pytest
 
 from lensfield.cli import _parser, main
-from lensfield.commands import confine, untrusted
+from lensfield.commands import confine, serve, untrusted
 from lensfield.commands.messages import read_message
+from lensfield.commands.parser import COMMANDS
 from lensfield.commands.task import task_arguments
 from lensfield.engine import InputError
+from places import ROOT
 from rgb_files import planes_exr
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="Windows has no limits, links and pipes to try")
@@ -88,6 +93,42 @@ def test_serve_confines_each_of_its_commands(picture, tmp_path):
         served.stdin.close()
         printed = served.stderr.read()
     assert statuses == [0, 0, 1, 2] and "report.json: file is outside --output" in printed
+
+
+@pytest.mark.parametrize("option", ["--root=/", "--root", "--roo=/", "--time-limit=1e6", "--memory-limit", "--time"])
+def test_lines_cannot_change_the_limits_of_serve(option):
+    with pytest.raises(InputError, match="^serve: option is --.*: give it to serve --untrusted itself"):
+        serve._confined(["render", "a.blend", option, "/"], ["--untrusted"])
+    assert serve._confined(["render", "a.blend", option, "/"], []) == ["render", "a.blend", option, "/"]
+
+
+def test_all_other_options_pass_through_serve(picture, tmp_path):
+    arguments = ["filter", "a.exr", "--report", "r.json", "--resolution=8x8", "--", "-"]
+    assert serve._confined(arguments, ["--untrusted"]) == arguments
+
+
+@pytest.mark.parametrize("value", ["1", "", "yes", "0" * 64])
+def test_a_variable_in_the_environment_does_not_skip_the_confinement(picture, tmp_path, capfd, monkeypatch, value):
+    """Even if the temporary folder has a file of limits."""
+    (tmp_path / "limits.json").write_text(json.dumps({"token": "another"}))
+    for name in ("TMPDIR", "TMP", "TEMP"):
+        monkeypatch.setenv(name, str(tmp_path))
+    monkeypatch.setenv(untrusted.CONFINED, value)
+    started, start = [], untrusted._start
+    monkeypatch.setattr(untrusted, "_start", lambda *given: started.append(given) or start(*given))
+    status, printed = filtered(capfd, picture, tmp_path / "out" / "a.exr")
+    assert status == 0 and len(started) == 1, printed
+
+
+def test_the_guide_names_all_commands_that_can_be_confined():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["lensfield"])
+        parsers = {name: ArgumentParser() for name in COMMANDS}
+        for name, parser in parsers.items():
+            import_module(f"lensfield.commands.{name}").add_options(parser)
+    named = {name for name, parser in parsers.items() if "--untrusted" in parser._option_string_actions}
+    text, = re.findall(r"([^\n]*\n?[^\n]*) take `--untrusted`", (ROOT / "docs" / "farm.md").read_text(encoding="utf-8"))
+    assert set(re.findall("`([a-z]+)`", text)) == named
 
 
 def test_farm_tasks_have_the_same_limits(tmp_path, monkeypatch):

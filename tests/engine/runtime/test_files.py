@@ -20,7 +20,7 @@ from lensfield.engine.lens_files.package import write_package
 from lensfield.engine.library import PRESCRIPTIONS
 from lensfield.engine.pictures.preview import write_png
 from lensfield.engine.runtime import files
-from lensfield.engine.runtime.files import LONGEST_WRITE_S, atomic_path, check_target
+from lensfield.engine.runtime.files import LONGEST_WRITE_S, atomic_path, check_target, link_or_copy
 from lensfield.engine.simulation.tradeoff import Row, write_table
 from places import SAMPLE_SCENE
 
@@ -381,3 +381,24 @@ def test_files_written_by_commands_are_recognised_as_lensfield_files(tmp_path, m
         write_package(lens, tmp_path / "lens.npz")
         write_table([Row(**row)], tmp_path / "tradeoff.csv")
         Report().write(tmp_path / "report.json")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="Windows has no such permissions")
+@pytest.mark.parametrize("mode", [0o600, 0o640, 0o444, 0o664])
+def test_a_rewritten_file_keeps_its_permissions(tmp_path, mode):
+    path = tmp_path / "frame.exr"
+    path.touch()
+    path.chmod(mode)
+    with atomic_path(path) as temporary:
+        temporary.write_text("new")
+    assert path.read_text() == "new" and path.stat().st_mode & 0o777 == mode
+
+
+@pytest.mark.skipif(os.name != "posix", reason="Windows has no such permissions")
+def test_a_hard_link_does_not_change_its_files_permissions(tmp_path):
+    source, path = tmp_path / "radiance.exr", tmp_path / "other.exr"
+    source.write_text("light")
+    source.chmod(0o600)
+    path.touch()
+    link_or_copy(source, path)
+    assert path.read_text() == "light" and path.stat().st_mode & 0o777 == source.stat().st_mode & 0o777 == 0o600
