@@ -102,7 +102,7 @@ def test_lines_cannot_change_the_limits_of_serve(option):
     assert serve._confined(["render", "a.blend", option, "/"], []) == ["render", "a.blend", option, "/"]
 
 
-def test_all_other_options_pass_through_serve(picture, tmp_path):
+def test_all_other_options_pass_through_serve():
     arguments = ["filter", "a.exr", "--report", "r.json", "--resolution=8x8", "--", "-"]
     assert serve._confined(arguments, ["--untrusted"]) == arguments
 

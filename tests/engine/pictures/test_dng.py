@@ -18,6 +18,7 @@ from lensfield.engine.pictures.develop import developed
 from lensfield.engine.pictures.dng import MountedLens, dng_samples, write_dng
 from lensfield.engine.runtime.errors import CameraError
 from lensfield.engine.sensor.colour import camera_colour, channel_weights
+from lensfield.engine.sensor.electrons import response
 from lensfield.engine.sensor.exposure import Exposure, expose, raw_grid
 from lensfield.engine.spectral.colour import REC709_TO_XYZ
 from lensfield.engine.spectral.spectra import load_spectrum
@@ -97,6 +98,25 @@ def test_the_noise_profile_is_the_variance_of_flat_pictures(tmp_path):
         assert signal.var() == pytest.approx(expected, abs=5 * expected * np.sqrt(2 / signal.size))
     write_dng(replace(raw, exposure=replace(raw.exposure, noise=False)), tmp_path / "a.dng")
     assert 51041 not in fields(tmp_path / "a.dng")[0]
+
+
+def test_the_noise_profile_contains_the_rounding_to_whole_numbers(tmp_path):
+    """At a low gain it is a third of the variance. Together, black levels at all fractions of a number are rounded
+    evenly."""
+    camera = replace(small_camera(filters=("G",), shape_px=(400, 400), prnu=0.0), gain_dn_per_e=0.08, base_iso=100.0,
+                     dark_noise_e=2.0, readout_noise_dn=0.0)
+    irradiance = 25 * 60 / response(camera, np.array([550.0]))[1, 0]  # 25 electrons in 1/60 s
+    light = SpectralImage(np.full((1, 400, 400), irradiance), [550.0], pitch_um=4.0, quantity="irradiance")
+    spread, expected = [], []
+    for frame, black_dn in enumerate(np.linspace(64, 65, 8, endpoint=False)):
+        raw = expose(light, replace(camera, black_dn=black_dn), Exposure(1 / 60, 100.0, SEED, frame))
+        write_dng(raw, tmp_path / "a.dng")
+        tags, _ = fields(tmp_path / "a.dng")
+        (slope, constant), span_dn = tags[51041], tags[50717] - tags[50714]
+        spread.append(raw.numbers.var())
+        expected.append((slope * (raw.numbers.mean() - tags[50714]) / span_dn + constant) * span_dn**2)
+    assert raw.numbers.mean() == pytest.approx(64.875 + 2, abs=0.05) and 1 / 12 > 0.3 * np.mean(expected)
+    assert np.mean(spread) == pytest.approx(np.mean(expected), abs=5 * np.mean(expected) * np.sqrt(2 / 8 / 400**2))
 
 
 def test_the_same_picture_gives_the_same_bytes_and_other_files_stay(tmp_path):

@@ -5,14 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lenses import make_lens
+from lenses import make_lens, tinted
 from lensfield.engine import ImageError, InputError, LensError, Options, Report, SpectralImage, simulate
+from lensfield.engine.depth.iris import Iris, opening
 from lensfield.engine.pictures.spectral_exr import read_exr, read_parts, read_stray, read_with_layers, write_exr
 from lensfield.engine.runtime import scratch
 from lensfield.engine.simulation.lens_image import StrayFacts, lens_image
 from lensfield.engine.stray.ghost_table import ghost_table
 from lensfield.engine.stray.options import StrayOptions
 from lensfield.engine.stray.sources import Sources
+from lensfield.engine.stray.star import star_share
+from lensfield.engine.stray.stray_light import stray_light
 from varied_lenses import varied_lens
 
 NM = [450.0, 550.0, 650.0]
@@ -39,6 +42,40 @@ def test_the_lens_image_is_the_sum_of_light_and_stray_light():
     assert facts.shares["veil"] == pytest.approx(stray.cube.sum() / without.cube.sum(), rel=1e-5)
     assert 0.03 < facts.shares["veil"] < 0.3
     assert report.as_dict()["stray_light"]["shares"] == facts.shares
+
+
+@pytest.mark.parametrize("stray", [StrayOptions("star"), StrayOptions("veil,star", glare_index=5.0)])
+def test_the_lens_image_loses_the_light_of_its_stars(stray):
+    """At each wavelength, the share that the stop diffracts beyond the PSFs; with a veil, that in addition."""
+    lens, iris = tinted(make_lens(np.ones((41, 41)) / 41**2, psf_pitch_um=5.0, f_number_effective=8.0)), Iris(5, 10.0)
+    light = radiance()
+    without = simulate(light, lens, OPTIONS, iris=iris)
+
+    def remaining(stray):
+        image, added = lens_image(light, lens, OPTIONS, stray, iris=iris)
+        kept = (image.cube.astype(float) - added.cube).sum(axis=(1, 2)) / without.cube.sum(axis=(1, 2), dtype=float)
+        np.testing.assert_allclose(image.cube, kept[:, None, None] * without.cube + added.cube, rtol=1e-4)
+        return kept
+
+    share = star_share(lens, opening(iris, lens), np.array(NM))
+    assert share.min() > 1e-3 and np.ptp(share) > 0.1 * share.max()
+    scattered = 1 - remaining(VEIL) if "veil" in stray.stray_light else 0
+    np.testing.assert_allclose(1 - remaining(stray) - scattered, share, atol=3e-6)
+
+
+def test_the_predicted_light_of_sources_beyond_the_picture_falls_with_their_cosine():
+    """A part below the accuracy is predicted from the light through the pupil, whose area a source sees foreshortened.
+    """
+    lens, light = tinted(make_lens()), radiance()
+
+    def predicted(direction, watts_m2=1e-2):
+        sun = Sources(np.array([direction]), np.array([np.inf]), np.full((1, 3), watts_m2), NM, np.zeros(1), ("sun",))
+        return stray_light(light, lens, StrayOptions(glare_index=0.5), 0.09, outside=sun).predicted["veil"]
+
+    alone, behind = stray_light(light, lens, StrayOptions(glare_index=0.5), 0.09).predicted["veil"], [0.6, 0.0, -0.8]
+    steep, oblique = (predicted(direction) - alone for direction in ([0.6, 0.0, 0.8], [0.0, -0.96, 0.28]))
+    assert predicted(behind) == pytest.approx(alone) and oblique > 0.01 * alone
+    assert steep / oblique == pytest.approx(0.8 / 0.28, rel=1e-6)
 
 
 def test_non_finite_pixels_are_refused_or_replaced():

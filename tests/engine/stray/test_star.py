@@ -127,6 +127,24 @@ def test_a_star_has_the_light_that_the_image_loses(iris, even):
 
 
 @pytest.mark.one_blender
+@pytest.mark.parametrize("iris", [Iris(0), HEXAGON])
+def test_the_coarse_star_of_the_middle_wavelength_is_that_of_its_light_alone(iris):
+    """Where the width of stars depends on the wavelength: far stopped down, the image of a point is wider than the
+    window of its PSF."""
+    rows, columns = np.ogrid[:FRAME.shape_px[0], :FRAME.shape_px[1]]
+    plane, lens = 1.0 + np.hypot(rows, 2 * columns) / 200, lens_at(64.0)  # without lamps, whose stars are fine
+
+    def coarse_star(nm):
+        light = arrivals(SpectralImage(np.stack([plane] * len(nm)), nm, FRAME), lens)
+        cube = np.zeros((len(nm), *FRAME.frame_px), np.float32)
+        add_stars(cube, lens, opening_within(iris, np.inf), FRAME, light)
+        return cube[len(nm) // 2]
+
+    alone = coarse_star(NM[1:2])
+    np.testing.assert_allclose(coarse_star(NM), alone, rtol=1e-4, atol=1e-5 * alone.max())
+
+
+@pytest.mark.one_blender
 @pytest.mark.parametrize("iris", [Iris(0), HEXAGON, Iris(5, 20.0), Iris(6, 0.0, 0.4), Iris(8, 3.0, 1.0)])
 @pytest.mark.parametrize("rim", [1.0, 1.01, 1.04, np.inf])
 def test_edges_are_as_long_as_the_outline(iris, rim):
