@@ -26,7 +26,7 @@ from ..scene.render_state import rendered_layer, rendered_world
 from ..scene.units import mm_per_unit
 from ..shading.lobes import MIRRORED, has_surface, lobes_of
 from .emitters import faces_of_materials, has_size
-from .sky import sky_steps
+from .sky import is_computed, sky_steps
 from .unlayered import material_of
 
 MOST_OUTSIDE = 256
@@ -50,7 +50,7 @@ def outside_steps(ready, capture, needed):
         Whether the lens image has stray light.
     """
     scene, sky = ready.scene, None
-    if shows_world(scene) and ready.substitution.emission_at(rendered_world(scene), ready.job.wavelengths_nm) is None:
+    if shows_world(scene) and is_computed(ready):
         if not needed:
             return None, ()
         sky = yield from sky_steps(ready)

@@ -60,6 +60,7 @@ from .sampled_passes import (
     shares_noise,
 )
 from .scene_plan import plan_scene
+from .sky import map_steps
 from .slabs import cut_steps, finer_region, looked_at, single_slab
 from .steps import RenderPass, Work
 from .targets import check_files
@@ -366,9 +367,11 @@ def planned_steps(scene, job, files, folder, journal, alone, times=1):
     if region and not job.traced:
         rendered = captured_region(region, job.lens, job.wavelengths_nm, grid, job.options, job.room, job.others)
     journal.set(scene.render, "use_persistent_data", True)  # from the depth pre-pass on
-    return Ready(scene, job, plan, substitution, None, passes, grid, grid, (single_slab(scene, rendered),), names,
-                 clamps_of(scene), folder / "pass.exr", None, region, rendered, empty, None, exposure, film, remarks,
-                 of_capture, 0.0)
+    ready = Ready(scene, job, plan, substitution, None, passes, grid, grid, (single_slab(scene, rendered),), names,
+                  clamps_of(scene), folder / "pass.exr", None, region, rendered, empty, None, exposure, film, remarks,
+                  of_capture, 0.0)
+    yield from map_steps(ready, journal)
+    return ready
 
 
 def sliced_steps(planned, share, journal, times=1):

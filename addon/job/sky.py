@@ -1,5 +1,8 @@
-"""The sky: the hemisphere of the world in front of the camera, without the scene's objects, for worlds that nodes
-compute, such as those with an HDRI."""
+"""The sky: a world that nodes compute, such as one with an HDRI, rendered without the scene's objects.
+
+Stray light needs the hemisphere in front of the camera. The contrast of the complete sphere decides how Cycles samples
+the world's light.
+"""
 
 import numpy as np
 
@@ -14,6 +17,7 @@ from .slabs import BEYOND_ALL_UNITS, LOOK, Slab
 from .steps import RenderPass
 
 SIDE_PX = 512  # 0.35 degrees per pixel: the centre of at least one is in the sun
+MAP_PX = 512  # width of the map for a world without bright places
 BRIGHT, SAMPLES = 8.0, 16  # samples of the region around pixels brighter than this many times the mean; others have one
 
 
@@ -25,29 +29,70 @@ def sky_steps(ready):
     ----------
     ready : Ready
     """
-    scene, job, plan = ready.scene, ready.job, ready.plan
-    focal_mm, unit_m = job.lens.capture_focal_length_mm, metres_per_unit(scene)
-    grid = PixelGrid((SIDE_PX, SIDE_PX), np.pi * focal_mm * 1e3 / SIDE_PX, projection=FISHEYE)
-    slab = Slab(*(units * unit_m for units in BEYOND_ALL_UNITS), (slice(0, SIDE_PX), slice(0, SIDE_PX)), False, False)
-    sky, bright = _gathered(ready, slab), None
+    job, plan = ready.job, ready.plan
+    grid = _fisheye(job, np.pi, SIDE_PX)
+    sky, bright = _gathered(ready, grid), None
     with Journal() as journal:
         _guard(ready, grid, journal)
-        for index, band in enumerate(plan.bands):
-            ready.substitution.set_wavelengths(band, plan.dispersive)
-            yield from _band_steps(ready, sky, grid, index, 1, journal)
+        for index in range(len(plan.bands)):
+            yield from _band_steps(ready, "Sky", sky, grid, index, 1, journal)
             if index == 0 and (region := _bright_region(sky.cube)):
-                bright = _gathered(ready, slab.within(region))
+                bright = _gathered(ready, grid, region)
             if bright:
-                yield from _band_steps(ready, bright, grid, index, SAMPLES, journal)
+                yield from _band_steps(ready, "Sky", bright, grid, index, SAMPLES, journal)
     cube = sky.radiance()
     if bright:
         cube[(..., *bright.slab.region)] = bright.radiance()
-    return SpectralImage(cube, job.wavelengths_nm, grid, focal_mm=focal_mm)
+    return SpectralImage(cube, job.wavelengths_nm, grid, focal_mm=job.lens.capture_focal_length_mm)
 
 
-def _gathered(ready, slab):
-    return GatheredLight(ready.plan, rendered_layer(ready.scene).name, ready.group_names, slab, None,
-                         metres_per_unit(ready.scene))
+def is_computed(ready):
+    """Whether nodes compute the light of the rendered world."""
+    world = rendered_world(ready.scene)
+    return world is not None and ready.substitution.emission_at(world, ready.job.wavelengths_nm) is None
+
+
+def map_steps(ready, journal):
+    """Steps that look at the world of a scene that is ready for its passes. Without bright places, it gets a small map.
+
+    By this map, Cycles samples a world's light. It is built anew for the wavelengths of each pass, 4096 px wide by
+    default. A sun needs them all: with fewer, too few samples reach its edges, and pixels sparkle.
+    """
+    world = rendered_world(ready.scene)
+    if not is_computed(ready) or world.cycles.sampling_method != "AUTOMATIC" or uses_light_paths(world.node_tree):
+        return
+    grid = _fisheye(ready.job, 2 * np.pi, 2 * SIDE_PX)
+    light = _gathered(ready, grid)
+    with Journal() as of_look:
+        _guard(ready, grid, of_look)
+        of_look.set(world.cycles_visibility, "camera", True)
+        yield from _band_steps(ready, "World", light, grid, 0, 1, of_look)
+    if not _bright_region(light.cube):
+        journal.on_exit(world.update_tag)
+        for name, value in (("sampling_method", "MANUAL"), ("sample_map_resolution", MAP_PX)):
+            journal.set(world.cycles, name, value)
+        world.update_tag()
+
+
+def uses_light_paths(tree):
+    """Whether a node tree, or a group in it, depends on the kind of ray: the camera may see another world then."""
+    return any(node.bl_idname == "ShaderNodeLightPath" or (
+        node.bl_idname == "ShaderNodeGroup" and node.node_tree and uses_light_paths(node.node_tree))
+        for node in tree.nodes)
+
+
+def _fisheye(job, view_rad, side_px):
+    """The pixels of an equidistant fisheye with this angle of view: a PixelGrid."""
+    pitch_um = view_rad * job.lens.capture_focal_length_mm * 1e3 / side_px
+    return PixelGrid((side_px, side_px), pitch_um, projection=FISHEYE)
+
+
+def _gathered(ready, grid, region=None):
+    """A GatheredLight of the world alone, in a region of these pixels or in all."""
+    unit_m = metres_per_unit(ready.scene)
+    region = region or tuple(slice(0, n) for n in grid.shape_px)
+    slab = Slab(*(units * unit_m for units in BEYOND_ALL_UNITS), region, False, False)
+    return GatheredLight(ready.plan, rendered_layer(ready.scene).name, ready.group_names, slab, None, unit_m)
 
 
 def _guard(ready, grid, journal):
@@ -62,13 +107,14 @@ def _guard(ready, grid, journal):
     world.update_tag()
 
 
-def _band_steps(ready, light, grid, index, samples, journal):
+def _band_steps(ready, label, light, grid, index, samples, journal):
     """Steps that render a part of the sky at the wavelengths of a pass."""
-    scene, bands = ready.scene, ready.plan.bands
+    scene, plan = ready.scene, ready.plan
+    ready.substitution.set_wavelengths(plan.bands[index], plan.dispersive)
     journal.set(scene.cycles, "samples", samples)
     show_slab(scene, light.slab, grid, journal)
     read_again(scene)
-    step = RenderPass(scene, f"Sky {index + 1} of {len(bands)}", 0.0, 0.0)
+    step = RenderPass(scene, f"{label} {index + 1} of {len(plan.bands)}", 0.0, 0.0)
     planes = yield from ready.passes.planes(step, _path(ready), light.planes, "sky", index, *light.slab.facts)
     light.add(index, light.light_of(planes))
 
