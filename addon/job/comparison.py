@@ -236,7 +236,7 @@ def _plan_of_scene(scene, lenses, f_numbers, folder, on_progress, given):
     requested = {name: given.pop(name, None) for name in RING_FIELDS}
     rows = _rows(lenses, [scene_rings(scene, **requested | ({} if f_number is None else {"f_number": f_number}))
                           for f_number in f_numbers], scene.camera.data.lens)
-    jobs = {name: job_of_frame(scene, scene.frame_current, **given | {"lens": cell.lens, **ring_fields(cell.rings)})
+    jobs = {name: job_of_frame(scene, scene.frame_float, **given | {"lens": cell.lens, **ring_fields(cell.rings)})
             for name, cell in _announced(rows, on_progress)}
     for job in jobs.values():
         check_job(scene, job)

@@ -35,6 +35,8 @@ class Job(RenderRequest):
     iris : Iris or None
         Blades that stop the lens down; None for a round stop.
     frame : int
+    subframe : float
+        Added to `frame`: the scene may be between two frames.
     clamp : bool
         Whether the scene's clamps apply.
     settings : dict
@@ -49,6 +51,7 @@ class Job(RenderRequest):
 
     frame: int
     clamp: bool
+    subframe: float = 0.0
     settings: dict | None = None
     lens_warning: str = ""
     ring_words: tuple[str, ...] = ()
@@ -86,8 +89,9 @@ def job_of(scene, quality=None, **given):
     decided = {"lens": lens, "camera": chosen_camera(request), "iris": iris,
                "wavelengths_nm": np.array(request.wavelengths_nm),
                "denoise": ON if denoises(scene, request) else OFF}
-    return Job(**vars(request) | decided, frame=scene.frame_current, clamp=request.spectral.tier != REFERENCE,
-               settings=picture_settings(scene), lens_warning=warning, ring_words=words)
+    return Job(**vars(request) | decided, frame=scene.frame_current, subframe=scene.frame_subframe,
+               clamp=request.spectral.tier != REFERENCE, settings=picture_settings(scene), lens_warning=warning,
+               ring_words=words)
 
 
 def denoises(scene, request):

@@ -87,6 +87,6 @@ def _but_for_lens(job):
 
 def _remarks(scene, job):
     with Journal() as journal:
-        go_to_frame(scene, job.frame, journal)
+        go_to_frame(scene, job.frame + job.subframe, journal)
         turn_on_layer(scene, job.view_layer, journal)
         return tuple(map(str, scene_remarks(scene, job)))

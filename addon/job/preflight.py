@@ -62,7 +62,7 @@ def preflight(scene, *, frame=None, **given):
     """
     refusals, fits, job, plan, slabs, remarks = [], False, None, None, None, ()
     with Journal() as journal:
-        go_to_frame(scene, scene.frame_current if frame is None else frame, journal)
+        go_to_frame(scene, scene.frame_float if frame is None else frame, journal)
         with _noted(refusals):
             if given.get("output_folder") is None:
                 check_output_folder(scene)

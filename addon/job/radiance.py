@@ -66,6 +66,7 @@ from .steps import RenderPass, Work
 from .targets import check_files
 
 BACKGROUND_M = 1e10
+OPAQUE = 1 - 1e-5  # least alpha of an opaque pixel, by rounding
 LOOK_SHARE = 0.01  # of the capture's time, for the depth pre-pass
 PASS_BYTES, LAMP_BYTES = 100, 40  # per pixel of a pass, in Cycles, in Blender and on reading; plus this for each lamp
 DENOISE_BYTES, MOST_DENOISE = 800, 3e9  # for the denoiser: bytes per pixel, and their upper limit in total
@@ -84,7 +85,7 @@ class Captured:
     depth_m : float32 array (row, column)
         Along the optical axis, BACKGROUND_M for the background.
     alpha : float32 array (row, column) or None
-        None if the film is not transparent.
+        None if the film is not transparent and shows no holdouts.
     region : float32 array (row, column) or None
         1 in Blender's render region, the only part of the picture; 0.5 around it, where the lens may draw light from; 0
         elsewhere. None without a render region.
@@ -348,7 +349,7 @@ def planned_steps(scene, job, files, folder, journal, alone, times=1):
     times : int
         Parts of a pixel, down and across, in the finest pixels to be captured.
     """
-    go_to_frame(scene, job.frame, journal)
+    go_to_frame(scene, job.frame + job.subframe, journal)
     grid = job_grid(scene, job)
     turn_on_layer(scene, job.view_layer, journal)
     remarks = [*scene_remarks(scene, job)]
@@ -495,10 +496,11 @@ def captured_from(ready, lights, grid, capture_px):
         radiance = SpectralImage(cube, job.wavelengths_nm, grid, focal_mm=job.lens.capture_focal_length_mm,
                                  exposure=ready.exposure, detail=detail)
     picture = _picture_part(region, grid)
+    holdouts = not (job.traced or layers) and np.any(alpha[picture] < OPAQUE)  # nothing else opens an opaque film
     remarks = [*ready.of_capture, *colour_remarks(ready.plan), *ready.empty.after_render(
         not np.any(radiance.cube[(..., *picture)]), ready.film and not np.any(alpha[picture]))]
     return Captured(radiance, np.where(np.isfinite(depth_mm), depth_mm / M_TO_MM, BACKGROUND_M).astype(np.float32),
-                    alpha if ready.film else None, region and _mask(region, rendered, grid), layers,
+                    alpha if ready.film or holdouts else None, region and _mask(region, rendered, grid), layers,
                     tuple(map(str, remarks)))
 
 

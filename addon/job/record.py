@@ -24,10 +24,11 @@ OF_ACCOUNT = ("resolution_", "pixel_aspect_", "film_transparent", "use_border", 
 
 
 def picture_settings(scene):
-    """The scene's render settings that affect a picture, and its camera's Shift: a dict of JSON types."""
+    """The scene's render settings that affect a picture, its camera's Shift and subframe: a dict of JSON types."""
     cycles = {name: value for name, value in _values(scene.cycles) if not name.startswith(IRRELEVANT)}
     render = {name: value for name, value in _values(scene.render) if name.startswith(OF_ACCOUNT)}
-    return json_value(cycles | render | {"metres_per_unit": metres_per_unit(scene), "shift_px": shift_px(scene)})
+    return json_value(cycles | render | {"metres_per_unit": metres_per_unit(scene), "shift_px": shift_px(scene),
+                                         "subframe": scene.frame_subframe})
 
 
 def write_record(job, result):

@@ -9,10 +9,12 @@ import numpy as np
 
 from ...engine.depth.depth_range import AUTO, OFF, blur_per_nearness_px
 from ...engine.rays.rings import in_metres
+from ...engine.runtime.errors import listed
 from ...engine.spectral.wavelength_choice import REFERENCE, STANDARD_COLOUR_ERROR
 from ..scene.camera import matching_focal_length_mm, pixel_aspect
 from ..scene.compositor import unreplaced_passes
 from ..scene.instances import rendered_blocks
+from ..scene.motion import sees_camera, view_animated
 from ..scene.render_state import effective_samples
 from ..scene.traced_camera import traces_on_device
 from ..shading.lobes import MIRRORED, REFRACTED
@@ -176,6 +178,12 @@ def _of_camera(scene, job):
     if job.traced and job.iris:
         yield Remark("Iris Blades", str(job.iris.blades),
                      "ignored by the traced lens: its stop is round, with the same area")
+    if scene.render.use_motion_blur and (names := view_animated(camera)):
+        yield Remark("Motion Blur", "", f"none from the camera's {listed(sorted(names), MOST_NAMED)}: each frame has "
+                     "one view; moves of the camera and of objects are blurred")
+    if names := sees_camera(obj for obj in scene.objects if not obj.hide_render):
+        yield Remark("Camera Info", "", f"in the geometry nodes of {listed(names, MOST_NAMED)}, it is that of the "
+                     "capture, which is wider than the picture")
     aspect, squeeze = pixel_aspect(scene), job.lens.squeeze
     if abs(aspect / squeeze - 1) > SAME_VIEW:
         yield Remark("Pixel Aspect", f"{aspect:.3g}", f"the lens squeezes the picture by {squeeze:.3g}",

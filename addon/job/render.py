@@ -47,7 +47,7 @@ def render_through_lens(scene, *, frame=None, progress=None, **given):
     ----------
     scene : bpy.types.Scene
     frame : int, optional
-        The scene's current frame by default.
+        By default the scene's current frame, or its place between two.
     progress : callable (fraction, label), optional
     given : by name
         Fields of a `RenderRequest`. All others are as in the scene's Lensfield settings at that frame, except
@@ -65,7 +65,7 @@ def render_through_lens(scene, *, frame=None, progress=None, **given):
         The scene is restored exactly.
     """
     given["state"] = given.get("state") or fingerprint_anew(scene)
-    job = job_of_frame(scene, scene.frame_current if frame is None else frame, **given)
+    job = job_of_frame(scene, scene.frame_float if frame is None else frame, **given)
     with only_writer(Result.of(scene, job.output_folder, job.frame).record):
         return run(render_steps(scene, job), progress)
 

@@ -59,7 +59,7 @@ class ScenePreview:
 
     def __init__(self, scene, **given):
         self.scene = scene
-        self._job = job_of_frame(scene, scene.frame_current, SKETCHED, **given, state="preview")
+        self._job = job_of_frame(scene, scene.frame_float, SKETCHED, **given, state="preview")
         self._folder = Path(self._job.output_folder)
         self._result = Result.of(scene, self._folder, self._job.frame)
         self._capture = growing_capture(scene, self._job)

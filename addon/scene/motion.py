@@ -6,6 +6,7 @@ import bpy
 
 from .fingerprint import action_curves, blocks_of
 
+VIEW = {"lens", "sensor_width", "sensor_height", "shift_x", "shift_y"}
 RINGS = "dof."  # prefix of the camera settings for focus and f-stop
 SCENES_RINGS = "lensfield.focused_wide_open", "lensfield.iris_"
 HANDLERS = "frame_change_pre", "frame_change_post", "render_pre"
@@ -36,6 +37,22 @@ def rings_animated(scene):
     return camera is not None and camera.dof.use_dof and (
         camera.dof.focus_object is not None
         or any(path.startswith(RINGS) for path in _animated_paths(camera, None, frozenset())))
+
+
+def view_animated(camera):
+    """Paths of animated settings of camera data, in Blender's names, that change its view: set."""
+    return VIEW & {path for path in _animated_paths(camera, None, frozenset())}
+
+
+def sees_camera(objects):
+    """Names of objects whose geometry nodes read the settings of a camera: list."""
+    return [obj.name for obj in objects for modifier in obj.modifiers
+            if modifier.type == "NODES" and modifier.node_group and _reads_camera(modifier.node_group)]
+
+
+def _reads_camera(tree):
+    return any(node.bl_idname == "GeometryNodeCameraInfo" or (getattr(node, "node_tree", None) and _reads_camera(
+        node.node_tree)) for node in tree.nodes)
 
 
 def _movements(scene, frames):

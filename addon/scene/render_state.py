@@ -1,5 +1,7 @@
 """The render state: all settings that would alter the radiance, set for the passes and restored by the journal."""
 
+import math
+
 import bpy
 
 from .camera import set_up_capture
@@ -19,7 +21,8 @@ IMAGE = {"media_type": "MULTI_LAYER_IMAGE", "file_format": "OPEN_EXR_MULTILAYER"
 
 
 def go_to_frame(scene, frame, journal):
-    """Evaluate the scene at a frame, as a render would: its animation, and the camera that a marker binds."""
+    """Evaluate the scene at a frame, or between two, as a render would: its animation, and the camera that a marker
+    binds."""
     if bpy.context.window:  # animation reaches the data-blocks to be copied only in the window's scene,
         journal.set(bpy.context.window, "scene", scene)
         bpy.context.evaluated_depsgraph_get()  # and in 4.5 only once that has been evaluated
@@ -30,7 +33,8 @@ def go_to_frame(scene, frame, journal):
         scene.camera = camera
 
     journal.on_exit(go_back)
-    scene.frame_set(frame)
+    whole = math.floor(frame)
+    scene.frame_set(whole, subframe=frame - whole)
 
 
 def turn_on_layer(scene, name, journal):

@@ -68,6 +68,22 @@ def test_an_opaque_film_has_an_opaque_lens_image(glowing, tmp_path):
     assert "A" not in planes(result.radiance)
 
 
+def test_a_holdout_opens_an_opaque_film(glowing, tmp_path):
+    """As in Blender: the hole is in the alpha, at its place through the lens."""
+    hole = bpy.data.materials.new("Hole")
+    hole.use_nodes = True
+    nodes = hole.node_tree.nodes
+    hole.node_tree.links.new(nodes.new("ShaderNodeHoldout").outputs[0], nodes["Material Output"].inputs["Surface"])
+    square = bpy.data.objects["Wall"]
+    square.data.materials[0] = hole
+    result = render(glowing, tmp_path / "held")
+    square.data.materials[0] = bpy.data.materials["Glow"]
+    glowing.render.film_transparent = True
+    covered = planes(render(glowing, tmp_path / "film").lens_image)["A"]
+    assert covered.max() > 0.99
+    np.testing.assert_allclose(planes(result.lens_image)["A"], 1 - covered, atol=0.02)
+
+
 def test_the_world_behind_a_transparent_film_is_not_in_the_picture(scene, tmp_path):
     set_world(scene)
     scene.render.film_transparent = True

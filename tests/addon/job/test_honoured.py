@@ -9,13 +9,14 @@ from lenses import make_lens
 from lensfield import addon
 from lensfield.addon.job.job import job_of
 from lensfield.addon.scene.errors import SceneError
+from lensfield.addon.scene.fingerprint import action_curves
 from lensfield.engine import ImageError, Options
 from lensfield.engine.pictures.spectral_exr import read_exr, read_parts
 from lensfield.engine.spectral.spectra import white_density
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 from lensfield.engine.stray.options import StrayOptions
 from noise import assert_means, surely_apart
-from small_scenes import WAVELENGTHS_NM, light, material, render, set_region, set_world, wall
+from small_scenes import WAVELENGTHS_NM, keyframe_world, light, material, render, set_region, set_world, wall
 
 TINT = 0.9, 0.5, 0.3
 EDGES = 2e-3  # share of light lost between the triangles of panes
@@ -173,6 +174,40 @@ def test_moving_objects_are_blurred_along_their_path(scene, tmp_path, tier):
     for blurred, sharp in zip(moving, static, strict=True):
         lit = (sharp[across // 4] > 0).sum()
         assert (blurred[across // 4] > 0).sum() > 1.5 * lit and blurred.max() <= 1.01 * sharp.max()
+
+
+def test_a_frame_between_two_is_rendered_as_in_blender(scene, tmp_path):
+    """The scene's own place in time; a given frame is a whole one."""
+    keyframe_world(scene, 3, 4)
+    for curve in action_curves(scene.world.node_tree.animation_data.action):
+        for point in curve.keyframe_points:
+            point.interpolation = "LINEAR"
+    scene.frame_set(3, subframe=0.5)
+    between, whole = (radiance(scene, tmp_path / str(index), **given).mean() for index, given in enumerate(
+            ({}, {"frame": 3})))
+    assert between / whole == pytest.approx(3.5 / 3, rel=1e-3)
+    assert (scene.frame_current, scene.frame_subframe) == (3, 0.5)
+
+
+def test_what_the_stand_in_camera_hides_is_reported(scene, tmp_path):
+    """A zoom while the shutter is open, and the camera that geometry nodes read."""
+    set_world(scene)
+    tree = bpy.data.node_groups.new("Reader", "GeometryNodeTree")
+    tree.nodes.new("GeometryNodeCameraInfo")
+    reader = glowing_wall(scene, 1.0, TINT)
+    reader.modifiers.new("Reader", "NODES").node_group = tree
+    for frame, focal_mm in ((1, 30.0), (2, 60.0)):
+        scene.camera.data.lens = focal_mm
+        scene.camera.data.keyframe_insert("lens", frame=frame)
+
+    def remarks(name):
+        return [line for line in render(scene, tmp_path / name, frame=1).report.scene.scene_remarks
+                if line.startswith(("Motion Blur", "Camera Info"))]
+
+    still, = remarks("still")
+    assert still.startswith(f"Camera Info: in the geometry nodes of {reader.name}")
+    scene.render.use_motion_blur = True
+    assert [line.split(":")[0] for line in remarks("moving")] == ["Motion Blur", "Camera Info"]
 
 
 REGION = slice(6, 24), slice(8, 36)  # of 36 rows and 48 columns: not centred in either direction
