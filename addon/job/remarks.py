@@ -182,8 +182,8 @@ def _of_camera(scene, job):
         yield Remark("Motion Blur", "", f"none from the camera's {listed(sorted(names), MOST_NAMED)}: each frame has "
                      "one view; moves of the camera and of objects are blurred")
     if names := sees_camera(obj for obj in scene.objects if not obj.hide_render):
-        yield Remark("Camera Info", "", f"in the geometry nodes of {listed(names, MOST_NAMED)}, it is that of the "
-                     "capture, which is wider than the picture")
+        yield Remark("Camera Info", "", f"the geometry nodes of {listed(names, MOST_NAMED)} read the camera of the "
+                     "capture, which shows more than the picture")
     aspect, squeeze = pixel_aspect(scene), job.lens.squeeze
     if abs(aspect / squeeze - 1) > SAME_VIEW:
         yield Remark("Pixel Aspect", f"{aspect:.3g}", f"the lens squeezes the picture by {squeeze:.3g}",

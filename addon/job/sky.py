@@ -7,6 +7,7 @@ the world's light.
 import numpy as np
 
 from ...engine import SpectralImage
+from ...engine.image.directions import solid_angles_sr
 from ...engine.image.pixel_grid import PixelGrid
 from ...engine.image.projection import FISHEYE
 from ..scene.render_state import guard_render_state, read_again, rendered_layer, rendered_world, show_slab
@@ -36,7 +37,7 @@ def sky_steps(ready):
         _guard(ready, grid, journal)
         for index in range(len(plan.bands)):
             yield from _band_steps(ready, "Sky", sky, grid, index, 1, journal)
-            if index == 0 and (region := _bright_region(sky.cube)):
+            if index == 0 and (region := _bright_region(sky.cube, grid)):
                 bright = _gathered(ready, grid, region)
             if bright:
                 yield from _band_steps(ready, "Sky", bright, grid, index, SAMPLES, journal)
@@ -67,7 +68,7 @@ def map_steps(ready, journal):
         _guard(ready, grid, of_look)
         of_look.set(world.cycles_visibility, "camera", True)
         yield from _band_steps(ready, "World", light, grid, 0, 1, of_look)
-    if not _bright_region(light.cube):
+    if not _bright_region(light.cube, grid):
         journal.on_exit(world.update_tag)
         for name, value in (("sampling_method", "MANUAL"), ("sample_map_resolution", MAP_PX)):
             journal.set(world.cycles, name, value)
@@ -83,8 +84,8 @@ def uses_light_paths(tree):
 
 def _fisheye(job, view_rad, side_px):
     """The pixels of an equidistant fisheye with this angle of view: a PixelGrid."""
-    pitch_um = view_rad * job.lens.capture_focal_length_mm * 1e3 / side_px
-    return PixelGrid((side_px, side_px), pitch_um, projection=FISHEYE)
+    focal_mm = job.lens.capture_focal_length_mm
+    return PixelGrid((side_px, side_px), view_rad * focal_mm * 1e3 / side_px, projection=FISHEYE, focal_mm=focal_mm)
 
 
 def _gathered(ready, grid, region=None):
@@ -96,7 +97,7 @@ def _gathered(ready, grid, region=None):
 
 
 def _guard(ready, grid, journal):
-    """Make all settings of the sky's renders. As nothing is lit, Cycles needs no map of the world's light."""
+    """Make all settings for renders of the world alone. They light nothing, so Cycles need not map its light."""
     scene, world = ready.scene, rendered_world(ready.scene)
     guard_render_state(scene, ready.job, grid, _path(ready), journal)
     for name, value in LOOK.items():
@@ -123,10 +124,11 @@ def _path(ready):
     return ready.path.with_name("sky.exr")
 
 
-def _bright_region(cube):
-    """The rows and columns of a cube (wavelength, row, column) around its bright pixels; None without any."""
+def _bright_region(cube, grid):
+    """The rows and columns of a fisheye's cube (wavelength, row, column) around its bright pixels; None without any."""
     picture = cube.mean(axis=0)
-    places = np.argwhere(picture > BRIGHT * picture.mean())
+    sr = solid_angles_sr(grid, *np.indices(picture.shape))
+    places = np.argwhere(picture > BRIGHT * np.average(picture, weights=sr))
     if not len(places):
         return None
     return tuple(slice(max(int(side.min()) - 1, 0), min(int(side.max()) + 2, n))

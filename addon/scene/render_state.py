@@ -33,8 +33,8 @@ def go_to_frame(scene, frame, journal):
         scene.camera = camera
 
     journal.on_exit(go_back)
-    whole = math.floor(frame)
-    scene.frame_set(whole, subframe=frame - whole)
+    first = math.floor(frame)
+    scene.frame_set(first, subframe=frame - first)
 
 
 def turn_on_layer(scene, name, journal):

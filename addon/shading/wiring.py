@@ -40,7 +40,7 @@ def constant_instead(tree, node):
 
 
 def property_of(node):
-    """The name of the property that a node from `attribute_node` or `constant_instead` stands for."""
+    """The name of the property whose value a node from `attribute_node` or `constant_instead` has."""
     return node.attribute_name if node.bl_idname == "ShaderNodeAttribute" else node.label
 
 

@@ -102,6 +102,18 @@ def test_each_stage_has_four_times_the_samples(samples, ends):
     assert sample_ends(samples) == ends
 
 
+@pytest.mark.parametrize("timed, again, expected_s", [
+    ([(30, 4.0)], False, 2.0), ([(10, 4.0), (20, 0.2)], False, 0.15), ([(10, 0.2), (20, 0.4)], True, 0.3)])
+def test_a_change_of_wavelengths_is_not_counted_as_samples(timed, again, expected_s):
+    """Renders of 30 rows in all, of 2 samples each; without a better estimate, all of the time counts."""
+    passes = object.__new__(growing._GrowingPasses)
+    passes._sample_s = 0.0
+    passes._learn(timed, 2, again)
+    assert passes._sample_s == pytest.approx(expected_s)
+    passes._learn([(30, 99.0)], 2, False)
+    assert passes._sample_s == pytest.approx(expected_s)
+
+
 def test_bands_cover_all_rows_of_a_slab_once():
     slab = Slab(0.1, 1.0, (slice(3, 10), slice(2, 5)), True, False)
     rows = [band.region[0] for band in growing._bands(slab, 3)]

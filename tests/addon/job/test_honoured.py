@@ -204,8 +204,8 @@ def test_what_the_stand_in_camera_hides_is_reported(scene, tmp_path):
         return [line for line in render(scene, tmp_path / name, frame=1).report.scene.scene_remarks
                 if line.startswith(("Motion Blur", "Camera Info"))]
 
-    still, = remarks("still")
-    assert still.startswith(f"Camera Info: in the geometry nodes of {reader.name}")
+    line, = remarks("unblurred")
+    assert line.startswith(f"Camera Info: the geometry nodes of {reader.name}")
     scene.render.use_motion_blur = True
     assert [line.split(":")[0] for line in remarks("moving")] == ["Motion Blur", "Camera Info"]
 

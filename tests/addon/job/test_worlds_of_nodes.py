@@ -92,7 +92,7 @@ def given(folder, **others):
             "stray": StrayOptions("ghosts,veil")} | others
 
 
-def seen(scene):
+def settings_of(scene):
     """All that a render depends on except the contents of the world: the snapshot of scenes and cameras."""
     return {name: block for name, block in snapshot().items() if name[0] in ("scenes", "cameras")}
 
@@ -108,8 +108,8 @@ def changed(before, after):
             if not any(name in line for name in (SET_BY_WAVELENGTH, ".users", "filepath", "session_uid"))]
 
 
-def states(steps):
-    """The state at each of the renders of some steps, by their labels, and the result."""
+def states(steps, look=settings_of):
+    """What `look` returns for the scene at each of the renders of some steps, by their labels, and the result."""
     answer, by_label = None, {}
     while True:
         try:
@@ -120,7 +120,7 @@ def states(steps):
             return by_label, None
         answer = None
         if isinstance(step, RenderPass):
-            by_label[step.label] = seen(step.scene)
+            by_label[step.label] = look(step.scene)
             bpy.ops.render.render(write_still=True, scene=step.scene.name)
         elif hasattr(step, "call"):
             answer = step.call(lambda fraction: None)
@@ -136,7 +136,7 @@ def lamps_at_px(path):
 
 @pytest.mark.parametrize("world", WORLDS)
 def test_the_scene_is_framed_as_with_a_flat_world(lamps, tmp_path, world):
-    """And each render has the settings of the flat world's."""
+    """And each render has the same settings as with it."""
     at_px, by_label = [], []
     for kind in ("flat", "nodes"):
         if kind == "nodes":
@@ -178,15 +178,15 @@ def test_each_step_leaves_the_scene_as_it_was(lamps, tmp_path, world):
 
 @pytest.mark.parametrize("depth", ["off", "traced"])
 def test_a_capture_restores_the_stand_in_camera(lamps, tmp_path, depth):
-    """Also one that a preview grows, and a traced lens's."""
+    """The preview grows its capture; a traced lens has a camera of its own."""
     original = lamps.camera.data
     before = snapshot()
     with Journal() as journal:
         journal.stand_in(original)
-        stand_in = seen(lamps)
+        stand_in = settings_of(lamps)
         job = job_of_frame(lamps, 1, **given(tmp_path, depth=depth))
         states(growing_capture(lamps, job) if depth == "off" else render_steps(lamps, job))
-        assert not changed(stand_in, seen(lamps))
+        assert not changed(stand_in, settings_of(lamps))
     assert not changed(before, snapshot())
 
 
@@ -199,3 +199,31 @@ def test_without_stray_light_no_sky_is_rendered(lamps, tmp_path):
         applied = apply_lens(result.radiance, lens=varied_lens("nikkor-28mm"), view="camera",
                              stray=StrayOptions(stray), output_folder=tmp_path / stray)
         assert ("beyond the picture is missing" in applied.report.file.lens_warning) == missing
+
+
+def sampling(scene):
+    """How Cycles samples the world, the width of its map, and whether it reads the map anew for each render."""
+    cycles = scene.world.cycles
+    return cycles.sampling_method, cycles.sample_map_resolution, reads_scene(scene.world.node_tree)
+
+
+def reads_scene(tree):
+    return any(node.bl_idname == "ShaderNodeAttribute" or (
+        node.bl_idname == "ShaderNodeGroup" and reads_scene(node.node_tree)) for node in tree.nodes)
+
+
+@pytest.mark.parametrize("world, by_light_path, expected", [
+    (gradient, False, ("MANUAL", sky.MAP_PX)), (gradient, True, ("AUTOMATIC", 1024)),
+    (environment, False, ("AUTOMATIC", 1024)), (sky_texture, False, ("AUTOMATIC", 1024))])
+def test_only_a_world_without_bright_places_gets_a_small_map(lamps, tmp_path, world, by_light_path, expected):
+    """A small map lets pixels sparkle under a sun. The camera may see another world than surfaces by the light path."""
+    set_nodes(lamps, world)
+    tree = lamps.world.node_tree
+    if by_light_path:
+        is_camera_ray = tree.nodes.new("ShaderNodeLightPath").outputs["Is Camera Ray"]
+        tree.links.new(is_camera_ray, background(lamps).inputs["Strength"])
+    steps = render_steps(lamps, job_of_frame(lamps, 1, **given(tmp_path, stray=StrayOptions("off"))))
+    by_label, _ = states(steps, sampling)
+    passes = {state for name, state in by_label.items() if name.startswith("Pass")}
+    assert passes == {(*expected, False)}
+    assert lamps.world.cycles.sampling_method == "AUTOMATIC"
