@@ -17,6 +17,7 @@ from ..scene.units import mm_per_unit
 
 FAR_MM = 10 * BACKGROUND_MM  # of suns
 SAME_DEPTH = 0.02  # relative difference
+SMALL_RAD = 4e-3  # an object that appears smaller is a single part: there may be many
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +160,7 @@ class _Emissions:
 
 def _parts(scene, origin, emissions):
     """(vectors from the camera in Blender units, irradiance, whether they are at infinity) of each emitter."""
-    layer = rendered_layer(scene)
+    layer, glows = rendered_layer(scene), {}
     for instance in rendered_instances(scene):
         if not instance.obj.visible_camera:
             continue
@@ -168,7 +169,7 @@ def _parts(scene, origin, emissions):
             if patches is not None:
                 yield patches.vectors, emissions.of(instance.obj.data) * patches.irradiance, patches.far
         elif any(emissions.of(material) for material in instance.materials):
-            yield from _object(instance, emissions, origin, layer)
+            yield from _object(instance, emissions, origin, layer, glows)
 
 
 def _lamp(instance, emissions, origin):
@@ -179,11 +180,32 @@ def _lamp(instance, emissions, origin):
     return lamp_patches(lamp, instance.matrix_world, origin)
 
 
-def _object(instance, emissions, origin, layer):
-    if not isinstance(instance.data, bpy.types.Mesh):
-        vectors = np.concatenate([instance.box, instance.box.mean(axis=0, keepdims=True)]) - origin
+def _object(instance, emissions, origin, layer, glows):
+    box = instance.box - origin
+    middle, is_mesh = box.mean(axis=0), isinstance(instance.data, bpy.types.Mesh)
+    distance = np.linalg.norm(middle)
+    if is_mesh and np.linalg.norm(np.ptp(box, axis=0)) < SMALL_RAD * distance:
+        key = instance.data, instance.materials
+        if key not in glows:
+            glows[key] = _glow(instance, emissions, layer)
+        scale = np.abs(np.linalg.det(instance.matrix_world[:3, :3])) ** (2 / 3)
+        yield middle[None], np.array([glows[key] * scale / distance**2]), False
+    elif is_mesh:
+        yield from _surfaces(instance, emissions, origin, layer)
+    else:
+        vectors = np.append(box, middle[None], axis=0)
         yield vectors, np.full(len(vectors), np.nan), False
-        return
+
+
+def _glow(instance, emissions, layer):
+    """The emission of a mesh's faces times their area: its irradiance at a distance of 1, at most."""
+    areas = np.empty(len(instance.data.polygons), np.float32)
+    instance.data.polygons.foreach_get("area", areas)
+    return sum(emissions.of(material) * float(areas[faces].sum())
+               for material, faces in faces_of_materials(instance, layer) if material)
+
+
+def _surfaces(instance, emissions, origin, layer):
     for material, faces in faces_of_materials(instance, layer):
         emission = emissions.of(material) if material else 0.0
         if emission and faces.any():

@@ -9,7 +9,7 @@ from ..scene.units import M_TO_MM
 MOST_OF_LIGHT = 0.5  # least share of a pixel's light for an emitter's depth to be the pixel's
 
 
-def known_depth_m(light, capture, emitters, sky):
+def known_depth_m(light, sightings, sky):
     """Depths of a slab's pixels, as a camera clips, in metres: float32 array (row, column).
 
     Known emitters have their own depth; other content that the rays miss has the depth of the nearest pixel's.
@@ -17,9 +17,8 @@ def known_depth_m(light, capture, emitters, sky):
     Parameters
     ----------
     light : GatheredLight
-    capture : PixelGrid
-        That the slab is a part of, with the focal length of its pinhole.
-    emitters : Emitters
+    sightings : Sightings
+        The emitters in the capture that the slab is a part of.
     sky : bool
         Whether the world is visible where the film is opaque.
     """
@@ -28,7 +27,7 @@ def known_depth_m(light, capture, emitters, sky):
     missed = _is_background(depth_m) & ((lit != 0) | (slab.transparent & (light.alpha > 0)))
     if sky and not slab.transparent:
         missed[:] = False
-    sighted = _sighted_m(emitters.seen(capture), slab, missed, lit)
+    sighted = _sighted_m(sightings, slab, missed, lit)
     nearer = sighted < depth_m
     depth_m[nearer] = sighted[nearer]
     missed &= ~nearer
@@ -45,15 +44,15 @@ def _is_background(depth_m):
     return depth_m >= BACKGROUND_MM / M_TO_MM
 
 
-def _sighted_m(seen, slab, missed, lit):
+def _sighted_m(sightings, slab, missed, lit):
     """Depth of the nearest emitter in each pixel that rays have missed or that gets most of its light, by a plane of
     it, from the emitter, in metres; inf without one."""
     shape_px = lit.shape
-    row, column = (at - side.start for at, side in zip((seen.row, seen.column), slab.region, strict=True))
-    clip_m = seen.clip_mm / M_TO_MM
+    row, column = (at - side.start for at, side in zip((sightings.row, sightings.column), slab.region, strict=True))
+    clip_m = sightings.clip_mm / M_TO_MM
     inside = (row >= 0) & (row < shape_px[0]) & (column >= 0) & (column < shape_px[1]) & np.isfinite(clip_m)
     chosen = np.flatnonzero(inside & (clip_m >= slab.near_m) & (clip_m < slab.far_m))
-    at, light, sighted_m = (row[chosen], column[chosen]), seen.light[chosen], np.full(shape_px, np.inf, np.float32)
+    at, light, sighted_m = (row[chosen], column[chosen]), sightings.light[chosen], np.full(shape_px, np.inf, np.float32)
     bright = missed[at] | (light >= MOST_OF_LIGHT * lit[at])
     np.minimum.at(sighted_m, tuple(each[bright] for each in at), clip_m[chosen][bright].astype(np.float32))
     return sighted_m

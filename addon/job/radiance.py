@@ -480,9 +480,10 @@ def captured_from(ready, lights, grid, capture_px):
     region, rendered = (side and finer_region(side, times) for side in (ready.region, ready.rendered))
     margin = [overscan - n for overscan, n in zip(sensor_px.overscan_px, grid.overscan_px, strict=True)]
     inside = tuple(slice(rim, rim + n) for rim, n in zip(margin, grid.shape_px, strict=True))
-    for light in lights if not job.traced else ():
-        light.depth_m = known_depth_m(light, replace(capture_px, focal_mm=job.lens.capture_focal_length_mm),
-                                      ready.emitters, ready.sky)
+    if not job.traced:
+        sightings = ready.emitters.seen(replace(capture_px, focal_mm=job.lens.capture_focal_length_mm))
+        for light in lights:
+            light.depth_m = known_depth_m(light, sightings, ready.sky)
     nearest_m = _nearest_m(lights, capture_px)[:, capture_px.across // 2::capture_px.across]
     depth_mm = planar_depth_mm(nearest_m * M_TO_MM, job.lens, sensor_px)[inside]
     layers = layered_radiance(lights, job.lens, capture_px, job.wavelengths_nm, ready.exposure,

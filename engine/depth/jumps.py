@@ -47,7 +47,8 @@ def _parts(layer, per_nearness_px, most, accuracy):
     if most < 2 or not known.any():
         return [layer]
     place = np.divide(per_nearness_px, layer.depth_mm, out=np.full(known.shape, np.nan), where=known)
-    light = np.nan_to_num(np.mean([layer.cube[n] for n in (0, len(layer.cube) // 2, -1)], axis=0), posinf=0.0)
+    light = np.mean([layer.cube[n] for n in (0, len(layer.cube) // 2, -1)], axis=0, dtype=np.float64)
+    light = np.nan_to_num(light, posinf=0.0)
     borders = borders_at_jumps(place, np.maximum(light, 0), most, accuracy)
     if not borders:
         return [layer]
