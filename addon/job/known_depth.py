@@ -6,6 +6,7 @@ import scipy
 from ...engine.depth.depth_range import BACKGROUND_MM
 from ..scene.units import M_TO_MM
 
+EDGE_PX = 2.0
 MOST_OF_LIGHT = 0.5  # least share of a pixel's light for an emitter's depth to be the pixel's
 
 
@@ -31,13 +32,20 @@ def known_depth_m(light, sightings, sky):
     nearer = sighted < depth_m
     depth_m[nearer] = sighted[nearer]
     missed &= ~nearer
-    unknown = _is_background(depth_m)
-    if missed.any() and unknown.all():  # only content that the depth pass ignores
-        depth_m[missed] = 2 / (1 / slab.near_m + 1 / slab.far_m)
-    elif missed.any():
-        nearest = scipy.ndimage.distance_transform_edt(unknown, return_distances=False, return_indices=True)
-        depth_m[missed] = depth_m[tuple(nearest[:, missed])]
+    if missed.any():
+        _fill(depth_m, missed, slab)
     return depth_m
+
+
+def _fill(depth_m, missed, slab):
+    """Give missed pixels the nearest known depth; in an opaque slab, which includes the world, only at edges."""
+    unknown = _is_background(depth_m)
+    if not unknown.all():
+        away_px, nearest = scipy.ndimage.distance_transform_edt(unknown, return_indices=True)
+        filled = missed & (slab.transparent | (away_px < EDGE_PX))
+        depth_m[filled] = depth_m[tuple(nearest[:, filled])]
+    elif slab.transparent:  # only content that the depth pass ignores
+        depth_m[missed] = 2 / (1 / slab.near_m + 1 / slab.far_m)
 
 
 def _is_background(depth_m):
