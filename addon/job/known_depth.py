@@ -33,16 +33,16 @@ def known_depth_m(light, sightings, sky):
     depth_m[nearer] = sighted[nearer]
     missed &= ~nearer
     if missed.any():
-        _fill(depth_m, missed, slab)
+        _fill(depth_m, missed, slab, np.isinf(sightings.clip_mm).any())
     return depth_m
 
 
-def _fill(depth_m, missed, slab):
-    """Give missed pixels the nearest known depth; in an opaque slab, which includes the world, only at edges."""
+def _fill(depth_m, missed, slab, suns):
+    """Give missed pixels the nearest known depth; in an opaque slab that may show suns, only at edges."""
     unknown = _is_background(depth_m)
     if not unknown.all():
         away_px, nearest = scipy.ndimage.distance_transform_edt(unknown, return_indices=True)
-        filled = missed & (slab.transparent | (away_px < EDGE_PX))
+        filled = missed & (slab.transparent | (not suns) | (away_px < EDGE_PX))
         depth_m[filled] = depth_m[tuple(nearest[:, filled])]
     elif slab.transparent:  # only content that the depth pass ignores
         depth_m[missed] = 2 / (1 / slab.near_m + 1 / slab.far_m)

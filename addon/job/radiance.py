@@ -250,7 +250,7 @@ def unfocused_light(ready, captured):
     shares = [focus_share(blur_px(lens, capture.pitch_um, planar_mm, focus_in_capture(lens, capture, rows, columns)),
                           focus_range_px(lens, capture.pitch_um)) for lens in (job.lens, *job.others)]
     spread = 1 - np.min(shares, axis=0)
-    light = np.maximum(radiance.cube.mean(axis=0), 0)
+    light = np.nan_to_num(np.maximum(radiance.cube.mean(axis=0), 0), posinf=0.0)  # without fireflies
     if np.sum(spread * light) <= accuracy * light.sum():
         return None
     return emitters_in(radiance, planar_mm, (spread > accuracy) & (light > 0))

@@ -225,10 +225,12 @@ def check_depth(depth_mm: ArrayLike, lens: Lens, pitch_um: float, blur_um: float
         outside = np.abs(blur_px(lens, pitch_um, known_mm, in_focus[counted])) > blur_um / pitch_um
     return DepthCheck(blur_um, float(near_mm), float(far_mm), float(known_mm.min()), float(known_mm.max()),
                       float(outside.sum() / known.sum()) if visible.any() else 0.0, in_focus is not None,
-                      None if light is None else _share(np.maximum(light[counted], 0), outside))
+                      None if light is None else _share(light[counted], outside))
 
 
 def _share(light, chosen):
+    """The share of some pixels in the light, without fireflies."""
+    light = np.nan_to_num(np.maximum(light, 0), posinf=0.0)
     return float(light[chosen].sum(dtype=np.float64) / max(light.sum(dtype=np.float64), np.finfo(float).tiny))
 
 

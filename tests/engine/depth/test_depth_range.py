@@ -111,6 +111,13 @@ def test_depths_outside_the_range_are_counted():
         check.outside_fraction = 0.0
 
 
+def test_light_outside_the_range_is_counted_without_fireflies():
+    lens, depth_mm = thin_lens(50, 10, 1000), np.array([[900.0, 1000.0, 1000.0, np.nan, 5000.0]])
+    check = check_depth(depth_mm, lens, 20.0, light=np.array([[2.0, 5.0, np.inf, 9.0, 1.0]]))
+    assert check.outside_light == 3 / 8
+    assert check.text.startswith("50.0% of the frame and 37.5% of its light are outside the lens data's depth range")
+
+
 def test_an_empty_background_is_not_out_of_focus():
     lens, depth_mm = thin_lens(50, 10, 1000), np.array([[900.0, 1000.0, np.inf, np.nan, np.inf]])
     check = check_depth(depth_mm, lens, 20.0, empty=np.isinf(depth_mm))
