@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..field.field_map import field_map
-from ..image.detail import split_by_detail
+from ..field.field_map import FieldMap, field_map
+from ..image.detail import merged, split_by_detail
 from ..image.layers import LayeredRadiance, Radiance
 from ..kernels.cast import TOGETHER, Casting
 from ..kernels.cast import cast as compiled_cast
@@ -18,9 +18,9 @@ from ..rays.grid_rays import LensRays
 from ..rays.stop_places import cell_size
 from ..runtime.scratch import SAMPLE_BYTES
 from ..runtime.threads import thread_pool
-from .iris import Iris, opening
+from .iris import Iris, Opening, opening
 from .levels import layer_arrays
-from .meetings import TILE_PX, around_px, plan_meetings, values_of_blocks
+from .meetings import AREA_ROWS, BESIDE_PX, TILE_PX, areas_of, around_px, plan_meetings, values_of_blocks
 from .prepared_layer import PreparedLayer, prepare_layers
 
 FAINT = 1e-3  # of a picture's mean radiance
@@ -118,39 +118,27 @@ def _in_focus(layers, layered, times, progress):
 
 
 def _cast(layers, layered, lens, rays, most_rays, most_of_lamps, stop, times, progress):
-    capture, wavelengths_nm = layered.grid, layered.wavelengths_nm
+    capture, wavelengths_nm, known = layered.grid, layered.wavelengths_nm, layered.detail_times
     sensor, count = capture.frame(), wavelengths_nm.size  # the sensor in the capture's columns
-    focal_mm = layered.focal_mm or lens.capture_focal_length_mm
-    pixel_rays, of_pixels = (field_map(lens).pixel_rays(rays, grid) for grid in (sensor, sensor.on_sensor()))
-    ends = pixel_rays.sample(wavelengths_nm[[0, -1]], focal_mm, SAMPLE_RAYS, stop.reach)
+    focal_mm, field = layered.focal_mm or lens.capture_focal_length_mm, field_map(lens)
+    of_pixels, caster = field.pixel_rays(rays, sensor.on_sensor()), _Caster(lens, field, rays, focal_mm, stop)
+    ends = field.pixel_rays(rays, sensor).sample(wavelengths_nm[[0, -1]], focal_mm, SAMPLE_RAYS, stop.reach)
     layers = [layer.near_surfaces(_reach_px(layer, ends)) for layer in layers]
-    projection, per_focal = capture.projection, capture.pitch_um * 1e-3 / focal_mm
-    per_focal_px = (0.0, 0.0) if projection.is_plane else (per_focal * capture.squeeze, per_focal)
-    meetings = plan_meetings(layers, ends, sensor, lambda radius_px: projection.shrinkage(radius_px * per_focal),
-                             most_rays, most_of_lamps)
-    counts = np.unique(meetings.counts[meetings.counts > 0])
-    levels = [np.unique(of_layer).tolist() for of_layer in np.moveaxis(meetings.kinds["level"], -1, 0)]
+    per_focal = capture.pitch_um * 1e-3 / focal_mm
+    meetings = plan_meetings(layers, ends, sensor,
+                             lambda radius_px: capture.projection.shrinkage(radius_px * per_focal), most_rays,
+                             most_of_lamps, known)
     shares = _sharp_shares(layers, capture.shape_px)
     for first in range(0, count, TOGETHER):
         group = slice(first, min(first + TOGETHER, count))
         sharp = [_sharp(layers, shares, index, layered) for index in range(group.start, group.stop)]
         blurred, clear = (np.full((len(sharp), *sensor.shape_px), value, np.float32) for value in (0, 1))
-        if counts.size:
-            scale = 1.0 if all(layer.largest(group) <= SUMMABLE for layer in layers) else DIMMED
-            casting = Casting(
-                pixel_rays.packed(wavelengths_nm[group], focal_mm, counts.tolist(), stop.reach),
-                sensor.centre_px, per_focal_px, projection.shrinkage_table,
-                stop.iris.directions, stop.shape, stop.reach * cell_size(8),
-                layer_arrays(layers, lens, group, levels, scale),
-                tuple(scale * FAINT * float(abs(plane.mean(dtype=np.float64))) for plane in sharp), meetings.kinds,
-                _first_eights(counts, meetings.counts), meetings.counts // 8, meetings.steps, TILE_PX)
-            for completed in _filled_rows(casting, blurred, clear):
-                progress((first + completed * len(sharp)) / count)
-            del casting
-            if scale != 1:
-                blurred /= np.float32(scale)
-        else:
-            progress(group.stop / count)
+        faint = [FAINT * float(abs(plane.mean(dtype=np.float64))) for plane in sharp]
+        for completed in caster.cast(layers, sensor, meetings, group, wavelengths_nm[group], faint, blurred, clear):
+            progress((first + completed * len(sharp)) / count)
+        if meetings.in_parts:
+            caster.cast_in_parts(layers, sensor, meetings.in_parts, group, wavelengths_nm, faint, known, blurred, clear)
+        progress(group.stop / count)
         for number, nm in enumerate(wavelengths_nm[group]):
             if times > 1:
                 sharp[number] = _sharp(layers, shares, first + number, layered, times)
@@ -158,6 +146,65 @@ def _cast(layers, layered, lens, rays, most_rays, most_of_lamps, stop, times, pr
                             of_pixels.irradiance_per_radiance(nm))
             sharp[number] = None  # to free its memory
         del blurred, clear
+
+
+@dataclass(frozen=True, eq=False)
+class _Caster:
+    """What all rays have in common."""
+
+    lens: Lens
+    field: FieldMap
+    rays: LensRays
+    focal_mm: float
+    stop: Opening
+
+    def cast(self, layers, sensor, meetings, group, wavelengths_nm, faint, blurred, clear, times=1):
+        """Write the tiles with rays, in pixels that are divided into `times` x `times`; yield the completed fraction.
+
+        `group` are the wavelengths among those of the layers.
+        """
+        counts = np.unique(meetings.counts[meetings.counts > 0])
+        if not counts.size:
+            return
+        packed = self.field.pixel_rays(self.rays, sensor).packed(wavelengths_nm, self.focal_mm, counts.tolist(),
+                                                                 self.stop.reach)
+        yield from self._cast(packed, layers, sensor.centre_px, meetings, counts, group, faint, blurred, clear, times)
+
+    def cast_in_parts(self, layers, sensor, meetings, group, wavelengths_nm, faint, times, blurred, clear):
+        """Write the tiles with rays as means of the parts of pixels, which are cast."""
+        counts, fine = np.unique(meetings.counts[meetings.counts > 0]), sensor.finer(times)
+        pixel_rays, together = self.field.pixel_rays(self.rays, fine), max(1, TOGETHER // times)
+        for first in range(group.start, group.stop, together):
+            some = slice(first, min(first + together, group.stop))
+            nm, planes = wavelengths_nm[some], slice(some.start - group.start, some.stop - group.start)
+            packed = pixel_rays.packed(nm, self.focal_mm, counts.tolist(), self.stop.reach)
+            for area in areas_of(meetings):
+                kinds, near, region = area.met(layers)
+                place = area.place(sensor.shape_px)
+                grid = sensor.part(place).finer(times)
+                parts = [layer.in_parts(region, times, some, nm) for layer in near]
+                planes_of_parts = [np.full((len(nm), *grid.shape_px), value, np.float32) for value in (0, 1)]
+                for _ in self._cast(packed, parts, grid.centre_px, kinds, counts, slice(len(nm)), faint[planes],
+                                    *planes_of_parts, times):
+                    pass
+                lit = area.pixels(sensor.shape_px)
+                for to, of_parts in zip((blurred, clear), planes_of_parts, strict=True):
+                    np.copyto(to[planes, *place], merged(of_parts, times), where=lit)
+
+    def _cast(self, packed, layers, centre_px, meetings, counts, group, faint, blurred, clear, times):
+        capture = layers[0].capture
+        per_focal = capture.pitch_um * 1e-3 / self.focal_mm
+        levels = [np.unique(of_layer).tolist() for of_layer in np.moveaxis(meetings.kinds["level"], -1, 0)]
+        scale = 1.0 if all(layer.largest(group) <= SUMMABLE for layer in layers) else DIMMED
+        casting = Casting(
+            packed, centre_px, (0.0, 0.0) if capture.projection.is_plane else (per_focal * capture.squeeze, per_focal),
+            capture.projection.shrinkage_table, self.stop.iris.directions, self.stop.shape,
+            self.stop.reach * cell_size(8), layer_arrays(layers, self.lens, group, levels, scale),
+            tuple(scale * each for each in faint), meetings.kinds, _first_eights(counts, meetings.counts),
+            meetings.counts // 8, meetings.steps, TILE_PX * times)
+        yield from _filled_rows(casting, blurred, clear)
+        if scale != 1:
+            blurred /= np.float32(scale)
 
 
 def _reach_px(layer, rays):
@@ -186,8 +233,19 @@ def casting_bytes(layered: Radiance, lens: Lens, most_of_lamps: int) -> float:
     levels = LEVELS_PX * (together + 1) * sum(layers_px) + COVER_PLANES * capture_px
     group = together * (capture_px + 2 * frame_px) + max(rays + max(levels, TABLE_VALUES),
                                                          TABLE_VALUES + RAY_PLANES * frame_px)
+    if layered.detail_times > 1:
+        group = max(group, together * (capture_px + 2 * frame_px) + _parts_values(layered, rays))
     looked_up = max(PREPARING_PLANES * pixels + values_of_blocks(pixels) for pixels in layers_px)
     return SAMPLE_BYTES * (capture_px + LAYER_PLANES * sum(layers_px) + max(group, looked_up))
+
+
+def _parts_values(layered, rays):
+    """Values in memory while the tiles of an area are cast in the parts of pixels."""
+    together, (rows, columns) = max(1, TOGETHER // layered.detail_times), layered.grid.shape_px
+    share = min(1.0, (AREA_ROWS * TILE_PX + 4 * BESIDE_PX) / rows) * layered.detail_times**2
+    layers_px = sum(layer.alpha.size for layer in layered.layers)
+    planes = LEVELS_PX * (together + 1) + LAYER_PLANES + 2 * together
+    return rays + share * (planes * layers_px + (COVER_PLANES + 2 * together) * rows * columns)
 
 
 def _filled_rows(casting, blurred, clear):

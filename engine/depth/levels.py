@@ -21,7 +21,8 @@ from ..lens import Lens
 from .depth_range import blur_per_nearness_px
 from .prepared_layer import PreparedLayer
 
-SIZES = (1, 2, 3, 4, 6, 8, 12, 16, 24)  # sides of the levels' pixels: in finer steps than halves, look-ups spread less
+# Sides of the levels' pixels: in finer steps than halves, look-ups spread less.
+SIZES = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48)
 BORDER = 2  # pixels around a level: one that stays empty, and one into which hidden surfaces continue
 SAME_PLACE = 1.0  # of a level's pixels: the largest difference in blur; a ray's two places differ by at most half of it
 ROUNDING = 1e-6  # of alpha

@@ -4,8 +4,8 @@ A tile requires zero rays without out-of-focus light and without out-of-focus su
 is in blocks of pixels, in an area slightly larger than necessary.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,7 +20,8 @@ TILE_PX, BLOCK_PX = 16, 8
 LAMP_PX = 4  # side of the squares whose light counts as a lamp: wider things have rims as soft as they are wide
 QUANTITIES = 7  # with extremes in the lookup
 COUNTS = np.array(SQUARES)  # of rays
-FINEST_PX = 0.5  # smallest useful side of a ray's cell in a blur: half a pixel
+FINEST_PX, FINEST_PARTS = 0.5, 0.35  # smallest useful side of a ray's cell in a blur: in pixels; if these are divided,
+# in their parts: the rays of lamps with sharp cores are closer together than a cell's
 RAYS_PER_PX = 4  # of a blur, at most, for light without lamps
 OVERLAP = 1.75  # side of a look-up in distances between rays: aberrations stretch the rays' lattice, and narrower
 # look-ups show it as rings in the discs of lamps
@@ -30,21 +31,33 @@ SMOOTH = 1.75  # least side of a tile's look-ups, in these distances: pixels bet
 # interpolated ones by a tenth of the rays' error, and lamps have all of their light
 STEP = 0.05  # at the rim of a lamp's disc, relative to the light around it, from which the number of rays increases
 OPAQUE = 0.998
+AREA_ROWS = 8  # of tiles that are cast in parts together, for which layers are divided into parts
+BESIDE_PX = 2 * SIZES[-1]  # pixels around what the rays of such tiles reach: for the pixels of levels
+RISE = 1.0  # of a lamp's disc above the light around it, relative to this, from which its tiles are cast in parts
+NARROW_PX = 12.0  # largest blur of such a lamp: pixels misplace 0.04 of the light of a disc this wide
 STEPS_PX = (0.125, 0.5, 2.0, 8.0)  # largest differences in blur for 0, 1, 2 and 3 steps of the search; 4 beyond
 
 
 @dataclass(frozen=True, eq=False)
 class Meetings:
     """Arrays (tile row, tile column, layer) of MEETING, and (tile row, tile column) of the number of rays of a pixel
-    and of the distance between the pixels that are cast."""
+    and of the distance between the pixels that are cast.
+
+    `in_parts` are the meetings of the tiles that are cast in the parts of pixels, None without any: these have no rays
+    here. `bounds_px` are the top, bottom, left and right that rays reach in each layer: array (layer, 4, tile row,
+    tile column).
+    """
 
     kinds: np.ndarray
     counts: np.ndarray
     steps: np.ndarray
+    bounds_px: np.ndarray
+    in_parts: "Meetings | None" = None
 
 
 def plan_meetings(layers: list[PreparedLayer], rays: RaySample, sensor: PixelGrid,
-                  shrinkage: Callable[[np.ndarray], np.ndarray], most_rays: int, most_of_lamps: int) -> Meetings:
+                  shrinkage: Callable[[np.ndarray], np.ndarray], most_rays: int, most_of_lamps: int,
+                  parts: int = 1) -> Meetings:
     """Find the layers that the tiles of a sensor meet.
 
     Parameters
@@ -58,18 +71,21 @@ def plan_meetings(layers: list[PreparedLayer], rays: RaySample, sensor: PixelGri
         Ratios of the capture's radii to these radii on a plane.
     most_rays, most_of_lamps : int
         See `cast`.
+    parts : int
+        Parts of a pixel, down and across, whose light is known.
     """
     tiles = _tiles(sensor)
     shape = tiles.right.shape
     meetings = np.zeros((*shape, len(layers)), MEETING)
     uncovered, focus_behind = np.ones((2, *shape), bool)  # not all covered; not all covered in focus
-    blurs, even = [], np.zeros(shape)
-    for here, layer in zip(np.moveaxis(meetings, -1, 0), layers, strict=True):
+    blurs, even, bounds = [], np.zeros(shape), np.zeros((len(layers), 4, *shape))
+    for here, layer, ends_px in zip(np.moveaxis(meetings, -1, 0), layers, bounds, strict=True):
         blocks, reach = _Blocks(layer), rays.reach(layer.depth[..., 0], layer.axis_px, shrinkage, tiles)
         least, most = np.full(shape, reach.least), np.full(shape, reach.most)
         for _ in range(2):  # the first look narrows the range of depths for the second
             largest_px = np.maximum(reach.area_px(least), reach.area_px(most))
-            look = blocks.look(*reach.bounds_px(least, most, around_px(largest_px)))
+            ends_px[:] = reach.bounds_px(least, most, around_px(largest_px))
+            look = blocks.look(*ends_px)
             least, most = look.least, look.most
         met = look.met & (uncovered | (focus_behind & (look.sharpest > 0)))
         here["inverse_depth"] = most
@@ -84,20 +100,77 @@ def plan_meetings(layers: list[PreparedLayer], rays: RaySample, sensor: PixelGri
         even += np.where(met, look.mean_light, 0)
         uncovered &= ~met | (look.clearest < OPAQUE)
         focus_behind &= ~met | (look.clearest * look.dullest < OPAQUE)
-    needed, lit_beyond = np.zeros(shape), np.zeros(shape, bool)
+    needed, lit_beyond, small = np.zeros((2, *shape)), np.zeros(shape, bool), np.zeros(shape, bool)
     for blur in reversed(blurs):
         matters = blur.met & ((blur.look.blurred > 0) | (blur.look.dullest < 1) & lit_beyond)
-        needed = np.maximum(needed, np.where(matters, blur.rays(even, most_rays), 0))
+        small |= matters & blur.small(even) & (parts > 1)
+        for of_size, size in zip(needed, (1, parts), strict=True):
+            np.maximum(of_size, np.where(matters, blur.rays(even, most_rays, size), 0), out=of_size)
         lit_beyond |= blur.met & (blur.look.brightest > 0)
+    whole, in_parts = (_meetings(meetings, blurs, bounds, np.where(where, of_size, 0), most_of_lamps, size)
+                       for where, of_size, size in zip((~small, small), needed, (1, parts), strict=True))
+    return replace(whole, in_parts=in_parts if small.any() else None)
+
+
+def _meetings(kinds, blurs, bounds_px, needed, most_of_lamps, parts):
+    """Meetings of tiles that need these numbers of rays, in pixels that are divided into `parts` x `parts`."""
     counts = COUNTS[np.minimum(np.searchsorted(COUNTS, needed), np.searchsorted(COUNTS, most_of_lamps, "right") - 1)]
-    counts = np.where(needed > 0, counts, 0)
-    narrowest_px = np.full(shape, np.inf)
-    for here, blur in zip(np.moveaxis(meetings, -1, 0), blurs, strict=True):
-        side_px = blur.side_px(np.maximum(counts, 1))
+    counts, kinds, narrowest_px = np.where(needed > 0, counts, 0), kinds.copy(), np.full(needed.shape, np.inf)
+    for here, blur in zip(np.moveaxis(kinds, -1, 0), blurs, strict=True):
+        side_px = parts * blur.side_px(np.maximum(counts, 1), parts)
         here["level"], here["cells"] = blur.level(side_px)
         narrowest_px = np.where(blur.met, np.minimum(narrowest_px, np.where(here["focused"], 0, side_px)), narrowest_px)
-    steps = STEPS[np.searchsorted(STEPS[1:] * SMOOTH, narrowest_px, "right")]
-    return Meetings(meetings, counts, steps)
+    return Meetings(kinds, counts, STEPS[np.searchsorted(STEPS[1:] * SMOOTH, narrowest_px, "right")], bounds_px)
+
+
+@dataclass(frozen=True, eq=False)
+class Area:
+    """A rectangle of tiles, some of which have rays."""
+
+    meetings: Meetings
+    tiles: tuple[slice, slice]
+
+    def met(self, layers: list[PreparedLayer]) -> tuple[Meetings, list[PreparedLayer], tuple[slice, slice]]:
+        """The meetings of its tiles with the layers that they meet; these layers; and the region of the capture that
+        the rays reach."""
+        of_tiles, whole = self.meetings, (slice(None), *self.tiles)
+        counts, kinds, bounds = of_tiles.counts[self.tiles], of_tiles.kinds[self.tiles], of_tiles.bounds_px[:, *whole]
+        meet = (kinds["steps"] >= 0) & (counts > 0)[..., None]
+        numbers = np.flatnonzero(meet.any(axis=(0, 1)))
+        ends = np.array([_ends_px(bounds[n][:, meet[..., n]], layers[n].layer.origin_px) for n in numbers])
+        region = tuple(slice(int(np.clip(first - BESIDE_PX, 0, n - 1)), int(np.clip(last + BESIDE_PX, 1, n)))
+                       for first, last, n in zip(ends[:, 0].min(axis=0), ends[:, 1].max(axis=0),
+                                                 layers[0].capture.shape_px, strict=True))
+        part = Meetings(np.ascontiguousarray(kinds[..., numbers]), np.ascontiguousarray(counts),
+                        np.ascontiguousarray(of_tiles.steps[self.tiles]), bounds[numbers])
+        return part, [layers[n] for n in numbers], (region[0], region[1])
+
+    def place(self, shape_px: tuple[int, int]) -> tuple[slice, slice]:
+        """Its rows and columns on a sensor of this shape."""
+        rows, columns = (slice(TILE_PX * side.start, min(TILE_PX * side.stop, n))
+                         for side, n in zip(self.tiles, shape_px, strict=True))
+        return rows, columns
+
+    def pixels(self, shape_px: tuple[int, int]) -> np.ndarray:
+        """Which of its pixels are in tiles with rays: bool array (row, column)."""
+        rows, columns = self.place(shape_px)
+        cast = (self.meetings.counts[self.tiles] > 0).repeat(TILE_PX, axis=0).repeat(TILE_PX, axis=1)
+        return cast[:rows.stop - rows.start, :columns.stop - columns.start]
+
+
+def _ends_px(bounds_px, origin_px):
+    """The first and the last row and column of the capture within bounds in a layer: array (2, 2)."""
+    top, bottom, left, right = bounds_px
+    return np.array([(top.min(), left.min()), (bottom.max(), right.max())]) + origin_px
+
+
+def areas_of(meetings: Meetings) -> Iterator[Area]:
+    """Rectangles that contain all tiles with rays, of at most AREA_ROWS rows of tiles."""
+    for first in range(0, len(meetings.counts), AREA_ROWS):
+        rows = slice(first, min(first + AREA_ROWS, len(meetings.counts)))
+        columns = np.flatnonzero(meetings.counts[rows].any(axis=0))
+        if columns.size:
+            yield Area(meetings, (rows, slice(int(columns[0]), int(columns[-1]) + 1)))
 
 
 def around_px(area_px: np.ndarray) -> np.ndarray:
@@ -106,9 +179,13 @@ def around_px(area_px: np.ndarray) -> np.ndarray:
     return 1 + np.ceil(_look_up_px(area_px, COUNTS[0]) * (1 / COARSEST + 0.5))
 
 
-def _look_up_px(area_px, counts):
+def _finest_px(parts):
+    return FINEST_PX if parts == 1 else FINEST_PARTS / parts
+
+
+def _look_up_px(area_px, counts, parts=1):
     """Side of the squares that this number of rays look up in a blur of this area."""
-    return np.maximum(OVERLAP * np.sqrt(area_px / counts), FINEST_PX)
+    return np.maximum(OVERLAP * np.sqrt(area_px / counts), _finest_px(parts))
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,24 +202,32 @@ class _Blur:
     sharpest: np.ndarray
     look: "_Look"
 
-    def rays(self, even, most_rays):
+    def rays(self, even, most_rays, parts):
         """The number of rays that show the layer well, next to light of this mean.
 
         A lamp's disc rises above the light around it by its light over the disc's area. Its rim is as soft as a ray's
         cell is wide. The error of this softness, relative to the light around, shall not exceed the error of a
-        disc that rises by STEP and is gathered by `most_rays` rays. No blur requires cells smaller than FINEST_PX.
+        disc that rises by STEP and is gathered by `most_rays` rays. No blur requires
+        cells smaller than FINEST_PX or, in pixels that are divided into `parts` x `parts`, FINEST_PARTS.
         """
-        areas = [np.maximum(self.reach.area_px(nearness), FINEST_PX**2)
+        finest_px = _finest_px(parts)
+        areas = [np.maximum(self.reach.area_px(nearness), finest_px**2)
                  for nearness in (self.sharpest, self.least, self.most)]
         largest = np.maximum.reduce(areas)
         lamp = np.sqrt(most_rays) * np.divide(self.look.excess, STEP * even, out=np.zeros_like(even), where=even > 0)
-        area = np.clip(np.cbrt(FINEST_PX * lamp) ** 2, np.minimum.reduce(areas), largest)
-        lamps = np.minimum((lamp / area) ** 2, area / FINEST_PX**2)
-        return np.maximum(lamps, np.minimum(most_rays, RAYS_PER_PX * largest))
+        area = np.clip(np.cbrt(finest_px * lamp) ** 2, np.minimum.reduce(areas), largest)
+        lamps = np.minimum((lamp / area) ** 2, area / finest_px**2)
+        return np.maximum(lamps, np.minimum(most_rays, RAYS_PER_PX * parts**2 * largest))
 
-    def side_px(self, counts):
+    def small(self, even):
+        """Whether a lamp's disc rises above light of this mean, and is so small that the capture's pixels soften it."""
+        area_px = np.minimum.reduce([self.reach.area_px(each) for each in (self.least, self.most)])
+        rises = self.look.excess > RISE * even * np.maximum(area_px, FINEST_PX**2)
+        return rises & (area_px < np.pi / 4 * NARROW_PX**2)
+
+    def side_px(self, counts, parts):
         """Side of the squares that this number of rays look up."""
-        return _look_up_px(self.reach.area_px((self.least + self.most) / 2), counts)
+        return _look_up_px(self.reach.area_px((self.least + self.most) / 2), counts, parts)
 
     def level(self, side_px):
         """The level of the layer's pixels that suits look-ups of this side, 0 for light in focus and for rays that miss

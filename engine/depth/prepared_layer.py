@@ -7,8 +7,10 @@ from functools import cached_property
 import numpy as np
 import scipy
 
+from ..image.detail import split_by_detail
 from ..image.layers import Layer
 from ..image.pixel_grid import PixelGrid
+from ..image.supersampling import split_pixels
 from ..kernels.cast import LayerArrays, LevelArrays
 from ..lens import Lens
 from .depth_range import blur_per_nearness_px, focus_in_capture, focus_range_px, focus_share
@@ -98,6 +100,22 @@ class PreparedLayer:
         depth = self.depth.copy()
         depth[scipy.ndimage.maximum_filter(self.layer.alpha, 2 * reach_px + 1) == 0, 1] = -1
         return replace(self, depth=depth)
+
+    def in_parts(self, region: tuple[slice, slice], times: int, wavelengths: slice,
+                 wavelengths_nm: np.ndarray) -> "PreparedLayer":
+        """The part in a region of the capture at some of the wavelengths, with each pixel split into `times` x `times`.
+        """
+        layer = self.layer.within(region)
+        cube = [split_by_detail(plane, layer.detail, nm, times)
+                for plane, nm in zip(layer.cube[wavelengths], wavelengths_nm, strict=True)]
+        inside = tuple(slice(side.start + at - own, side.start + at - own + n) for side, at, own, n in zip(
+            region, layer.origin_px, self.layer.origin_px, layer.alpha.shape, strict=True))
+        alpha, *depth = (split_pixels(plane, times)
+                         for plane in (layer.alpha, *np.moveaxis(self.depth[inside], -1, 0)))
+        anywhere_mm = np.broadcast_to(np.float32(1), alpha.shape)  # rays read `depth` instead
+        row, column = (times * at for at in layer.origin_px)
+        return replace(self, layer=Layer(np.array(cube), alpha, anywhere_mm, (row, column)),
+                       depth=np.stack(depth, axis=-1), capture=self.capture.part(region).finer(times))
 
     def finest(self, wavelengths: slice, scale: float = 1.0) -> LevelArrays:
         """The layer at some of the wavelengths in the capture's pixels, with its light multiplied by `scale`, and

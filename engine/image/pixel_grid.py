@@ -124,6 +124,12 @@ class PixelGrid:
                        centre_px=(self.centre_px[0] - above, self.centre_px[1] - left),
                        overscan_px=(self.overscan_px[0] - above, self.overscan_px[1] - left))
 
+    def part(self, region: tuple[slice, slice]) -> "PixelGrid":
+        """The grid of a region, given as slices of rows and columns, without overscan."""
+        rows, columns = region
+        return replace(self, shape_px=(rows.stop - rows.start, columns.stop - columns.start), overscan_px=(0, 0),
+                       centre_px=(self.centre_px[0] - rows.start, self.centre_px[1] - columns.start))
+
     def with_overscan(self, overscan_px: Sequence[int]) -> "PixelGrid":
         """The grid of the same frame with this overscan (rows, columns) on each side."""
         return self.cropped([own - other for own, other in zip(self.overscan_px, overscan_px, strict=True)])
