@@ -20,6 +20,7 @@ COPIES = 3  # of the samples of all PSFs, while they are computed
 LITTLE_BYTES = 1 << 24  # always available: to ask for less takes a fifth of the time of a bank
 LARGEST_PSF_RADIUS_PX = 2048
 RINGS = 4  # circles for trimming between adjacent samples
+FEW_PX = 3  # radius of trimmed PSFs up to which their errors are computed in pixels, not bounded by the lost light
 SLACK_PX = 1e-6  # for rounding
 
 

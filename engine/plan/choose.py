@@ -23,6 +23,8 @@ from .plan import Plan
 SINGLE_RANGE = 1e3  # the dimmest pixel stays accurate to about 1e-4
 PSF_ENERGY = 1 - 1e-6
 FLAT_SHARE, ROUNDING_SHARE = 1 / 16, 1 / 50  # of the accuracy
+FLAT_OF_ERROR = 1 / 8  # of the error of the PSFs, at most, for the tolerance of flat sections
+SINGLE_ROUNDING = 6e-7  # of sums in single precision
 TRIM_SHARES = 5 / 8, 3 / 4, 7 / 8  # of the remaining error, for trimming PSFs; the rest is for the table
 WITHOUT_STEPS_SHARE = 63 / 64  # with a table that has no error: all except rounding
 LESSER_TRIM_SHARES = 3 / 8, 1 / 8  # if no table is fine enough with the shares above
@@ -230,7 +232,9 @@ class _Planner:
     def _cheapest(self, ways: Iterable[type[Method]], share: float, steps: int, error: float) -> Plan:
         """The plan with the least predicted work by one of these methods, with this error of its PSFs."""
         _, plan = self._least_work(ways, share, steps)
-        return replace(plan, error_bound=self._flat + self._rounding + error)
+        flat = min(plan.flat_tolerance, FLAT_OF_ERROR * error)
+        rounding = self._rounding if plan.method.transforms else min(self._rounding, SINGLE_ROUNDING)
+        return replace(plan, flat_tolerance=flat, error_bound=flat + rounding + error)
 
     def _least_work(self, ways, share, steps):
         """The least predicted work by one of these methods, in nanoseconds, and its plan."""

@@ -1,8 +1,9 @@
 """The PSFs of a lens on a picture's pixels: their reach, the pixels that they cover, and their errors.
 
 The PSF of every pixel is a mixture of those of the nodes around it, and a table contains these. The only error is
-trimmed light, which is missing outside and, because the rest is normalised, in excess by the same amount inside. The
-error of a mixture is at most the largest error of its parts: it is sufficient to examine the nodes.
+trimmed light, which is missing outside and, because the rest is normalised, in excess by the same amount inside; in the
+same pixels, often, for PSFs in a few pixels. The error of a mixture is at most the largest error of its parts: it is
+sufficient to examine the nodes.
 """
 
 from collections.abc import Iterator
@@ -14,7 +15,7 @@ from ...image.sampling import Sampling
 from ...lens.grid_lens import GridLens
 from ...runtime.threads import thread_pool
 from ..mirror_symmetry import Planes
-from ..psf_samples import EnclosedLight, covered_px, samples_reach_px, supported_radius_px, telling_wavelengths
+from ..psf_samples import FEW_PX, EnclosedLight, covered_px, samples_reach_px, supported_radius_px, telling_wavelengths
 from .node_psfs import NodePsfs, PlacedPsfs
 from .nodes import PlaneNodes
 from .uniform_light import unevenness
@@ -72,8 +73,20 @@ class PicturePsfs:
 
     def mixing(self, energy: float, planes: Planes) -> Iterator[float]:
         """Yield the error of PSFs trimmed to this energy, wavelength by wavelength."""
-        for enclosed in self._enclosed:
-            yield 0.0 if energy >= 1 else 2 * float(self._by_node(enclosed, lambda light: light.lost(energy)).max())
+        for optics, enclosed in zip(self._optics, self._enclosed, strict=True):
+            lost = 0.0 if energy >= 1 else 2 * float(self._by_node(enclosed, lambda light: light.lost(energy)).max())
+            few = lost and self.reach(energy)[0] <= FEW_PX
+            yield min(lost, self._trim_error(optics, energy)) if few else lost
+
+    def _trim_error(self, optics, energy):
+        """Largest error of trimmed PSFs: of PSFs in a few pixels, much light is missing and in excess in the same
+        pixels."""
+        rows, columns = (np.unique(axis.indices) for axis in (self._nodes.rows, self._nodes.columns))
+        radius_px, _ = self.reach(energy)
+        used = NodePsfs(optics, self._grid.pitch_um, lambda psfs: psfs.trimmed(energy, radius_px))
+        complete, rim = NodePsfs(optics, self._grid.pitch_um), self.full_radius_px - radius_px
+        return max(float(np.abs(np.pad(used.squares(row, columns), ((0, 0), (rim, rim), (rim, rim)))
+                                - complete.squares(row, columns)).sum(axis=(1, 2)).max()) for row in rows)
 
     def mixing_error(self, wavelengths: list[float], steps: int) -> float:
         """Largest error of trimmed PSFs mixed from a table."""

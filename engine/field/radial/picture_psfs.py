@@ -15,7 +15,7 @@ from .error_bound import AzimuthErrors, azimuth_error, isoplanatic_error
 from .psf_bank import PlacedPsfs, PsfBank
 from .uniform_light import unevenness
 
-ISOPLANATIC_SAMPLES = 4  # azimuths to examine
+ISOPLANATIC_SAMPLES = 9  # azimuths to examine
 UNIFORM_WAVELENGTHS = 3  # to examine
 PLACES = 48  # samples along each side of a picture, for the shares of heights
 
@@ -68,8 +68,8 @@ class PicturePsfs:
 
     def mixing(self, energy: float, planes: Planes) -> Iterator[AzimuthErrors]:
         """Yield the errors of PSFs trimmed to this energy in these planes, wavelength by wavelength."""
-        for psfs in self._trimmed(energy, planes):
-            yield AzimuthErrors(psfs.bank, psfs.last_height_mm())
+        for optics, psfs in zip(self._optics, self._trimmed(energy, planes), strict=True):
+            yield AzimuthErrors(psfs.bank, partial(PsfBank.of, optics, self._grid.pitch_um), psfs.last_height_mm())
 
     def mixing_error(self, wavelengths: list[AzimuthErrors], steps: int) -> float:
         """Largest error of trimmed PSFs mixed from a table with these steps."""
