@@ -163,7 +163,14 @@ typedef struct { /* a triangle at one level */
     int cut; /* whether anything may block its light */
 } triangle;
 
-typedef struct { const lf_meshes *mesh; const lf_picture *out; int crossings; float part; double scale, per_light, sum; } canvas;
+typedef struct {
+    const lf_meshes *mesh;
+    const lf_picture *out;
+    int crossings;
+    float part;
+    double scale, frame_rows, frame_columns; /* the frame ends inside of the last pixels of a coarse picture */
+    double per_light, sum;
+} canvas;
 
 INLINE double larger(double a, double b) { return a > b ? a : b; }
 INLINE double smaller(double a, double b) { return a < b ? a : b; }
@@ -211,7 +218,8 @@ INLINE void add_point(canvas *c, double x, double y, float light)
     float *to = out->values + row * out->row_step + column, *below = to + out->row_step;
     to[0] += light * (1 - right) * (1 - down), to[1] += light * right * (1 - down);
     below[0] += light * (1 - right) * down, below[1] += light * right * down;
-    c->sum += light;
+    const double from_left = x - (LF_GHOST_RIM - 0.5), from_top = y - (LF_GHOST_RIM - 0.5);
+    if (from_left >= 0 && from_top >= 0 && from_left < c->frame_columns && from_top < c->frame_rows) c->sum += light;
 }
 
 /* The weights of the corners in the middle of a narrow triangle at places along its longest side, from corner 0 to 1;
@@ -279,10 +287,11 @@ static APART void draw_pixels(canvas *c, triangle *t)
     const double top = smaller(smaller(t->y[0], t->y[1]), t->y[2]), bottom = larger(larger(t->y[0], t->y[1]), t->y[2]);
     const int64_t end_row = up_to(smaller(larger(bottom, 0), (double)out->rows));
     const eight_floats lanes = {0, 1, 2, 3, 4, 5, 6, 7};
-    const float left = LF_GHOST_RIM, right = (float)(out->columns - LF_GHOST_RIM);
+    const float left = LF_GHOST_RIM, right = (float)(LF_GHOST_RIM + c->frame_columns);
+    const double last = LF_GHOST_RIM + c->frame_rows;
     eight_floats sum = all(0);
     for (int64_t row = up_to(larger(top, 0)); row < end_row; row++) {
-        const int on_frame = row >= LF_GHOST_RIM && row < out->rows - LF_GHOST_RIM;
+        const float on_frame = row < LF_GHOST_RIM ? 0 : (float)smaller(larger(last - (double)row, 0), 1);
         int64_t first, end;
         columns_of(t, (double)row, out->columns, &first, &end);
         const float down = (float)((double)row - t->y[0]);
@@ -294,7 +303,10 @@ static APART void draw_pixels(canvas *c, triangle *t)
             if (t->cut) value *= open_part(c, t, values);
             value = (eight_floats)((eight_ints)value & (lanes < (float)(end - first)));
             *(eight_floats *)(out->values + row * out->row_step + first) += value;
-            if (on_frame) sum += (eight_floats)((eight_ints)value & (lanes >= left - (float)first) & (lanes < right - (float)first));
+            if (on_frame > 0) {
+                const eight_floats inside = fewer(more(right - (float)first - lanes, all(0)), all(1)) * on_frame;
+                sum += (eight_floats)((eight_ints)(value * inside) & (lanes >= left - (float)first));
+            }
         }
     }
     for (int k = 0; k < 8; k++) c->sum += sum[k];
@@ -454,7 +466,9 @@ int OF_VARIANT(lf_ghost_light)(const lf_meshes *m, const lf_picture *levels, int
         for (int k = 0; k < 2; k++) {
             const float part = k ? coarser : 1 - coarser;
             if (!(part > 0)) continue;
-            canvas c = {m, levels + level + k, (int)m->crossings[pair], part, scale / (1 + k), 0, 0};
+            canvas c = {m, levels + level + k, (int)m->crossings[pair], part, scale / (1 + k), 0, 0, 0, 0};
+            c.frame_rows = (double)(levels->rows - 2 * LF_GHOST_RIM) * c.scale;
+            c.frame_columns = (double)(levels->columns - 2 * LF_GHOST_RIM) * c.scale;
             c.per_light = m->cells[pair] / 2 * m->irradiance * (m->px_per_mm * c.scale) * (m->px_per_mm * c.scale);
             draw_mesh(&c, columns, corners);
             light[pair] += c.sum / (c.scale * c.scale * m->px_per_mm * m->px_per_mm);

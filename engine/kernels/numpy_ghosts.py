@@ -22,6 +22,7 @@ class _Canvas:
     crossings: int
     part: float
     scale: float
+    frame_px: tuple[float, float]
     per_light: float
 
 
@@ -41,8 +42,10 @@ def numpy_draw_ghosts(meshes: "Meshes", blades: "Blades", centre_px: tuple[float
         coarser = max(blurred, over - SHARED_FROM, 0.0) if level + 1 < len(levels) else 0.0
         for number, part in ((level, 1 - coarser), (level + 1, coarser)):
             if part > 0:
-                canvas = _Canvas(blades, levels[number][0], int(meshes.crossings[pair]), part, 0.5**number,
-                                 meshes.cells_mm2[pair] / 2 * meshes.irradiance * (px_per_mm * 0.5**number)**2)
+                scale = 0.5**number
+                canvas = _Canvas(blades, levels[number][0], int(meshes.crossings[pair]), part, scale,
+                                 (frame_px[0] * scale, frame_px[1] * scale),
+                                 meshes.cells_mm2[pair] / 2 * meshes.irradiance * (px_per_mm * scale)**2)
                 drawn = sum(_drawn(canvas, place[:, *each], values[:, *each].astype(float), own[each].mean())
                             for each in corners)
                 light[pair] += drawn / (canvas.scale * px_per_mm)**2
@@ -147,7 +150,9 @@ def _points(canvas, place, values, per, longest, light):
         for right in (0, 1):
             share = np.abs(1 - down - (y - row)) * np.abs(1 - right - (x - column))
             np.add.at(canvas.picture, (row + down, column + right), (share * light).astype(np.float32))
-    return light.sum()
+    from_top, from_left = y - (RIM - 0.5), x - (RIM - 0.5)
+    below, right = from_top >= canvas.frame_px[0], from_left >= canvas.frame_px[1]
+    return light[(np.minimum(from_top, from_left) >= 0) & ~below & ~right].sum()
 
 
 def _pixels(canvas, place, values, per):
@@ -169,6 +174,7 @@ def _pixels(canvas, place, values, per):
         here = values[:, :1] + rises @ at
         light = here[0] * canvas.part * _open_part(canvas, here, per)
         canvas.picture[row, left:right] += light.astype(np.float32)
-        if RIM <= row < rows - RIM:
-            total += light[max(0, RIM - left):max(0, columns - RIM - left)].sum()
+        if row >= RIM:
+            inside = np.clip(RIM + canvas.frame_px[1] - np.arange(left, right), 0, 1) * (np.arange(left, right) >= RIM)
+            total += (light * inside).sum() * np.clip(RIM + canvas.frame_px[0] - row, 0, 1)
     return total

@@ -7,10 +7,9 @@ import numpy as np
 from ..depth.iris import Iris, opening
 from ..image.pixel_grid import PixelGrid
 from ..lens import Lens
-from ..lens.entrance_pupil import entrance_pupil_size_mm
 from ..prescription.coatings import IDEAL
 from ..runtime.errors import LensError
-from .ghosts import ghosts
+from .ghosts import direct_light, ghosts
 from .sources import Sources
 from .stray_light import no_ghosts
 
@@ -86,7 +85,8 @@ def ghost_table(lens: Lens, angle_deg: float, iris: Iris | None = None, rows: in
         raise LensError(lens.name, "ghosts", "none", word)
     grid, source = _grid(lens), _source(angle_deg, nm)
     found = _ghosts_of(lens, lens.prescription, source, grid, iris)
-    light = np.nansum(found.light, axis=(0, 2)) / _image_light_w(lens)
+    image = direct_light(lens.prescription, _source(0.0, nm), opening(iris, lens))
+    light = np.nansum(found.light, axis=(0, 2)) / image.sum()
     strongest = [index for index in np.argsort(-light, kind="stable")[:rows] if light[index]]
     table = [_row(lens, found.pairs[index], float(light[index]), source, grid, iris) for index in strongest]
     return GhostTable(angle_deg, table, float(light.sum()), found.irradiance.mean(axis=0))
@@ -94,12 +94,6 @@ def ghost_table(lens: Lens, angle_deg: float, iris: Iris | None = None, rows: in
 
 def _ghosts_of(lens, prescription, source, grid, iris):
     return ghosts(prescription, source, grid, opening(iris, lens))
-
-
-def _image_light_w(lens):
-    """Light through the entrance pupil to the image of a source of unit irradiance on the axis, of all wavelengths."""
-    pupil_m2 = np.pi / 4 * np.prod(entrance_pupil_size_mm(lens)) * 1e-6
-    return pupil_m2 * lens.transmittance.sum()
 
 
 def _grid(lens):

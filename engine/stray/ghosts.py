@@ -5,7 +5,7 @@ to the nearer one, and on to the sensor, and carry what Fresnel's law or the coa
 between them are drawn as triangles, whose light is spread over their area (M. Hullin, E. Eisemann, H.-P. Seidel and
 S. Lee, "Physically-based real-time lens flare rendering", 2011). Positions in the stop and heights on the surfaces are
 interpolated between the rays, so that blades and rims cut ghosts at every pixel. Large and faint ghosts are drawn in
-larger pixels, and enlarged; faint ones have fewer rays.
+larger pixels, and enlarged; the brightest ones have more rays than others.
 """
 
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ from .sources import Sources
 
 SHARE = 0.01  # of the light that may be neglected
 PIXELS, LEAST_PIXELS, MOST_PIXELS = 6000.0, 1500.0, 300000.0  # of a ghost: on average, and limits
-RAYS, FEW_RAYS, FEW_PIXELS = 21, 13, 3000.0  # across, and up: of most ghosts; of those with up to so many pixels
+RAYS = ((81, 5000.0), (21, 3000.0), (13, 0.0))  # across, and up: of ghosts with more than so many pixels
 SMALLEST_LEVEL_PX = 6  # the height of the coarsest level
 OF_DIAMETER = 0.388  # pixels of this part of a disc's diameter blur a point as it does: their kernel has its variance
 SQUARE_M = 1e-6  # a square mm
@@ -88,14 +88,14 @@ def ghosts(prescription: Prescription, sources: Sources, grid: PixelGrid, openin
     estimates = _estimates(lens, sources, surveys)
     drawn = _drawn(surveys, estimates, share / 2)
     pixels = _pixels(np.where(drawn, estimates.sum(axis=2), 0))
-    by_rays = {RAYS: drawn & (pixels > FEW_PIXELS), FEW_RAYS: drawn & (pixels <= FEW_PIXELS)}
+    by_rays = list(_by_rays(drawn, pixels))
     irradiance = np.empty((len(nm), *frame.shape_px), np.float32)
     light = np.full(estimates.shape, np.nan)
     px_per_mm = 1e3 / frame.pitch_um
 
     def draw(wave):
         levels = ghost_levels(frame.shape_px, _level_count(frame.shape_px))
-        for (number, found), (side, selected) in product(surveys.items(), by_rays.items()):
+        for (number, found), (side, selected) in product(surveys.items(), by_rays):
             chosen = selected[number, found.bright]
             pairs = found.bright[chosen]
             rays, cells_mm2 = _fine_rays(lens, coated[wave], nm[wave], found, chosen, side)
@@ -175,6 +175,14 @@ def _fine_rays(lens, coated, nm, found, chosen, side):
     rays[:, 3] -= (np.diff(around[:, 1:-1], 2, axis=2) + np.diff(around[:, :, 1:-1], 2, axis=1)) / 12
     boxes, _ = boxes_of(lens, found.limits_mm[chosen], side)
     return rays, boxes[:, 1] * boxes[:, 3]
+
+
+def _by_rays(drawn, pixels):
+    """Pairs of a number of rays and the ghosts, (source, pair), that have so many."""
+    most = np.inf
+    for side, more_than in RAYS:
+        yield side, drawn & (pixels > more_than) & (pixels <= most)
+        most = more_than
 
 
 def _pixels(light):

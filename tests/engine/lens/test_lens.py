@@ -4,6 +4,7 @@ from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 import pytest
+from scipy.interpolate import make_interp_spline
 
 from lenses import comatic_lens, make_grid_lens, make_lens, marked_psf
 from lensfield.engine import LensError, Options, SpectralImage, load_lens, simulate
@@ -124,8 +125,8 @@ def test_edmund_reaches_3_mm_at_its_half_field(edmund):
 
 def test_edmund_distortion_at_3_mm(edmund):
     optics = edmund.at_wavelength(REFERENCE_NM)
-    assert optics.heights_mm[-1] == 3.0
-    assert 100 * (optics.real_height_mm[-1] / 3.0 - 1) == pytest.approx(-8.4, abs=0.1)
+    real_mm = make_interp_spline(optics.heights_mm, optics.real_height_mm)(3.0)
+    assert 100 * (real_mm / 3.0 - 1) == pytest.approx(-8.4, abs=0.1)
 
 
 def test_edmund_relative_illumination(edmund):
@@ -135,7 +136,8 @@ def test_edmund_relative_illumination(edmund):
 
 
 def test_edmund_lateral_colour_from_f_to_c(edmund):
-    f_line, c_line = (edmund.at_wavelength(nm).real_height_mm for nm in (486.1, 656.3))
+    f_line, c_line = (make_interp_spline(edmund.heights_mm, edmund.at_wavelength(nm).real_height_mm)(
+        np.linspace(0, 3, 61)) for nm in (486.1, 656.3))
     assert 1000 * np.abs(f_line - c_line).max() == pytest.approx(13.8, abs=0.3)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from fresnel import fresnel
+from lensfield.engine.bake.bake import bake
 from lensfield.engine.depth.iris import Iris, opening_within
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.kernels.library import NUMPY, available
@@ -15,7 +16,9 @@ from lensfield.engine.library import prescription_of
 from lensfield.engine.prescription.prescription import Pose, Prescription, Surface
 from lensfield.engine.prescription.system import system_of
 from lensfield.engine.rays.rings import Rings, turned
+from lensfield.engine.rays.transmission import coating_transmittance
 from lensfield.engine.runtime import threads
+from lensfield.engine.stray.ghost_table import ghost_table
 from lensfield.engine.stray.ghosts import direct_light, ghosts
 from lensfield.engine.stray.sources import Sources
 from loops import using
@@ -164,6 +167,44 @@ def test_light_of_all_ghosts_is_what_fresnel_leaves(lens, lamp, half_mm):
     np.testing.assert_allclose(found.light[0, bright, 0], 2e-6 * light[bright], rtol=0.04)
     np.testing.assert_allclose(moments(found.irradiance[0], LIMITLESS)[:2], moment.sum(axis=0) / light.sum(), rtol=0.03,
                                atol=0.01)
+
+
+@pytest.mark.parametrize(("width_px", "lamp"), [(1080, (0.0, 5.0)), (360, (6.0, 8.0))])
+def test_the_brightest_ghosts_are_as_bright_as_counted_rays(width_px, lamp):
+    """On a frame that is smaller than some ghosts; the coarsest pictures of these have pixels beyond its edges."""
+    lens, lamp = bare("zeiss-biotar-50mm"), source(*lamp)
+    grid = PixelGrid((round(width_px * 18.7 / 24.9), width_px), 24.9e3 / width_px)
+    found = ghosts(lens, lamp, grid, ROUND)
+    left_mm, lower_mm, right_mm, upper_mm = grid.edges_mm
+    for number in np.argsort(-np.nan_to_num(found.light[0, :, 0]))[:3]:
+        with np.errstate(all="ignore"):
+            rays, (x, y) = dense_rays(lens, found.pairs[number] - 1, lamp.directions[0], 19.0, count=1001)
+        inside = (x > left_mm) & (x < right_mm) & (y > lower_mm) & (y < upper_mm)
+        assert found.light[0, number, 0] == pytest.approx(2e-6 * rays[inside].sum(), rel=0.025)
+    light = found.irradiance.sum(dtype=float) * (grid.pitch_um * 1e-6) ** 2
+    assert light == pytest.approx(np.nansum(found.light), rel=1e-3)
+
+
+def singlet(semi_mm):
+    """A bare singlet behind its stop, with spherical aberration."""
+    surfaces = (Surface(np.inf, 0.5, stop=True, semi_aperture_mm=semi_mm),
+                Surface(26.0, 6.0, "1.518/1000000", semi_mm + 3, coating="none"),
+                Surface(np.inf, 0.0, coating="none", semi_aperture_mm=semi_mm + 3))
+    return turned(Prescription("singlet", surfaces, ("stop", semi_mm), ("angle_deg", 10.0), focus="best",
+                               sensor_mm=(16.0, 12.0), reference_wavelength_nm=NM)).prescription
+
+
+def test_the_table_compares_ghosts_with_the_light_through_the_stop():
+    """The stop is in front, so its area is the cross section of the image's light; ghosts by counted rays."""
+    lens, semi_mm = singlet(10.0), 10.0
+    data = replace(bake(lens, quality="preview", wavelengths_nm=[NM], heights=5), prescription=lens)
+    table = ghost_table(data, 0.0)
+    with np.errstate(all="ignore"):
+        rays, (x, y) = dense_rays(lens, np.array([1, 2]), AXIS[:, 0], semi_mm + 0.1, count=1001)
+    on_sensor = (np.abs(x) < 8) & (np.abs(y) < 6)
+    axial = direct_light(lens, source(0.0, 0.0, irradiance=1.0), ROUND)[0, 0] * 1e6
+    assert axial == pytest.approx(np.pi * semi_mm**2 * coating_transmittance(system_of(lens), [NM])[0], rel=3e-3)
+    assert table.total == pytest.approx(rays[on_sensor].sum() / axial, rel=0.02)
 
 
 def test_rotational_symmetry_changes_nothing():
