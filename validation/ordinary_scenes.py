@@ -1,0 +1,276 @@
+"""Ordinary scenes, as artists make them, rendered by Lensfield through a nearly perfect lens and by Cycles alone.
+
+    python validation/ordinary_scenes.py [NAME ...] [--output FOLDER] [--columns 96] [--samples 64] [--sample N]
+
+Each scene is saved, opened, and rendered twice by Cycles with different seeds, whose difference is the noise; then by
+Lensfield, once with everything sharp and once in layers of depth, which are compared with Cycles' own depth of field.
+The means, blocks of 8 x 8 px, alpha and the places of marked objects must agree (`scene_measure.py`). FOLDER
+(build/scenes by default) then contains the table, report.json, and for each scene its .blend and a picture: plain and
+Lensfield's, sharp and in layers. The exit status is 1 if a scene fails.
+
+NAMEs select scenes or themes; --sample chooses N scenes by SEED. A process renders many scenes; if one of them crashes
+it, another goes on with the next.
+"""
+
+import argparse
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+SEED = int(os.environ.get("SEED", 0)) % 2**20
+FOLDER = Path("build/scenes")
+RECORD = "outcome.json"
+PASSED, FAILED, REFUSED, CRASHED, NAMED = "passed", "FAILED", "refused", "CRASHED", "named"
+"""Statuses: "refused" is as expected; "named" is what Blender cannot do, or what differs on purpose."""
+SHARP, LAYERS = "sharp", "layers"
+DEPTH_MISPLACED = 0.01  # of a block's light: the accuracy of depth in Standard
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a scene.
+
+    Attributes
+    ----------
+    name, theme, title, status : str
+    words : str
+        Why it failed or was refused, or what Blender cannot do.
+    comparisons : dict
+        The fields of `scene_measure.Comparison`, by "sharp" and "layers".
+    remarks : list of str
+        Of Lensfield's report.
+    seconds : float
+        Processor seconds.
+    """
+
+    name: str
+    theme: str
+    title: str
+    status: str
+    words: str = ""
+    comparisons: dict = field(default_factory=dict)
+    remarks: list = field(default_factory=list)
+    seconds: float = 0.0
+
+    @property
+    def good(self):
+        """Whether it is as expected."""
+        return self.status in (PASSED, REFUSED, NAMED)
+
+
+def run(names, folder, columns, samples, seed=SEED):
+    """Render scenes in processes of their own; yields their Outcome.
+
+    Parameters
+    ----------
+    names : sequence of str
+    folder : Path
+        A folder for each scene is created in it.
+    columns, samples, seed : int
+    """
+    left = list(names)
+    for name in left:
+        shutil.rmtree(folder / name, ignore_errors=True)
+    while left:
+        with _child(left, folder, columns, samples, seed) as child:
+            for line in child.stdout:
+                if line.startswith("{"):
+                    yield Outcome(**json.loads(line))
+                    left.pop(0)
+        if left:
+            yield _crashed(left.pop(0), child.returncode, folder)
+
+
+def _child(names, folder, columns, samples, seed):
+    folder.mkdir(parents=True, exist_ok=True)
+    command = [sys.executable, "-W", "ignore", __file__, *names, "--output", folder, "--columns", columns, "--samples",
+               samples, "--here"]
+    return subprocess.Popen(list(map(str, command)), stdout=subprocess.PIPE, text=True,
+                            stderr=open(folder / "errors.txt", "w"), env=os.environ | {"SEED": str(seed)})
+
+
+def _crashed(name, status, folder):
+    from scenes import ORDINARY
+
+    scene = ORDINARY[name]
+    ended = signal.Signals(-status).name if status < 0 else f"exit status {status}"
+    lines = (folder / "errors.txt").read_text(errors="replace").strip().splitlines()
+    return Outcome(name, scene.theme, scene.title, CRASHED, f"{ended}: {lines[-1] if lines else ''}")
+
+
+def run_here(names, folder, columns, samples):
+    """Render scenes in this process, and print a line of JSON for each."""
+    from scene_pictures import registered
+
+    with registered():
+        for name in names:
+            outcome = outcome_of(name, folder / name, columns, samples)
+            print(json.dumps(asdict(outcome)), flush=True)
+    sys.stdout.flush()
+    os._exit(0)  # some wheels crash while the interpreter exits
+
+
+def outcome_of(name, folder, columns, samples):
+    """The Outcome of a scene in this process."""
+    from lensfield.engine.runtime.errors import InputError
+    from scenes import ORDINARY
+
+    scene, started = ORDINARY[name], time.process_time()
+    path = saved(scene, folder, columns, samples)
+    try:
+        status, words, comparisons, remarks = _compared(scene, path, folder)
+    except InputError as error:
+        as_expected = scene.refused and scene.refused in str(error)
+        status, words, comparisons, remarks = REFUSED if as_expected else FAILED, str(error), {}, []
+    return Outcome(name, scene.theme, scene.title, status, words, comparisons, remarks,
+                   round(time.process_time() - started, 1))
+
+
+def saved(scene, folder, columns, samples):
+    """Make a scene of this width and save it; the path of the .blend."""
+    import bpy
+
+    from lensfield.commands.terminal import quiet
+    from scenes.kit import set_stage
+
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"{scene.name}.blend"
+    scene.build(set_stage(folder, (columns * 2 // 3, columns), samples))
+    with quiet(1):
+        bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    return path
+
+
+def _compared(scene, path, folder):
+    """Status, words, comparisons and remarks of a scene."""
+    from scene_pictures import marks_px
+
+    marks, comparisons, remarks, faults, pictures = marks_px(path), {}, [], [], []
+    for depth in (SHARP, LAYERS) if scene.layers else (SHARP,):
+        plain, picture = _pictures(scene, path, folder, depth)
+        comparison = _comparison(plain, picture, marks, depth)
+        comparisons[depth] = asdict(comparison)
+        faults += [f"{depth}: {fault}" for fault in comparison.faults]
+        remarks += [remark for remark in picture.report.remarks() if remark not in remarks]
+        pictures += [plain[0], picture.picture]
+    _show(pictures, folder / "pictures.png")
+    if scene.remark and not any(scene.remark in remark for remark in remarks):
+        faults.append(f"no remark on {scene.remark!r}")
+    if scene.refused:
+        faults.append(f"not refused: expected {scene.refused!r}")
+    status = PASSED if not faults else NAMED if scene.cannot else FAILED
+    return status, "; ".join([*faults, *filter(None, [scene.cannot])]), comparisons, remarks
+
+
+def _pictures(scene, path, folder, depth):
+    """Two plain pictures of a scene, and its LensPicture."""
+    from scene_pictures import WIDE_PX, PlainRender, lens_picture, plain_picture
+
+    blur_px, first = (WIDE_PX, 3) if depth == LAYERS else (0.0, 0)
+    changes = PlainRender(**scene.plain)
+    plain = [plain_picture(path, folder, 1000 * SEED + first + number, blur_px, changes) for number in (0, 1)]
+    picture = lens_picture(path, folder / depth, 1000 * SEED + first + 2, blur_px,
+                           "auto" if depth == LAYERS else "off", changes.compositing, **scene.request)
+    return plain, picture
+
+
+def _comparison(plain, picture, marks, depth):
+    from scene_measure import Limits, compare
+
+    facts = picture.report.scene
+    limits = Limits(facts.estimated_colour_error + facts.rgb_difference, DEPTH_MISPLACED * (depth == LAYERS))
+    return compare(picture.picture, plain, marks, limits)
+
+
+def _show(pictures, path):
+    """Write pictures of a size next to each other, with the exposure of the first."""
+    import numpy as np
+
+    from lensfield.engine.pictures.preview import auto_exposure, write_png
+
+    same = [np.nan_to_num(np.moveaxis(each[:3], 0, -1)) for each in pictures if each.shape == pictures[0].shape]
+    write_png(np.concatenate(same, axis=1), path, auto_exposure(same[0]))
+
+
+def table(outcomes):
+    """The outcomes as lines of text."""
+    yield f"{'scene':<34} {'result':<8} {'R G B over plain':<20} {'block':>6} {'marks':>6} {'layers: R G B':<20} {'block':>6} {'marks':>6}"
+    theme = None
+    for outcome in outcomes:
+        if outcome.theme != theme:
+            theme = outcome.theme
+            yield theme
+        yield f"  {outcome.name:<32} {outcome.status:<8} {_figures(outcome, SHARP)} {_figures(outcome, LAYERS)}".rstrip()
+        if outcome.words:
+            yield f"      {outcome.words}"
+
+
+def _figures(outcome, depth):
+    """Ratios of means, the worst block's CIEDE2000 and the largest distance of a mark, in px."""
+    found = outcome.comparisons.get(depth)
+    if not found:
+        return " " * 34
+    off = max(found["off_px"].values(), default=0.0)
+    return f"{' '.join(f'{ratio:6.4f}' for ratio in found['means'])} {found['worst_colour']:6.2f} {off:6.2f}"
+
+
+def verdict(outcomes):
+    """How many scenes passed and failed, in one line."""
+    count = {status: sum(each.status == status for each in outcomes)
+             for status in (PASSED, REFUSED, NAMED, FAILED, CRASHED)}
+    return (f"{count[PASSED]} passed, {count[FAILED] + count[CRASHED]} failed ({count[CRASHED]} crashed), "
+            f"{count[REFUSED]} refused as expected, {count[NAMED]} with a difference that Blender causes; SEED={SEED}")
+
+
+def write_report(outcomes, folder):
+    """Write the table and the figures to a folder."""
+    (folder / "report.json").write_text(json.dumps([asdict(each) for each in outcomes], indent=1))
+    (folder / "report.txt").write_text("\n".join([*table(outcomes), verdict(outcomes)]) + "\n")
+
+
+def chosen(words, number=0, seed=SEED):
+    """Names of the scenes that words select, as names or themes, or all; with a number, so many of them by a seed.
+
+    Raises
+    ------
+    SystemExit
+        A word selects none.
+    """
+    from scenes import ORDINARY
+
+    names = [name for name, scene in ORDINARY.items() if not words or {name, scene.theme} & set(words)]
+    if unknown := set(words) - set(names) - {scene.theme for scene in ORDINARY.values()}:
+        raise SystemExit(f"{unknown.pop()}: not a scene; expected one of {', '.join(ORDINARY)}")
+    return random.Random(seed).sample(names, min(number, len(names))) if number else names
+
+
+def main(arguments):
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("names", nargs="*", metavar="NAME")
+    parser.add_argument("--output", type=Path, default=FOLDER)
+    parser.add_argument("--columns", type=int, default=96)
+    parser.add_argument("--samples", type=int, default=64)
+    parser.add_argument("--sample", type=int, default=0, metavar="N")
+    parser.add_argument("--here", action="store_true", help=argparse.SUPPRESS)
+    given = parser.parse_args(arguments)
+    names, folder = chosen(given.names, given.sample), given.output.resolve()
+    if given.here:
+        run_here(given.names, folder, given.columns, given.samples)
+    outcomes = []
+    for outcome in run(names, folder, given.columns, given.samples):
+        outcomes.append(outcome)
+        print(f"{len(outcomes)}/{len(names)} {outcome.name}: {outcome.status} {outcome.words}", flush=True)
+    write_report(outcomes, folder)
+    print(*table(outcomes), verdict(outcomes), sep="\n")
+    return not all(outcome.good for outcome in outcomes)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

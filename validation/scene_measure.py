@@ -1,0 +1,195 @@
+"""Compare a picture with two plain renders of the same scene, whose difference shows the noise.
+
+Pictures are float arrays (4, row, column): linear R, G, B, and alpha, row 0 at the top.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import maximum_filter, uniform_filter
+
+from lensfield.engine.spectral.colour_difference import ciede2000, lab_from_xyz
+
+BLOCK_PX = 8
+SIGMAS = 5
+LENS_NOISE = 1.3
+"""Noise of Lensfield's picture relative to a plain render's: its passes share most samples."""
+MOST_OFF_PX = 0.3
+WINDOW_PX = 5
+MARK_SHARE = 0.25  # of a mark's brightest pixel: darker ones are its surroundings
+COLOUR_FLOOR = 0.3
+"""CIEDE2000 beyond the predicted error: pure colours at 21 wavelengths are off by up to 1 % in a channel."""
+COLOUR_TIMES = 2  # of the predicted error, which 95 % of the possible colours keep, in the worst block
+ALPHA_OFF = 0.005
+XYZ = np.array([[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]])
+WHITE_PERCENTILE = 99
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a picture may differ by, in addition to the noise.
+
+    Attributes
+    ----------
+    colour_error : float
+        CIEDE2000 that 95 % of the scene's possible colours keep: the predicted one.
+    misplaced : float
+        Share of the light of a block and of those around it that may be in another.
+    """
+
+    colour_error: float = 0.0
+    misplaced: float = 0.0
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """How a picture differs from plain renders.
+
+    Attributes
+    ----------
+    means : tuple of float
+        R, G and B over the plain ones; 1 where both are black.
+    colour, worst_colour : float
+        CIEDE2000 that noise does not explain, of the picture's mean and of the worst block.
+    worst_block : (int, int)
+        Row and column of the block.
+    alpha : float
+        Largest difference of the mean alpha of a block that noise does not explain.
+    off_px : dict
+        Distance of each mark from its place in the plain renders; inf for a missing one.
+    noise : float
+        5 sigma of noise of the mean luminance, relative to it.
+    faults : tuple of str
+        What exceeds its limit.
+    """
+
+    means: tuple[float, ...]
+    colour: float
+    worst_colour: float
+    worst_block: tuple[int, int]
+    alpha: float
+    off_px: dict
+    noise: float
+    faults: tuple[str, ...]
+
+
+def compare(picture, plain, marks_px, limits=Limits()):
+    """Compare a picture with two plain renders with different seeds: Comparison.
+
+    Parameters
+    ----------
+    picture : array (4, row, column)
+    plain : sequence of two arrays (4, row, column)
+    marks_px : dict
+        (row, column) near each mark, by name.
+    limits : Limits
+    """
+    first, second = plain
+    if picture.shape != first.shape:
+        return _of_another_size(picture, first)
+    true = (first + second) / 2
+    blocks, true_blocks = _means(picture), _means(true)
+    slack = SIGMAS * _sigma(first, second) + limits.misplaced * _around(true_blocks)
+    white = max(np.percentile(_luminance(true), WHITE_PERCENTILE), 1e-9)
+    colours = _colour_difference(blocks[:3], true_blocks[:3], slack[:3], white)
+    rest = _beyond(blocks[3] - true_blocks[3], slack[3])
+    mean, true_mean, slack_mean = (planes.mean(axis=(1, 2))[:, None, None] for planes in (picture, true, true))
+    slack_mean = SIGMAS * _sigma_of_mean(first, second)[:, None, None]
+    colour = float(_colour_difference(mean[:3], true_mean[:3], slack_mean[:3], white).max())
+    off_px = {name: _off_px(picture, true, place) for name, place in marks_px.items()}
+    worst = np.unravel_index(np.argmax(colours), colours.shape)
+    means = tuple(float(m / t) if t > 0 else 1.0 if m == 0 else np.inf
+                  for m, t in zip(mean.ravel()[:3], true_mean.ravel()[:3], strict=True))
+    of_mean = float(_luminance(slack_mean).item() / max(_luminance(true_mean).item(), 1e-12))
+    found = Comparison(means, colour, float(colours.max()), tuple(map(int, worst)), float(np.abs(rest).max()),
+                       off_px, of_mean, ())
+    return _judged(found, limits)
+
+
+def _judged(found, limits):
+    """The comparison with its faults."""
+    faults, most = [], limits.colour_error + COLOUR_FLOOR
+    if not found.colour <= most:
+        faults.append(f"mean colour off by CIEDE2000 {found.colour:.2g} (at most {most:.2g})")
+    most = COLOUR_TIMES * limits.colour_error + COLOUR_FLOOR
+    if not found.worst_colour <= most:
+        faults.append(f"block {found.worst_block[0]}, {found.worst_block[1]} off by CIEDE2000 "
+                      f"{found.worst_colour:.2g} (at most {most:.2g})")
+    if not found.alpha <= ALPHA_OFF:
+        faults.append(f"alpha off by {found.alpha:.2g}")
+    faults += [f"{name} is missing" if off == np.inf else f"{name} off by {off:.2g} px"
+               for name, off in found.off_px.items() if not off <= MOST_OFF_PX]
+    return Comparison(**vars(found) | {"faults": tuple(faults)})
+
+
+def _of_another_size(picture, plain):
+    size, true = ("{2} x {1} px".format(*planes.shape) for planes in (picture, plain))
+    nan = float("nan")
+    return Comparison((nan,) * 3, nan, nan, (0, 0), nan, {}, nan, (f"the picture has {size}, the plain one {true}",))
+
+
+def _means(planes):
+    """Means of blocks: array (..., row, column). The last ones may be smaller."""
+    return _over_blocks(planes) / _over_blocks(np.ones_like(planes))
+
+
+def _over_blocks(planes):
+    rows, columns = (np.arange(0, n, BLOCK_PX) for n in planes.shape[-2:])
+    return np.add.reduceat(np.add.reduceat(planes, rows, axis=-2), columns, axis=-1)
+
+
+def _sigma(first, second):
+    """Standard deviation of the difference of block means between Lensfield's picture and the mean of two plain ones.
+
+    Few pixels may miss a rare event that their neighbours show, so the variance is at least that of the blocks around.
+    """
+    variance = _over_blocks((first - second) ** 2 / 2) / _over_blocks(np.ones_like(first)) ** 2
+    around = uniform_filter(variance, (0, 3, 3), mode="nearest")
+    return np.sqrt((LENS_NOISE**2 + 0.5) * np.maximum(variance, around))
+
+
+def _sigma_of_mean(first, second):
+    pixels = np.prod(first.shape[-2:])
+    return np.sqrt((LENS_NOISE**2 + 0.5) * ((first - second) ** 2 / 2).mean(axis=(1, 2)) / pixels)
+
+
+def _around(blocks):
+    """The brightest of each block and its neighbours."""
+    return maximum_filter(blocks, (0, 3, 3), mode="nearest")
+
+
+def _beyond(off, slack):
+    """The part of differences that slack does not explain."""
+    return np.sign(off) * np.maximum(np.abs(off) - slack, 0)
+
+
+def _colour_difference(blocks, true, slack, white):
+    """CIEDE2000 of the part of differences that slack does not explain: array (row, column)."""
+    near = true + _beyond(blocks - true, slack)
+    first, second = (lab_from_xyz(np.maximum(np.einsum("xc,c...->...x", XYZ, planes), 0), white * XYZ.sum(axis=1))
+                     for planes in (near, true))
+    return ciede2000(first, second)
+
+
+def _luminance(planes):
+    return np.tensordot(XYZ[1], planes[:3], 1)
+
+
+def _off_px(picture, true, place):
+    """Distance of a mark's centroid in a picture from that in another; inf if it is missing."""
+    places = [_centroid(_luminance(planes), place) for planes in (picture, true)]
+    return np.inf if None in places else float(np.hypot(*np.subtract(*places)))
+
+
+def _centroid(luminance, place):
+    """The centroid of light above the surroundings, in a window around a place; None without any."""
+    row, column = (round(at) for at in place)
+    top, left = max(row - WINDOW_PX, 0), max(column - WINDOW_PX, 0)
+    window = luminance[top:row + WINDOW_PX + 1, left:column + WINDOW_PX + 1]
+    rim = np.concatenate([window[0], window[-1], window[:, 0], window[:, -1]])
+    light = window - np.median(rim)
+    light = np.where(light > MARK_SHARE * light.max(), light, 0)
+    if light.max() <= max(np.ptp(rim), 0):
+        return None
+    rows, columns = np.indices(light.shape)
+    return top + np.sum(rows * light) / light.sum(), left + np.sum(columns * light) / light.sum()

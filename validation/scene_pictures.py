@@ -1,0 +1,178 @@
+"""Pictures of a scene: by Cycles alone, and by Lensfield through a nearly perfect lens.
+
+The lens has no aberrations, no distortion, no falloff and no glass: a thin lens whose points are much smaller than a
+pixel. In layers its blur is that of Cycles' own depth of field with the same pupil and focus. Lensfield's pictures are
+therefore those of Cycles, except for the noise, the colours that few wavelengths predict, and errors.
+"""
+
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import bpy
+import numpy as np
+import OpenEXR
+from bpy_extras.object_utils import world_to_camera_view
+
+from lensfield import addon
+from lensfield.addon.scene.camera import frame_px
+from lensfield.addon.scene.units import metres_per_unit
+from lensfield.commands.terminal import quiet
+from lensfield.engine.lens import RadialLens
+from lensfield.engine.stray.options import StrayOptions
+
+NARROW_PX, WIDE_PX = 0.02, 2.5  # blur at infinity, sharp and in layers
+BAND_NM = 380.0, 780.0
+LAST = 3.0  # field of the lens, in half diagonals of its sensor: for shifts
+
+
+@dataclass(frozen=True)
+class PlainRender:
+    """What a plain render changes in the artist's file, in addition to its seed.
+
+    Attributes
+    ----------
+    compositing : bool
+        Whether the scene's compositor is used.
+    view_layer : str
+        The only view layer to be rendered; "" for those that are on.
+    frame : float, optional
+        The scene's current frame by default.
+    """
+
+    compositing: bool = False
+    view_layer: str = ""
+    render: dict = field(default_factory=dict)
+
+
+def plain_picture(path, folder, seed, blur_px=0.0, changes=PlainRender()):
+    """A file as Cycles renders it: float array (4, row, column) of R, G, B and alpha in linear Rec. 709.
+
+    Pixels average the light over their own squares, as Lensfield's do and its report says, instead of Blender's filter.
+    """
+    scene = open_scene(path)
+    render, cycles = scene.render, scene.cycles
+    cycles.seed, cycles.pixel_filter_type = seed, "BOX"
+    render.use_compositing, render.use_sequencer = changes.compositing, False
+    render.use_stamp = render.use_crop_to_border = False
+    for layer in scene.view_layers if changes.view_layer else ():
+        layer.use = layer.name == changes.view_layer
+    for name, value in changes.render.items():
+        setattr(render, name, value)
+    _set_blur(scene, blur_px)
+    return rendered(scene, folder / "plain.exr")
+
+
+def rendered(scene, path):
+    """Render a scene to an EXR and read it: float array (4, row, column)."""
+    settings = scene.render.image_settings
+    if hasattr(settings, "media_type"):  # added in 5.0
+        settings.media_type = "IMAGE"
+    settings.file_format, settings.color_depth, settings.color_mode = "OPEN_EXR", "32", "RGBA"
+    settings.linear_colorspace_settings.name = "Linear Rec.709"
+    scene.render.use_file_extension, scene.render.filepath = False, str(path)
+    with quiet(1):
+        bpy.ops.render.render(write_still=True, scene=scene.name)
+    return read_picture(path)
+
+
+def read_picture(path):
+    """R, G, B and alpha of an EXR: float array (4, row, column); alpha is 1 without that channel."""
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        channels = file.parts[0].channels
+        planes = [np.asarray(channels[name].pixels, float) for name in "RGBA" if name in channels]
+    return np.stack(planes if len(planes) == 4 else [*planes, np.ones_like(planes[0])])
+
+
+def open_scene(path):
+    """The scene of a .blend."""
+    with quiet(1):
+        bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False)
+    return bpy.context.scene
+
+
+def _set_blur(scene, blur_px):
+    """Turn Cycles' depth of field on, with this blur at infinity, or off."""
+    dof = scene.camera.data.dof
+    dof.use_dof = blur_px > 0
+    if dof.use_dof:
+        lens = thin_lens(scene, blur_px)
+        dof.aperture_blades, dof.aperture_ratio = 0, 1.0
+        pupil_mm = lens.capture_focal_length_mm / lens.f_number_effective
+        dof.aperture_fstop = scene.camera.data.lens * metres_per_unit(scene) / pupil_mm
+
+
+def thin_lens(scene, blur_px):
+    """A perfect thin lens with the field of view and focus of the scene's camera, and this blur at infinity."""
+    camera, unit_mm = scene.camera.data, metres_per_unit(scene) * 1e3
+    focus_mm = focus_units(scene) * unit_mm
+    pitch_mm = camera.sensor_width / max(frame_px(scene))
+    rows, columns = frame_px(scene)
+    sensor_mm = columns * pitch_mm, rows * pitch_mm
+    focal_mm = camera.lens
+    pupil_mm = blur_px * pitch_mm * focus_mm / focal_mm
+    last_mm = LAST * np.hypot(*sensor_mm) / 2
+    nm, heights_mm = np.array(BAND_NM), np.linspace(0, last_mm, 5)
+    ones = np.ones((2, 5))
+    sine = np.sin(np.arctan(pupil_mm / 2 / focus_mm)) * focus_mm / focal_mm
+    return RadialLens(
+        name="thin lens", efl_mm=1 / (1 / focal_mm + 1 / focus_mm), magnification=-focal_mm / focus_mm,
+        f_number_effective=0.5 / sine, object_distance_mm=focus_mm, entrance_pupil_mm=0.0, sensor_mm=sensor_mm,
+        reference_wavelength_nm=550.0, wavelengths_nm=nm, heights_mm=heights_mm, real_height_mm=heights_mm * ones,
+        relative_illumination=ones, psf=np.ones((2, 5, 1, 1)), psf_pitch_um=1e-3 * pitch_mm,
+        enclosed_energy=ones, transmittance=np.ones(2))
+
+
+def focus_units(scene):
+    """Distance of the plane of focus from the scene's camera, along its axis, in Blender units."""
+    camera, dof = scene.camera, scene.camera.data.dof
+    if dof.focus_object is None:
+        return dof.focus_distance
+    return abs((camera.matrix_world.inverted() @ dof.focus_object.matrix_world.translation).z)
+
+
+@dataclass(frozen=True, eq=False)
+class LensPicture:
+    """What Lensfield makes of a scene.
+
+    Attributes
+    ----------
+    picture : array (4, row, column)
+    report : Report
+    """
+
+    picture: np.ndarray
+    report: object
+
+
+def lens_picture(path, folder, seed, blur_px, depth, compositing=False, **request):
+    """A file as Lensfield renders it through the thin lens: LensPicture."""
+    scene = open_scene(path)
+    scene.cycles.seed = seed
+    given = {"lens": thin_lens(scene, blur_px or NARROW_PX), "view": "camera", "depth": depth, "output_folder": folder,
+             "stray": StrayOptions("off")}
+    with quiet(1):
+        result = addon.render_through_lens(scene, to_compositor=compositing, **given | request)
+    shown = read_picture(result.lens_image) if not compositing else rendered(scene, folder / "composited.exr")
+    return LensPicture(shown, result.report)
+
+
+def marks_px(path):
+    """Places of the marks that a file's camera shows, by name: (row, column) in pixels from the upper left."""
+    scene = open_scene(path)
+    rows, columns = frame_px(scene)
+    graph = bpy.context.evaluated_depsgraph_get()
+    places = {}
+    for mark in (each for each in scene.objects if each.name.startswith("Mark")):
+        view = world_to_camera_view(scene, scene.camera.evaluated_get(graph),
+                                    mark.evaluated_get(graph).matrix_world.translation)
+        if view.z > 0 and 0 < view.x < 1 and 0 < view.y < 1:
+            places[mark.name] = ((1 - view.y) * rows - 0.5, view.x * columns - 0.5)
+    return places
+
+
+@contextmanager
+def registered():
+    """Lensfield, registered in this Blender."""
+    addon.register()
+    yield
+    addon.unregister()
