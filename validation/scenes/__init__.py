@@ -1,6 +1,20 @@
 """The ordinary scenes, one module for each theme; `kit.py` has what they are made of."""
 
-from . import worlds
+from . import (
+    cameras,
+    colour_management,
+    files,
+    film,
+    lamps,
+    materials,
+    motion,
+    objects,
+    textures,
+    units,
+    view_layers,
+    worlds,
+)
 from .kit import ORDINARY
 
-__all__ = ["ORDINARY", "worlds"]
+__all__ = ["ORDINARY", "cameras", "colour_management", "files", "film", "lamps", "materials", "motion", "objects",
+           "textures", "units", "view_layers", "worlds"]

@@ -102,6 +102,8 @@ class Stage:
 def set_stage(folder, shape_px=SHAPE_PX, samples=SAMPLES):
     """An orange ball, a blue cube and a green cone on a grey table, by an area lamp and a grey world; three marks."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    if hasattr(bpy.data, "colorspace"):  # added in 5.0; it stays that of the file before
+        bpy.ops.wm.set_working_color_space(working_space="Linear Rec.709")
     scene = bpy.context.scene
     _set_cycles(scene, shape_px, samples)
     camera = link(scene, "Camera", bpy.data.cameras.new("Camera"), (0.07, -1.24, 0.36))
