@@ -28,9 +28,12 @@
 # make validate-raw  take pictures of the sample scene with three cameras, have their raw files judged by LibRaw,
 #                  darktable, RawTherapee and Adobe's DNG SDK, and write the figures of docs/camera.md (ten minutes); the
 #                  scene is rendered once, to build/raw-scene
+# make scenes      render two hundred ordinary scenes through a nearly perfect lens and by Cycles alone, and five of them
+#                  by every command: all must agree (an hour); SCENES="hdri lamps" selects scenes or themes; the table,
+#                  pictures and .blend files are in build/scenes. make test renders a dozen, chosen by SEED
 # make extension   build dist/*.zip, for installation in Blender: one for each platform and generation of Blender
-# make release     build all artefacts in an empty dist/: the zips of make extension, the sdist, the wheel of
-#                  this platform, and their SHA-256 checksums in SHA256SUMS (CONTRIBUTING.md lists the compilers)
+# make release     make scenes, then build all artefacts in an empty dist/: the zips of make extension, the sdist, the
+#                  wheel of this platform, and their SHA-256 checksums in SHA256SUMS (CONTRIBUTING.md lists the compilers)
 # make ui-test     operate a window of BLENDER=/path/to/blender as a user would (ten minutes; requires a display, or
 #                  Xvfb, and ImageMagick's import); it installs the zip for Blender 5.1 and later: for others, add
 #                  GENERATION=blender4.5 (4.5 and 5.0) or GENERATION=python3.14 (of a distribution, on Python 3.14);
@@ -73,6 +76,7 @@ BLENDER ?= blender
 GENERATION ?= blender5.1
 STEPS ?=
 PRESCRIPTIONS ?=
+SCENES ?=
 
 # the parts of make test; each runs even if another fails
 PARTS = $(if $(filter 5.0.1,$(BPY)),test-engine) test-blender
@@ -93,7 +97,7 @@ LINT = .venv-lint
 RELEASE = .venv-release
 LOCK = packaging/lock-5.0.1.txt
 
-.PHONY: demo kernels test fuzz long-runs kill-test test-kernels test-engine test-blender ui-test bench bench-all validate validate-sensor validate-raw extension release test-bake test-sensor test-farm glasses lenses lens-pictures hero camera-pictures cameras tables bench-tables \
+.PHONY: demo kernels test fuzz long-runs kill-test test-kernels test-engine test-blender ui-test bench bench-all validate validate-sensor validate-raw scenes extension release test-bake test-sensor test-farm glasses lenses lens-pictures hero camera-pictures cameras tables bench-tables \
         test-numpy ci lint lock
 
 demo: $(READY) kernels
@@ -172,10 +176,14 @@ $(RAW_SCENE)/Scene_0001_irradiance.exr: | $(READY) kernels
 	    --resolution 576x432 --wavelengths 400:700:16 --tier standard --depth off --denoise on --samples 16 \
 	    --output $(RAW_SCENE)
 
+scenes: $(READY) kernels
+	status=0; $(VENV)/bin/python -W ignore validation/ordinary_scenes.py $(SCENES) || status=1; \
+	    $(VENV)/bin/python -W ignore validation/scene_commands.py || status=1; exit $$status
+
 extension: $(READY)
 	$(VENV)/bin/python packaging/build_extension.py dist
 
-release: $(READY) $(RELEASE)/.ready
+release: scenes $(READY) $(RELEASE)/.ready
 	rm -rf dist
 	$(VENV)/bin/python packaging/build_extension.py dist
 	$(RELEASE)/bin/python -m build --outdir dist

@@ -150,12 +150,15 @@ def saved(scene, folder, columns, samples):
 
 def _compared(scene, path, folder):
     """Status, words, comparisons and remarks of a scene."""
-    from scene_pictures import marks_px
+    from scene_pictures import lens_picture, marks_px
 
+    if scene.refused:
+        lens_picture(path, folder / SHARP, 1000 * SEED, 0.0, "off", **scene.request)
+        return FAILED, f"not refused: expected {scene.refused!r}", {}, []
     marks, comparisons, remarks, faults, pictures = marks_px(path), {}, [], [], []
     for depth in (SHARP, LAYERS) if scene.layers else (SHARP,):
         plain, picture = _pictures(scene, path, folder, depth)
-        comparison = _comparison(plain, picture, marks, depth)
+        comparison = _comparison(scene, plain, picture, marks, depth)
         comparisons[depth] = asdict(comparison)
         faults += [f"{depth}: {fault}" for fault in comparison.faults]
         remarks += [remark for remark in picture.report.remarks() if remark not in remarks]
@@ -163,8 +166,6 @@ def _compared(scene, path, folder):
     _show(pictures, folder / "pictures.png")
     if scene.remark and not any(scene.remark in remark for remark in remarks):
         faults.append(f"no remark on {scene.remark!r}")
-    if scene.refused:
-        faults.append(f"not refused: expected {scene.refused!r}")
     status = PASSED if not faults else NAMED if scene.cannot else FAILED
     return status, "; ".join([*faults, *filter(None, [scene.cannot])]), comparisons, remarks
 
@@ -181,11 +182,12 @@ def _pictures(scene, path, folder, depth):
     return plain, picture
 
 
-def _comparison(plain, picture, marks, depth):
+def _comparison(scene, plain, picture, marks, depth):
     from scene_measure import Limits, compare
 
     facts = picture.report.scene
-    limits = Limits(facts.estimated_colour_error + facts.rgb_difference, DEPTH_MISPLACED * (depth == LAYERS))
+    colour_error = facts.estimated_colour_error + facts.rgb_difference + scene.colour
+    limits = Limits(colour_error, DEPTH_MISPLACED * (depth == LAYERS))
     return compare(picture.picture, plain, marks, limits)
 
 
@@ -201,13 +203,15 @@ def _show(pictures, path):
 
 def table(outcomes):
     """The outcomes as lines of text."""
-    yield f"{'scene':<34} {'result':<8} {'R G B over plain':<20} {'block':>6} {'marks':>6} {'layers: R G B':<20} {'block':>6} {'marks':>6}"
+    columns = "".join(f" {head:<20} {'block':>6} {'marks':>6}" for head in ("R G B over plain", "in layers"))
+    yield f"{'scene':<34} {'result':<8}{columns}"
     theme = None
     for outcome in outcomes:
         if outcome.theme != theme:
             theme = outcome.theme
             yield theme
-        yield f"  {outcome.name:<32} {outcome.status:<8} {_figures(outcome, SHARP)} {_figures(outcome, LAYERS)}".rstrip()
+        figures = " ".join(_figures(outcome, depth) for depth in (SHARP, LAYERS))
+        yield f"  {outcome.name:<32} {outcome.status:<8} {figures}".rstrip()
         if outcome.words:
             yield f"      {outcome.words}"
 

@@ -15,13 +15,17 @@ SIGMAS = 5
 LENS_NOISE = 1.3
 """Noise of Lensfield's picture relative to a plain render's: its passes share most samples."""
 MOST_OFF_PX = 0.3
+MOST_DETAIL = 0.2
+NOISE_TIMES = 2  # the variance of few pixels is uncertain
 WINDOW_PX = 5
 MARK_SHARE = 0.25  # of a mark's brightest pixel: darker ones are its surroundings
 COLOUR_FLOOR = 0.3
 """CIEDE2000 beyond the predicted error: pure colours at 21 wavelengths are off by up to 1 % in a channel."""
 COLOUR_TIMES = 2  # of the predicted error, which 95 % of the possible colours keep, in the worst block
 ALPHA_OFF = 0.005
-XYZ = np.array([[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]])
+DARK = 0.01  # of the brightest pixel: a block with less light counts as this bright
+XYZ = np.array([[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750],
+                [0.0193339, 0.1191920, 0.9503041]])  # of linear Rec. 709
 WHITE_PERCENTILE = 99
 
 
@@ -53,10 +57,13 @@ class Comparison:
         CIEDE2000 that noise does not explain, of the picture's mean and of the worst block.
     worst_block : (int, int)
         Row and column of the block.
+    detail : float
+        Largest RMS difference of the pixels of a block that noise does not explain, relative to their RMS light.
     alpha : float
         Largest difference of the mean alpha of a block that noise does not explain.
     off_px : dict
-        Distance of each mark from its place in the plain renders; inf for a missing one.
+        For each mark, the distance from its place in the plain renders, or the difference of its RMS radius if that is
+        larger; inf for a missing one.
     noise : float
         5 sigma of noise of the mean luminance, relative to it.
     faults : tuple of str
@@ -67,6 +74,7 @@ class Comparison:
     colour: float
     worst_colour: float
     worst_block: tuple[int, int]
+    detail: float
     alpha: float
     off_px: dict
     noise: float
@@ -101,8 +109,8 @@ def compare(picture, plain, marks_px, limits=Limits()):
     means = tuple(float(m / t) if t > 0 else 1.0 if m == 0 else np.inf
                   for m, t in zip(mean.ravel()[:3], true_mean.ravel()[:3], strict=True))
     of_mean = float(_luminance(slack_mean).item() / max(_luminance(true_mean).item(), 1e-12))
-    found = Comparison(means, colour, float(colours.max()), tuple(map(int, worst)), float(np.abs(rest).max()),
-                       off_px, of_mean, ())
+    found = Comparison(means, colour, float(colours.max()), tuple(map(int, worst)), _detail(picture, first, second),
+                       float(np.abs(rest).max()), off_px, of_mean, ())
     return _judged(found, limits)
 
 
@@ -115,6 +123,8 @@ def _judged(found, limits):
     if not found.worst_colour <= most:
         faults.append(f"block {found.worst_block[0]}, {found.worst_block[1]} off by CIEDE2000 "
                       f"{found.worst_colour:.2g} (at most {most:.2g})")
+    if not found.detail <= MOST_DETAIL:
+        faults.append(f"pixels of a block off by {found.detail:.1%} of their light (at most {MOST_DETAIL:.0%})")
     if not found.alpha <= ALPHA_OFF:
         faults.append(f"alpha off by {found.alpha:.2g}")
     faults += [f"{name} is missing" if off == np.inf else f"{name} off by {off:.2g} px"
@@ -125,7 +135,7 @@ def _judged(found, limits):
 def _of_another_size(picture, plain):
     size, true = ("{2} x {1} px".format(*planes.shape) for planes in (picture, plain))
     nan = float("nan")
-    return Comparison((nan,) * 3, nan, nan, (0, 0), nan, {}, nan, (f"the picture has {size}, the plain one {true}",))
+    return Comparison((nan,) * 3, nan, nan, (0, 0), nan, nan, {}, nan, (f"the picture has {size}, the plain one {true}",))
 
 
 def _means(planes):
@@ -175,21 +185,37 @@ def _luminance(planes):
     return np.tensordot(XYZ[1], planes[:3], 1)
 
 
+def _detail(picture, first, second):
+    """The largest RMS difference of the pixels of a block that noise does not explain, relative to their RMS light, by
+    luminance."""
+    picture, first, second = (_luminance(planes) for planes in (picture, first, second))
+    true = (first + second) / 2
+    expected = NOISE_TIMES * (LENS_NOISE**2 + 0.5) * _means((first - second) ** 2 / 2)
+    excess = _means((picture - true) ** 2) - maximum_filter(expected, 3, mode="nearest")
+    light = np.maximum(_means(true**2), max(DARK * true.max(), 1e-12) ** 2)
+    return float(np.sqrt(np.maximum(excess, 0) / light).max())
+
+
 def _off_px(picture, true, place):
-    """Distance of a mark's centroid in a picture from that in another; inf if it is missing."""
-    places = [_centroid(_luminance(planes), place) for planes in (picture, true)]
-    return np.inf if None in places else float(np.hypot(*np.subtract(*places)))
+    """How far a mark's centroid in a picture is from that in another, or its radius; inf if only one shows it."""
+    marks = [_mark(_luminance(planes), place) for planes in (picture, true)]
+    if None in marks:
+        return 0.0 if marks == [None, None] else np.inf
+    (at, radius), (true_at, true_radius) = marks
+    return float(max(np.hypot(*np.subtract(at, true_at)), abs(radius - true_radius)))
 
 
-def _centroid(luminance, place):
-    """The centroid of light above the surroundings, in a window around a place; None without any."""
+def _mark(luminance, place):
+    """Centroid and RMS radius of light above the surroundings, in a window around a place; None without any."""
     row, column = (round(at) for at in place)
     top, left = max(row - WINDOW_PX, 0), max(column - WINDOW_PX, 0)
     window = luminance[top:row + WINDOW_PX + 1, left:column + WINDOW_PX + 1]
     rim = np.concatenate([window[0], window[-1], window[:, 0], window[:, -1]])
     light = window - np.median(rim)
-    light = np.where(light > MARK_SHARE * light.max(), light, 0)
-    if light.max() <= max(np.ptp(rim), 0):
+    if light.max() <= np.ptp(rim):
         return None
+    light = np.maximum(light - MARK_SHARE * light.max(), 0)
     rows, columns = np.indices(light.shape)
-    return top + np.sum(rows * light) / light.sum(), left + np.sum(columns * light) / light.sum()
+    at = np.array([np.sum(rows * light), np.sum(columns * light)]) / light.sum()
+    radius = np.sqrt(np.sum(((rows - at[0]) ** 2 + (columns - at[1]) ** 2) * light) / light.sum())
+    return at + (top, left), radius

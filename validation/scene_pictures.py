@@ -22,6 +22,7 @@ from lensfield.engine.stray.options import StrayOptions
 
 NARROW_PX, WIDE_PX = 0.02, 2.5  # blur at infinity, sharp and in layers
 BAND_NM = 380.0, 780.0
+ANY_LENS = "tessar-50mm"
 LAST = 3.0  # field of the lens, in half diagonals of its sensor: for shifts
 
 
@@ -52,8 +53,9 @@ def plain_picture(path, folder, seed, blur_px=0.0, changes=PlainRender()):
     scene = open_scene(path)
     render, cycles = scene.render, scene.cycles
     cycles.seed, cycles.pixel_filter_type = seed, "BOX"
-    render.use_compositing, render.use_sequencer = changes.compositing, False
-    render.use_stamp = render.use_crop_to_border = False
+    render.engine, render.use_compositing = "CYCLES", changes.compositing
+    for name in ("use_sequencer", "use_stamp", "use_crop_to_border", "use_multiview", "use_freestyle"):
+        setattr(render, name, False)  # Lensfield ignores them, and remarks on them
     for layer in scene.view_layers if changes.view_layer else ():
         layer.use = layer.name == changes.view_layer
     for name, value in changes.render.items():
@@ -68,6 +70,7 @@ def rendered(scene, path):
     if hasattr(settings, "media_type"):  # added in 5.0
         settings.media_type = "IMAGE"
     settings.file_format, settings.color_depth, settings.color_mode = "OPEN_EXR", "32", "RGBA"
+    settings.color_management = "OVERRIDE"  # otherwise the file is in the working space
     settings.linear_colorspace_settings.name = "Linear Rec.709"
     scene.render.use_file_extension, scene.render.filepath = False, str(path)
     with quiet(1):
@@ -148,7 +151,8 @@ def lens_picture(path, folder, seed, blur_px, depth, compositing=False, **reques
     """A file as Lensfield renders it through the thin lens: LensPicture."""
     scene = open_scene(path)
     scene.cycles.seed = seed
-    given = {"lens": thin_lens(scene, blur_px or NARROW_PX), "view": "camera", "depth": depth, "output_folder": folder,
+    lens = thin_lens(scene, blur_px or NARROW_PX) if scene.camera else ANY_LENS
+    given = {"lens": lens, "view": "camera", "depth": depth, "output_folder": folder,
              "stray": StrayOptions("off")}
     with quiet(1):
         result = addon.render_through_lens(scene, to_compositor=compositing, **given | request)
@@ -160,6 +164,8 @@ def marks_px(path):
     """Places of the marks that a file's camera shows, by name: (row, column) in pixels from the upper left."""
     scene = open_scene(path)
     rows, columns = frame_px(scene)
+    if scene.camera is None:
+        return {}
     graph = bpy.context.evaluated_depsgraph_get()
     places = {}
     for mark in (each for each in scene.objects if each.name.startswith("Mark")):

@@ -109,7 +109,7 @@ def subframe(stage):
     stage.scene.frame_set(3, subframe=0.5)
 
 
-@ordinary(plain={"render": {"use_crop_to_border": False}})
+@ordinary()
 def render_region(stage):
     """A render region"""
     render = stage.scene.render

@@ -33,6 +33,9 @@ class Ordinary:
         Words of the error with which Lensfield refuses it; "" if it renders the scene.
     cannot : str
         What Blender itself cannot do, or what differs on purpose, for the report; these figures are shown, not judged.
+    colour : float
+        CIEDE2000 by which its spectra differ from products of red, green and blue, beyond the predicted errors of few
+        wavelengths: of lamps and glass whose spectra are not smooth.
     layers : bool
         Whether it is also compared in layers of depth, with the depth of field of Cycles.
     request : dict
@@ -49,6 +52,7 @@ class Ordinary:
     build: object
     refused: str = ""
     cannot: str = ""
+    colour: float = 0.0
     layers: bool = True
     request: dict = field(default_factory=dict)
     plain: dict = field(default_factory=dict)

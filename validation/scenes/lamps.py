@@ -145,7 +145,8 @@ def portal(stage):
     walls = painted("Wall", (0.7, 0.66, 0.6))
     for name, sides, place in (("Back", (3, 0.02, 1.4), (0, 1.1, 0.7)), ("Right", (0.02, 3, 1.4), (1, 0, 0.7)),
                                ("Ceiling", (3, 3.4, 0.02), (0, 0, 1.4)), ("Front", (3, 0.02, 1.4), (0, -1.6, 0.7)),
-                               ("Left", (0.02, 1.2, 1.4), (-1, -1, 0.7)), ("Far Left", (0.02, 1.2, 1.4), (-1, 1.0, 0.7))):
+                               ("Left", (0.02, 1.2, 1.4), (-1, -1, 0.7)),
+                               ("Far Left", (0.02, 1.2, 1.4), (-1, 1.0, 0.7))):
         stage.link(name, box(sides, walls, name), place)
     background(stage.world).inputs["Strength"].default_value = 3
     window = stage.link("Portal", bpy.data.lights.new("Portal", "AREA"), (-1, 0, 0.7))
@@ -154,7 +155,7 @@ def portal(stage):
     window.data.cycles.is_portal = True
 
 
-@ordinary()
+@ordinary(colour=1.5)
 def lamp_temperature(stage):
     """A lamp of 2800 K by its Temperature"""
     _night(stage)
@@ -163,7 +164,7 @@ def lamp_temperature(stage):
         lamp.use_temperature, lamp.temperature = True, 2800
 
 
-@ordinary()
+@ordinary(colour=1.5)
 def lamp_blackbody(stage):
     """A lamp of 2800 K by a Blackbody node"""
     _night(stage)

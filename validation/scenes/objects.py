@@ -202,9 +202,10 @@ def text_and_curves(stage):
 @ordinary()
 def volume_grid(stage):
     """A volume object from a grid, with Principled Volume"""
+    fog = shaded("Fog", "ShaderNodeVolumePrincipled", Density=1.0)[0]
     tree = node_group("Fog", [("cube", 0, "paint", 0), ("paint", 0, "out", 0)], [
         ("cube", "GeometryNodeVolumeCube", {"Density": 3.0, "Min": (-0.15, -0.15, 0), "Max": (0.15, 0.15, 0.3)}),
-        ("paint", "GeometryNodeSetMaterial", {"Material": shaded("Fog", "ShaderNodeVolumePrincipled", Density=1.0)[0]})])
+        ("paint", "GeometryNodeSetMaterial", {"Material": fog})])
     with_nodes(stage.link("Fog", plane(0.1, None), (0.05, 0.1, 0)), tree)
 
 

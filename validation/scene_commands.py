@@ -1,0 +1,152 @@
+"""Five ordinary scenes through every command: render, animation, apply, compare, preview and Traced Lens must agree.
+
+    python validation/scene_commands.py [NAME ...] [--output FOLDER] [--columns 96] [--samples 64]
+
+Each scene is rendered twice through a real lens, with different seeds, whose difference is the noise. What the other
+commands make of the file is compared with these (`scene_measure.py`). Frames of an animation, and a render that is
+applied again, must be equal to the render of that frame. The exit status is 1 if anything differs.
+"""
+
+import argparse
+import os
+import sys
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from lensfield import cli
+from lensfield.commands.terminal import quiet
+from lensfield.engine.runtime.errors import InputError
+from ordinary_scenes import FOLDER, SEED, saved
+from scene_measure import Limits, compare
+from scene_pictures import marks_px, open_scene, read_picture, registered
+from scenes import ORDINARY
+
+NAMES = "hdri", "camera_shift", "moving_object", "transparent_film", "collection_instances"
+LENS, F_NUMBER, FOCUS_M = "zeiss-biotar-50mm", 2.8, 1.25
+WAVELENGTHS = 400, 700, 7
+FRAMES = 3
+FINER = 3  # pixels of a preview in one of its first picture
+EQUAL = 2e-3  # of the brightest: the half-float precision of stored light
+MISPLACED = 0.01  # of a block's light: the accuracy of depth
+TRACED_MISPLACED = 0.03  # also the parts of a lens's blur that layers leave out: diffraction, and hidden surfaces
+EQUALS = "frame 2 of the animation", "apply"
+"""What has the same light as the render, and not only other noise."""
+
+
+def pictures_of(name, folder, columns, samples):
+    """Pictures of a scene by each command, by name, and two renders by other seeds: dict, list of arrays."""
+    path, second = saved_twice(name, folder, columns, samples)
+    frame = open_scene(path).frame_current
+    first, other = (_render(each, folder / f"render_{number}", frame) for number, each in enumerate((path, second)))
+    pictures = {"frame 2 of the animation": _animation(path, folder / "animation", frame),
+                "apply": _apply(folder / "render_0", folder / "apply", frame),
+                "compare": _compare(path, folder / "compare", frame),
+                "preview": _preview(path, folder / "preview", (columns, 2 * columns // 3)),
+                "traced lens": _render(path, folder / "traced", frame, "--depth", "traced")}
+    return pictures, [first, other], marks_px(path)
+
+
+def saved_twice(name, folder, columns, samples):
+    """A scene with Lensfield's settings, as two files with different seeds."""
+    path = saved(ORDINARY[name], folder, columns, samples)
+    paths = []
+    for number in (0, 1):
+        scene = open_scene(path)
+        settings = scene.lensfield
+        settings.lens, settings.view, settings.stray_light, settings.lens_quality = LENS, "CAMERA", "OFF", "PREVIEW"
+        settings.wavelength_first_nm, settings.wavelength_last_nm, settings.wavelength_count = WAVELENGTHS
+        dof = scene.camera.data.dof
+        dof.use_dof, dof.aperture_fstop, dof.focus_distance = True, F_NUMBER, FOCUS_M
+        scene.cycles.seed = 1000 * SEED + number
+        paths.append(folder / f"{name}_{number}.blend")
+        with quiet(1):
+            bpy.ops.wm.save_as_mainfile(filepath=str(paths[-1]))
+    return paths
+
+
+def _run(*words):
+    """Run a command of lensfield.
+
+    Raises
+    ------
+    InputError
+        It failed.
+    """
+    with quiet(1):
+        status = cli.main(list(map(str, words)))
+    if status:
+        raise InputError("lensfield", words[0], f"status {status}", "see the line above")
+
+
+def _picture(folder, frame):
+    return read_picture(next(folder.glob(f"*_{frame:04d}_lens_image.exr")))
+
+
+def _render(path, folder, frame, *words):
+    _run("render", path, "--output", folder, *words)
+    return _picture(folder, frame)
+
+
+def _animation(path, folder, frame):
+    """The picture of the current frame, the second of three."""
+    _run("render", path, "--frames", f"{frame - 1}-{frame + 1}", "--output", folder)
+    if len(list(folder.glob("*_lens_image.exr"))) != FRAMES:
+        raise InputError(folder, "frames", "missing", f"expected {FRAMES}")
+    return _picture(folder, frame)
+
+
+def _apply(rendered, folder, frame):
+    radiance = next(rendered.glob(f"*_{frame:04d}_radiance.exr"))
+    _run("apply", radiance, "--lens", LENS, "--view", "camera", "--f-number", F_NUMBER, "--focus", f"{FOCUS_M}m",
+         "--lens-quality", "preview", "--stray", "off", "--output", folder)
+    return _picture(folder, frame)
+
+
+def _compare(path, folder, frame):
+    _run("compare", path, "--lens", LENS, "--f-number", F_NUMBER, "--tier", "standard", "--lens-quality", "preview",
+         "--output", folder)
+    return _picture(next(each for each in folder.iterdir() if each.name.startswith(LENS)), frame)
+
+
+def _preview(path, folder, size):
+    """The last picture of a preview, in all samples."""
+    columns, rows = (side // FINER for side in size)
+    _run("preview", path, "--resolution", f"{columns}x{rows}", "--output", folder)
+    return read_picture(max(folder.glob("picture-*/*_lens_image.exr"), key=lambda each: each.stat().st_mtime_ns))
+
+
+def faults_of(pictures, rendered, marks):
+    """What differs between the pictures of the commands and two renders: lines of text, by command."""
+    faults = {}
+    for name, picture in pictures.items():
+        limits = Limits(misplaced=TRACED_MISPLACED if name == "traced lens" else MISPLACED)
+        found = compare(picture, rendered, marks, limits)
+        faults[name] = list(found.faults)
+        if name in EQUALS and not np.abs(picture - rendered[0]).max() <= EQUAL * rendered[0][:3].max():
+            faults[name].append(f"differs from the render by {np.abs(picture - rendered[0]).max():.2g}")
+        off = max(found.off_px.values(), default=0)
+        print(f"    {name:<26} {' '.join(f'{ratio:.4f}' for ratio in found.means)}  block {found.worst_colour:.2f}  "
+              f"marks {off:.2f} px  {'; '.join(faults[name]) or 'agrees'}", flush=True)
+    return faults
+
+
+def main(arguments):
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("names", nargs="*", metavar="NAME", default=NAMES)
+    parser.add_argument("--output", type=Path, default=FOLDER / "commands")
+    parser.add_argument("--columns", type=int, default=96)
+    parser.add_argument("--samples", type=int, default=64)
+    given, failed = parser.parse_args(arguments), 0
+    with registered():
+        for name in given.names or NAMES:
+            print(f"{name}: R G B over the render's, the worst block's CIEDE2000, the farthest mark", flush=True)
+            faults = faults_of(*pictures_of(name, given.output.resolve() / name, given.columns, given.samples))
+            failed += any(faults.values())
+    print(f"{len(given.names) - failed} scenes passed, {failed} failed by command; SEED={SEED}", flush=True)
+    os._exit(failed > 0)  # some wheels crash while the interpreter exits
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
