@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from scene_measure import Limits, compare
 
+from scene_measure import Limits, compare
 from seed import SEED
 
 SHAPE = 40, 56

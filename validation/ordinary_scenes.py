@@ -5,8 +5,8 @@
 Each scene is saved, opened, and rendered twice by Cycles with different seeds, whose difference is the noise; then by
 Lensfield, once with everything sharp and once in layers of depth, which are compared with Cycles' own depth of field.
 The means, blocks of 8 x 8 px, alpha and the places of marked objects must agree (`scene_measure.py`). FOLDER
-(build/scenes by default) then contains the table, report.json, and for each scene its .blend and a picture: plain and
-Lensfield's, sharp and in layers. The exit status is 1 if a scene fails.
+(build/scenes by default) then contains the table, report.json, and for each scene its .blend and a picture: from the
+left, plain and by Lensfield, sharp and then in layers. The exit status is 1 if a scene fails.
 
 NAMEs select scenes or themes; --sample chooses N scenes by SEED. A process renders many scenes; if one of them crashes
 it, another goes on with the next.
@@ -28,20 +28,22 @@ SEED = int(os.environ.get("SEED", 0)) % 2**20
 FOLDER = Path("build/scenes")
 RECORD = "outcome.json"
 PASSED, FAILED, REFUSED, CRASHED, NAMED = "passed", "FAILED", "refused", "CRASHED", "named"
-"""Statuses: "refused" is as expected; "named" is what Blender cannot do, or what differs on purpose."""
+"""Statuses: "refused" is as expected; "named" is a limit of Blender itself."""
 SHARP, LAYERS = "sharp", "layers"
-DEPTH_MISPLACED = 0.01  # of a block's light: the accuracy of depth in Standard
+OF_LAYERS = {"misplaced": 0.01, "detail": 0.35}
+"""Limits of layers: the accuracy of depth in Standard, and the transition from in-focus to out-of-focus light, between
+which a lamp of a pixel lies."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a scene.
+    """The result of a scene.
 
     Attributes
     ----------
     name, theme, title, status : str
     words : str
-        Why it failed or was refused, or what Blender cannot do.
+        Why it failed or was refused, or the limit of Blender.
     comparisons : dict
         The fields of `scene_measure.Comparison`, by "sharp" and "layers".
     remarks : list of str
@@ -187,7 +189,7 @@ def _comparison(scene, plain, picture, marks, depth):
 
     facts = picture.report.scene
     colour_error = facts.estimated_colour_error + facts.rgb_difference + scene.colour
-    limits = Limits(colour_error, DEPTH_MISPLACED * (depth == LAYERS))
+    limits = Limits(colour_error, **(OF_LAYERS if depth == LAYERS else {}))
     return compare(picture.picture, plain, marks, limits)
 
 
@@ -230,7 +232,7 @@ def verdict(outcomes):
     count = {status: sum(each.status == status for each in outcomes)
              for status in (PASSED, REFUSED, NAMED, FAILED, CRASHED)}
     return (f"{count[PASSED]} passed, {count[FAILED] + count[CRASHED]} failed ({count[CRASHED]} crashed), "
-            f"{count[REFUSED]} refused as expected, {count[NAMED]} with a difference that Blender causes; SEED={SEED}")
+            f"{count[REFUSED]} refused as expected, {count[NAMED]} with a limit of Blender; SEED={SEED}")
 
 
 def write_report(outcomes, folder):

@@ -1,9 +1,9 @@
 """Five ordinary scenes through every command: render, animation, apply, compare, preview and Traced Lens must agree.
 
-    python validation/scene_commands.py [NAME ...] [--output FOLDER] [--columns 96] [--samples 64]
+    python validation/scene_commands.py [NAME ...] [--output FOLDER] [--columns 72] [--samples 64]
 
-Each scene is rendered twice through a real lens, with different seeds, whose difference is the noise. What the other
-commands make of the file is compared with these (`scene_measure.py`). Frames of an animation, and a render that is
+Each scene is rendered twice through a real lens, with different seeds, whose difference is the noise. The pictures of
+the other commands are compared with these (`scene_measure.py`). Frames of an animation, and a render that is
 applied again, must be equal to the render of that frame. The exit status is 1 if anything differs.
 """
 
@@ -30,9 +30,9 @@ FRAMES = 3
 FINER = 3  # pixels of a preview in one of its first picture
 EQUAL = 2e-3  # of the brightest: the half-float precision of stored light
 MISPLACED = 0.01  # of a block's light: the accuracy of depth
-TRACED_MISPLACED = 0.03  # also the parts of a lens's blur that layers leave out: diffraction, and hidden surfaces
+TRACED_MISPLACED = 0.03  # includes the differences of rays: no diffraction, and no hidden surfaces
 EQUALS = "frame 2 of the animation", "apply"
-"""What has the same light as the render, and not only other noise."""
+"""The pictures with the same noise as the render."""
 
 
 def pictures_of(name, folder, columns, samples):
@@ -136,12 +136,12 @@ def main(arguments):
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("names", nargs="*", metavar="NAME", default=NAMES)
     parser.add_argument("--output", type=Path, default=FOLDER / "commands")
-    parser.add_argument("--columns", type=int, default=96)
+    parser.add_argument("--columns", type=int, default=72, help="a multiple of 18, for whole pixels of previews")
     parser.add_argument("--samples", type=int, default=64)
     given, failed = parser.parse_args(arguments), 0
     with registered():
         for name in given.names or NAMES:
-            print(f"{name}: R G B over the render's, the worst block's CIEDE2000, the farthest mark", flush=True)
+            print(f"{name}: R G B over the render, the worst block's CIEDE2000, the farthest mark", flush=True)
             faults = faults_of(*pictures_of(name, given.output.resolve() / name, given.columns, given.samples))
             failed += any(faults.values())
     print(f"{len(given.names) - failed} scenes passed, {failed} failed by command; SEED={SEED}", flush=True)

@@ -13,12 +13,11 @@ from lensfield.engine.spectral.colour_difference import ciede2000, lab_from_xyz
 BLOCK_PX = 8
 SIGMAS = 5
 LENS_NOISE = 1.3
-"""Noise of Lensfield's picture relative to a plain render's: its passes share most samples."""
+"""Noise of Lensfield's picture, relative to the noise of a plain render: its passes share most samples."""
 MOST_OFF_PX = 0.3
-MOST_DETAIL = 0.2
 NOISE_TIMES = 2  # the variance of few pixels is uncertain
 WINDOW_PX = 5
-MARK_SHARE = 0.25  # of a mark's brightest pixel: darker ones are its surroundings
+MARK_SHARE = 0.25  # of a mark's brightest pixel: darker pixels are its surroundings
 COLOUR_FLOOR = 0.3
 """CIEDE2000 beyond the predicted error: pure colours at 21 wavelengths are off by up to 1 % in a channel."""
 COLOUR_TIMES = 2  # of the predicted error, which 95 % of the possible colours keep, in the worst block
@@ -39,10 +38,13 @@ class Limits:
         CIEDE2000 that 95 % of the scene's possible colours keep: the predicted one.
     misplaced : float
         Share of the light of a block and of those around it that may be in another.
+    detail : float
+        RMS difference of the luminances of a block, relative to their RMS.
     """
 
     colour_error: float = 0.0
     misplaced: float = 0.0
+    detail: float = 0.2
 
 
 @dataclass(frozen=True)
@@ -123,8 +125,8 @@ def _judged(found, limits):
     if not found.worst_colour <= most:
         faults.append(f"block {found.worst_block[0]}, {found.worst_block[1]} off by CIEDE2000 "
                       f"{found.worst_colour:.2g} (at most {most:.2g})")
-    if not found.detail <= MOST_DETAIL:
-        faults.append(f"pixels of a block off by {found.detail:.1%} of their light (at most {MOST_DETAIL:.0%})")
+    if not found.detail <= limits.detail:
+        faults.append(f"pixels of a block off by {found.detail:.1%} (at most {limits.detail:.0%})")
     if not found.alpha <= ALPHA_OFF:
         faults.append(f"alpha off by {found.alpha:.2g}")
     faults += [f"{name} is missing" if off == np.inf else f"{name} off by {off:.2g} px"
@@ -135,7 +137,8 @@ def _judged(found, limits):
 def _of_another_size(picture, plain):
     size, true = ("{2} x {1} px".format(*planes.shape) for planes in (picture, plain))
     nan = float("nan")
-    return Comparison((nan,) * 3, nan, nan, (0, 0), nan, nan, {}, nan, (f"the picture has {size}, the plain one {true}",))
+    words = f"the picture has {size}, the plain one {true}"
+    return Comparison((nan,) * 3, nan, nan, (0, 0), nan, nan, {}, nan, (words,))
 
 
 def _means(planes):
@@ -151,7 +154,8 @@ def _over_blocks(planes):
 def _sigma(first, second):
     """Standard deviation of the difference of block means between Lensfield's picture and the mean of two plain ones.
 
-    Few pixels may miss a rare event that their neighbours show, so the variance is at least that of the blocks around.
+    Few pixels may miss a rare event that their neighbours show, so the variance is at least the mean of the blocks
+    around.
     """
     variance = _over_blocks((first - second) ** 2 / 2) / _over_blocks(np.ones_like(first)) ** 2
     around = uniform_filter(variance, (0, 3, 3), mode="nearest")
@@ -186,8 +190,7 @@ def _luminance(planes):
 
 
 def _detail(picture, first, second):
-    """The largest RMS difference of the pixels of a block that noise does not explain, relative to their RMS light, by
-    luminance."""
+    """The largest RMS difference of a block's luminances that noise does not explain, relative to their RMS."""
     picture, first, second = (_luminance(planes) for planes in (picture, first, second))
     true = (first + second) / 2
     expected = NOISE_TIMES * (LENS_NOISE**2 + 0.5) * _means((first - second) ** 2 / 2)
@@ -211,10 +214,9 @@ def _mark(luminance, place):
     top, left = max(row - WINDOW_PX, 0), max(column - WINDOW_PX, 0)
     window = luminance[top:row + WINDOW_PX + 1, left:column + WINDOW_PX + 1]
     rim = np.concatenate([window[0], window[-1], window[:, 0], window[:, -1]])
-    light = window - np.median(rim)
-    if light.max() <= np.ptp(rim):
+    light = np.maximum(window - max(rim.max(), MARK_SHARE * window.max()), 0)
+    if light.max() < MARK_SHARE * window.max():
         return None
-    light = np.maximum(light - MARK_SHARE * light.max(), 0)
     rows, columns = np.indices(light.shape)
     at = np.array([np.sum(rows * light), np.sum(columns * light)]) / light.sum()
     radius = np.sqrt(np.sum(((rows - at[0]) ** 2 + (columns - at[1]) ** 2) * light) / light.sum())

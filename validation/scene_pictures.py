@@ -1,8 +1,8 @@
 """Pictures of a scene: by Cycles alone, and by Lensfield through a nearly perfect lens.
 
-The lens has no aberrations, no distortion, no falloff and no glass: a thin lens whose points are much smaller than a
-pixel. In layers its blur is that of Cycles' own depth of field with the same pupil and focus. Lensfield's pictures are
-therefore those of Cycles, except for the noise, the colours that few wavelengths predict, and errors.
+The lens is a thin lens without aberrations, distortion, falloff or absorption, whose points are much smaller than a
+pixel. In layers, it blurs like Cycles' own depth of field with the same pupil and focus. Lensfield's pictures should
+therefore equal Cycles' own, except for the noise, and for the error of colours predicted from few wavelengths.
 """
 
 from contextlib import contextmanager
@@ -19,6 +19,7 @@ from lensfield.addon.scene.units import metres_per_unit
 from lensfield.commands.terminal import quiet
 from lensfield.engine.lens import RadialLens
 from lensfield.engine.stray.options import StrayOptions
+from scenes.kit import curves_of
 
 NARROW_PX, WIDE_PX = 0.02, 2.5  # blur at infinity, sharp and in layers
 BAND_NM = 380.0, 780.0
@@ -52,7 +53,8 @@ def plain_picture(path, folder, seed, blur_px=0.0, changes=PlainRender()):
     """
     scene = open_scene(path)
     render, cycles = scene.render, scene.cycles
-    cycles.seed, cycles.pixel_filter_type = seed, "BOX"
+    set_seed(scene, seed)
+    cycles.pixel_filter_type = "BOX"
     render.engine, render.use_compositing = "CYCLES", changes.compositing
     for name in ("use_sequencer", "use_stamp", "use_crop_to_border", "use_multiview", "use_freestyle"):
         setattr(render, name, False)  # Lensfield ignores them, and remarks on them
@@ -62,6 +64,14 @@ def plain_picture(path, folder, seed, blur_px=0.0, changes=PlainRender()):
         setattr(render, name, value)
     _set_blur(scene, blur_px)
     return rendered(scene, folder / "plain.exr")
+
+
+def set_seed(scene, seed):
+    """Set the seed of a scene, which many files animate by a driver or keyframes."""
+    animation = scene.animation_data
+    for curve in [*animation.drivers, *curves_of(animation.action)] if animation else ():
+        curve.mute |= curve.data_path == "cycles.seed"
+    scene.cycles.seed = seed
 
 
 def rendered(scene, path):
@@ -150,7 +160,7 @@ class LensPicture:
 def lens_picture(path, folder, seed, blur_px, depth, compositing=False, **request):
     """A file as Lensfield renders it through the thin lens: LensPicture."""
     scene = open_scene(path)
-    scene.cycles.seed = seed
+    set_seed(scene, seed)
     lens = thin_lens(scene, blur_px or NARROW_PX) if scene.camera else ANY_LENS
     given = {"lens": lens, "view": "camera", "depth": depth, "output_folder": folder,
              "stray": StrayOptions("off")}

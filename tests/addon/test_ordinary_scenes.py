@@ -4,9 +4,9 @@ They are rendered in a process of their own, so that a crash fails one scene.
 """
 
 import pytest
+
 from ordinary_scenes import run
 from scenes import ORDINARY
-
 from seed import SEED
 
 COLUMNS, SAMPLES, DOZEN = 64, 32, 12

@@ -1,4 +1,4 @@
-"""The ordinary scenes, one module for each theme; `kit.py` has what they are made of."""
+"""The ordinary scenes, one module for each theme; `kit.py` has their parts."""
 
 from . import (
     cameras,

@@ -133,7 +133,8 @@ def path_guiding(stage):
 
 @ordinary()
 def animated_seed(stage):
-    """A seed that is animated by its clock"""
+    """A seed that follows the frame, by a driver and by its clock"""
+    stage.scene.driver_add("cycles.seed").driver.expression = "frame"
     stage.scene.cycles.use_animated_seed = True
     stage.scene.frame_set(17)
 

@@ -1,8 +1,8 @@
-"""What the ordinary scenes are made of: a table with a few things on it, a lamp, a world, and a camera.
+"""Parts of the ordinary scenes: a table with a few things on it, a lamp, a world, and a camera.
 
-A function decorated with `ordinary` makes a scene of the set: its name is the scene's, and the first line of its
-docstring is the title. It takes the Stage below, empties nothing, and changes what the scene is about. Objects whose
-names start with "Mark" are small lamps, whose places in the picture are measured.
+A function decorated with `ordinary` makes a scene of the set, which has the function's name; the first line of its
+docstring is the title. It takes a Stage and changes it. Objects whose names start with "Mark" are small lamps, whose
+places and sizes in the picture are measured.
 """
 
 from dataclasses import dataclass, field
@@ -30,12 +30,12 @@ class Ordinary:
     build : callable (Stage)
         Makes the scene.
     refused : str
-        Words of the error with which Lensfield refuses it; "" if it renders the scene.
+        Words of the expected error if Lensfield refuses the scene; otherwise "".
     cannot : str
-        What Blender itself cannot do, or what differs on purpose, for the report; these figures are shown, not judged.
+        A limit of Blender itself, for the report; figures are then shown, but do not fail.
     colour : float
-        CIEDE2000 by which its spectra differ from products of red, green and blue, beyond the predicted errors of few
-        wavelengths: of lamps and glass whose spectra are not smooth.
+        CIEDE2000 between the scene's spectra and products of red, green and blue, in addition to the predicted error of
+        few wavelengths: for lamps and glass whose spectra are not smooth.
     layers : bool
         Whether it is also compared in layers of depth, with the depth of field of Cycles.
     request : dict
@@ -106,7 +106,7 @@ class Stage:
 def set_stage(folder, shape_px=SHAPE_PX, samples=SAMPLES):
     """An orange ball, a blue cube and a green cone on a grey table, by an area lamp and a grey world; three marks."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    if hasattr(bpy.data, "colorspace"):  # added in 5.0; it stays that of the file before
+    if hasattr(bpy.data, "colorspace"):  # added in 5.0; otherwise the previous file's
         bpy.ops.wm.set_working_color_space(working_space="Linear Rec.709")
     scene = bpy.context.scene
     _set_cycles(scene, shape_px, samples)
@@ -316,7 +316,9 @@ def keyed(owner, path, values, index=-1):
 
 
 def curves_of(action):
-    """The F-curves of an action."""
+    """The F-curves of an action, if there is one."""
+    if action is None:
+        return []
     if hasattr(action, "layers") and action.layers:
         return [curve for layer in action.layers for strip in layer.strips for bag in strip.channelbags
                 for curve in bag.fcurves]

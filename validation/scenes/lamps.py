@@ -1,4 +1,4 @@
-"""Lamps: their kinds, sizes, colours, shapes, textures, and what they light."""
+"""Lamps: kinds, sizes, colours, shapes, textures, and light linking."""
 
 from math import radians
 
@@ -209,7 +209,7 @@ def light_linking(stage):
 
 @ordinary()
 def shadow_linking(stage):
-    """A red lamp of which the ball alone casts a shadow"""
+    """A red lamp that only the ball blocks"""
     _red(stage).light_linking.blocker_collection = _only(stage, "Blockers")
 
 
@@ -234,7 +234,7 @@ def lamp_without_shadow(stage):
 
 @ordinary()
 def lamp_hidden_from_glossy(stage):
-    """A lamp that gives no highlights (Ray Visibility: Glossy off)"""
+    """A lamp without highlights (Ray Visibility: Glossy off)"""
     stage.lamp.visible_glossy = False
     stage.ball.data.materials[0] = painted("Polished", (0.4, 0.05, 0.05), 0.15)
 

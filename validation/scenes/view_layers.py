@@ -12,7 +12,7 @@ def _second(stage, name="Second"):
 
 @ordinary(refused="choose one with View Layer")
 def several_layers(stage):
-    """Two view layers that are on, none of which is chosen"""
+    """Two view layers that are on, without a choice"""
     _second(stage)
 
 
@@ -25,7 +25,7 @@ def chosen_layer(stage):
 
 @ordinary()
 def layer_that_is_off(stage):
-    """Two view layers, one of which is off"""
+    """A view layer that is on, and another that is off"""
     _second(stage).use = False
 
 
@@ -61,7 +61,7 @@ def holdout_collection(stage):
 
 @ordinary()
 def indirect_only(stage):
-    """A collection of which only shadows and reflections are visible"""
+    """A collection with visible shadows and reflections alone (Indirect Only)"""
     collection(stage, "Props", stage.cube)
     layer_collection(stage.scene.view_layers[0], "Props").indirect_only = True
 
