@@ -5,7 +5,7 @@ They are rendered in a process of their own, so that a crash fails one scene.
 
 import pytest
 
-from ordinary_scenes import run
+from ordinary_scenes import CRASHED, FAILED, PASSED, REFUSED, Outcome, chosen, run, table, verdict
 from scenes import ORDINARY
 from seed import SEED
 
@@ -27,3 +27,28 @@ def outcomes(request, tmp_path_factory):
 def test_scene_agrees_with_cycles(outcomes, name):
     outcome = outcomes[name]
     assert outcome.good, f"{outcome.title}: {outcome.status}: {outcome.words}"
+
+
+@pytest.mark.one_blender
+def test_names_and_themes_select_scenes():
+    units = [name for name, scene in ORDINARY.items() if scene.theme == "units"]
+    assert chosen(["hdri", "units"]) == [name for name in ORDINARY if name in ("hdri", *units)]
+    assert chosen([]) == list(ORDINARY)
+    with pytest.raises(SystemExit, match="umbrella: not a scene"):
+        chosen(["hdri", "umbrella"])
+
+
+@pytest.mark.one_blender
+def test_a_seed_chooses_a_sample():
+    first, same, other = (chosen([], DOZEN, seed) for seed in (3, 3, 4))
+    assert first == same != other and len(set(first)) == DOZEN
+
+
+@pytest.mark.one_blender
+def test_report_states_every_result():
+    outcomes = [Outcome(name, "lamps", "A lamp", status, words) for name, status, words in (
+        ("sun", PASSED, ""), ("spot", FAILED, "too dark"), ("portal", CRASHED, "SIGSEGV"), ("ies", REFUSED, "no"))]
+    assert [outcome.good for outcome in outcomes] == [True, False, False, True]
+    assert verdict(outcomes).startswith("1 passed, 2 failed (1 crashed), 1 refused as expected")
+    text = "\n".join(table(outcomes))
+    assert all(f"{each.name} " in text and each.words in text for each in outcomes)

@@ -277,7 +277,7 @@ def far_away(stage):
         thing.location += type(thing.location)((4096, 8192, 0))
 
 
-@ordinary(refused="")
+@ordinary(refused="Blender draws it over the picture")
 def grease_pencil(stage):
     """A Grease Pencil drawing"""
     data = (bpy.data.grease_pencils_v3 if hasattr(bpy.data, "grease_pencils_v3") else bpy.data.grease_pencils
