@@ -62,10 +62,10 @@ class ScenePreview:
         self._job = job_of_frame(scene, scene.frame_float, SKETCHED, **given, state="preview")
         self._folder = Path(self._job.output_folder)
         self._result = Result.of(scene, self._folder, self._job.frame)
+        self._request = _lens_request(scene, self._job, **given)  # by the camera, before a stand-in takes its place
         self._capture = growing_capture(scene, self._job)
         self._step = next(self._capture)  # not executed yet; None once the capture is complete
         self._grown, self._waiting, self._number = {}, [], 0  # newest stages; those to be shown; of the last picture
-        self._request = _lens_request(scene, self._job, **given)
 
     def look_through(self, **given):
         """Use another lens, or other settings of it, from now on.
