@@ -162,7 +162,8 @@ def _compared(scene, path, folder):
         plain, picture = _pictures(scene, path, folder, depth)
         comparison = _comparison(scene, plain, picture, marks, depth)
         comparisons[depth] = asdict(comparison)
-        faults += [f"{depth}: {fault}" for fault in comparison.faults]
+        unseen = ["no mark is visible"] if marks and not comparison.off_px else []
+        faults += [f"{depth}: {fault}" for fault in (*comparison.faults, *unseen)]
         remarks += [remark for remark in picture.report.remarks() if remark not in remarks]
         pictures += [plain[0], picture.picture]
     _show(pictures, folder / "pictures.png")

@@ -24,7 +24,7 @@ from scene_pictures import marks_px, open_scene, read_picture, registered
 from scenes import ORDINARY
 
 NAMES = "hdri", "camera_shift", "moving_object", "transparent_film", "collection_instances"
-LENS, F_NUMBER, FOCUS_M = "zeiss-biotar-50mm", 2.8, 1.25
+LENS, F_NUMBER, FOCUS_M = "zeiss-distagon-35mm-f1.4", 2.8, 1.25  # its field is wider than a shifted frame
 WAVELENGTHS = 400, 700, 7
 FRAMES = 3
 FINER = 3  # pixels of a preview in one of its first picture

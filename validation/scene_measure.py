@@ -15,10 +15,11 @@ SIGMAS = 5
 LENS_NOISE = 1.3
 """Noise of Lensfield's picture, relative to the noise of a plain render: its passes share most samples."""
 MOST_OFF_PX = 0.3
+MOST_NOISE = 0.05  # 5 sigma of the mean: more would hide errors
 NOISE_TIMES = 2  # the variance of few pixels is uncertain
 WINDOW_PX = 5
 MARK_SHARE = 0.25  # of a mark's brightest pixel: darker pixels are its surroundings
-COLOUR_FLOOR = 0.3
+COLOUR_FLOOR = 0.5
 """CIEDE2000 beyond the predicted error: pure colours at 21 wavelengths are off by up to 1 % in a channel."""
 COLOUR_TIMES = 2  # of the predicted error, which 95 % of the possible colours keep, in the worst block
 ALPHA_OFF = 0.005
@@ -64,8 +65,8 @@ class Comparison:
     alpha : float
         Largest difference of the mean alpha of a block that noise does not explain.
     off_px : dict
-        For each mark, the distance from its place in the plain renders, or the difference of its RMS radius if that is
-        larger; inf for a missing one.
+        For each visible mark, the distance from its place in the plain renders, or the difference of its RMS radius if
+        that is larger; inf for a missing one.
     noise : float
         5 sigma of noise of the mean luminance, relative to it.
     faults : tuple of str
@@ -106,11 +107,11 @@ def compare(picture, plain, marks_px, limits=Limits()):
     mean, true_mean, slack_mean = (planes.mean(axis=(1, 2))[:, None, None] for planes in (picture, true, true))
     slack_mean = SIGMAS * _sigma_of_mean(first, second)[:, None, None]
     colour = float(_colour_difference(mean[:3], true_mean[:3], slack_mean[:3], white).max())
-    off_px = {name: _off_px(picture, true, place) for name, place in marks_px.items()}
+    off_px = {name: off for name, place in marks_px.items() if (off := _off_px(picture, true, place)) is not None}
     worst = np.unravel_index(np.argmax(colours), colours.shape)
     means = tuple(float(m / t) if t > 0 else 1.0 if m == 0 else np.inf
                   for m, t in zip(mean.ravel()[:3], true_mean.ravel()[:3], strict=True))
-    of_mean = float(_luminance(slack_mean).item() / max(_luminance(true_mean).item(), 1e-12))
+    of_mean = float(_luminance(slack_mean).item() / max(_luminance(true_mean).item(), 1e-9))
     found = Comparison(means, colour, float(colours.max()), tuple(map(int, worst)), _detail(picture, first, second),
                        float(np.abs(rest).max()), off_px, of_mean, ())
     return _judged(found, limits)
@@ -127,6 +128,8 @@ def _judged(found, limits):
                       f"{found.worst_colour:.2g} (at most {most:.2g})")
     if not found.detail <= limits.detail:
         faults.append(f"pixels of a block off by {found.detail:.1%} (at most {limits.detail:.0%})")
+    if not found.noise <= MOST_NOISE:
+        faults.append(f"noise of {found.noise:.0%} of the light (at most {MOST_NOISE:.0%})")
     if not found.alpha <= ALPHA_OFF:
         faults.append(f"alpha off by {found.alpha:.2g}")
     faults += [f"{name} is missing" if off == np.inf else f"{name} off by {off:.2g} px"
@@ -200,10 +203,13 @@ def _detail(picture, first, second):
 
 
 def _off_px(picture, true, place):
-    """How far a mark's centroid in a picture is from that in another, or its radius; inf if only one shows it."""
+    """Distance between the centroids of a mark in two pictures, or the difference of its radii if that is larger.
+
+    It is inf if only one of them shows it, and None if neither does.
+    """
     marks = [_mark(_luminance(planes), place) for planes in (picture, true)]
     if None in marks:
-        return 0.0 if marks == [None, None] else np.inf
+        return None if marks == [None, None] else np.inf
     (at, radius), (true_at, true_radius) = marks
     return float(max(np.hypot(*np.subtract(at, true_at)), abs(radius - true_radius)))
 
@@ -212,7 +218,9 @@ def _mark(luminance, place):
     """Centroid and RMS radius of light above the surroundings, in a window around a place; None without any."""
     row, column = (round(at) for at in place)
     top, left = max(row - WINDOW_PX, 0), max(column - WINDOW_PX, 0)
-    window = luminance[top:row + WINDOW_PX + 1, left:column + WINDOW_PX + 1]
+    window = luminance[top:max(row + WINDOW_PX + 1, 0), left:max(column + WINDOW_PX + 1, 0)]
+    if min(window.shape) < 3:
+        return None
     rim = np.concatenate([window[0], window[-1], window[:, 0], window[:, -1]])
     light = np.maximum(window - max(rim.max(), MARK_SHARE * window.max()), 0)
     if light.max() < MARK_SHARE * window.max():

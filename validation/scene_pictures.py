@@ -171,7 +171,7 @@ def lens_picture(path, folder, seed, blur_px, depth, compositing=False, **reques
 
 
 def marks_px(path):
-    """Places of the marks that a file's camera shows, by name: (row, column) in pixels from the upper left."""
+    """Places of the marks in a file's camera, by name: (row, column) in pixels from the upper left."""
     scene = open_scene(path)
     rows, columns = frame_px(scene)
     if scene.camera is None:
@@ -181,8 +181,7 @@ def marks_px(path):
     for mark in (each for each in scene.objects if each.name.startswith("Mark")):
         view = world_to_camera_view(scene, scene.camera.evaluated_get(graph),
                                     mark.evaluated_get(graph).matrix_world.translation)
-        if view.z > 0 and 0 < view.x < 1 and 0 < view.y < 1:
-            places[mark.name] = ((1 - view.y) * rows - 0.5, view.x * columns - 0.5)
+        places[mark.name] = ((1 - view.y) * rows - 0.5, view.x * columns - 0.5)
     return places
 
 

@@ -1,19 +1,17 @@
 """Units: scales, and scenes that are tiny, huge or far away."""
 
-from mathutils import Matrix
-
 from .kit import ordinary
 
 
 def _resize(stage, times):
     """Make everything this many times as large, as its lamps' watts."""
     for thing in stage.scene.objects:
-        thing.matrix_world = Matrix.Scale(times, 4) @ thing.matrix_world
+        thing.location *= times
+        if thing.type == "MESH":
+            thing.scale = times, times, times
     camera = stage.camera
-    camera.scale = (1, 1, 1)
     camera.data.clip_start, camera.data.clip_end = 0.1 * times, 100 * times
     camera.data.dof.focus_distance *= times
-    stage.lamp.scale = (1, 1, 1)
     stage.lamp.data.size *= times
     stage.lamp.data.energy *= times**2
 
