@@ -90,6 +90,22 @@ def set_material_in_nodes(stage):
 
 
 @ordinary()
+def camera_info_in_nodes(stage):
+    """A cone whose size follows the width of the camera's sensor, by geometry nodes"""
+    if not hasattr(bpy.types, "GeometryNodeCameraInfo"):  # added in 5.0
+        return
+    tree = node_group("Follow", [
+        ("active", 0, "camera", 0), ("camera", "Sensor", "parts", 0), ("parts", 0, "ratio", 0),
+        ("in", 0, "resize", 0), ("ratio", 0, "resize", "Scale"), ("resize", 0, "out", 0)], [
+        ("active", "GeometryNodeInputActiveCamera", {}), ("camera", "GeometryNodeCameraInfo", {}),
+        ("parts", "ShaderNodeSeparateXYZ", {}), ("ratio", "ShaderNodeMath", {"operation": "DIVIDE"}),
+        ("resize", "GeometryNodeTransform", {})])
+    stage.camera.data.sensor_width, stage.camera.data.lens = 24, 28
+    tree.nodes["Math"].inputs[1].default_value = 24
+    with_nodes(stage.cone, tree)
+
+
+@ordinary()
 def point_cloud(stage):
     """A point cloud"""
     tree = node_group("Points", [("in", 0, "points", 0), ("points", 0, "paint", 0), ("paint", 0, "out", 0)], [

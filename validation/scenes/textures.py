@@ -3,7 +3,12 @@
 import bpy
 import numpy as np
 
-from .kit import checks, image, node_for, ordinary, painted, principled
+from .kit import box, checks, image, node_for, ordinary, painted, principled
+
+COLOUR_SPACES = ("ACES2065-1", "ACEScg", "AgX Base Display P3", "AgX Base Rec.1886", "AgX Base sRGB", "AgX Log",
+                 "Display P3", "Filmic Log", "Filmic sRGB", "Linear CIE-XYZ D65", "Linear CIE-XYZ E",
+                 "Linear DCI-P3 D65", "Linear FilmLight E-Gamut", "Linear Rec.2020", "Linear Rec.709", "Non-Color",
+                 "Rec.1886", "Rec.2020", "sRGB")
 
 
 def _textured(stage, picture, thing="floor", **values):
@@ -62,6 +67,21 @@ def display_texture(stage):
     """Images in Filmic sRGB and Rec. 1886"""
     _textured(stage, image("filmic.png", checks(), "Filmic sRGB"))
     _textured(stage, image("broadcast.png", checks(), "Rec.1886"), "cube")
+
+
+@ordinary()
+def every_colour_space(stage):
+    """A wall of tiles, each in one of Blender's colour spaces"""
+    for number, space in enumerate(COLOUR_SPACES):
+        material = painted(space, (1, 1, 1))
+        picture = image(f"{space}.png", np.tile((0.45, 0.4, 0.35), (4, 4, 1)))
+        try:
+            picture.colorspace_settings.name = space
+        except TypeError:  # of another Blender
+            continue
+        node_for(material, "ShaderNodeTexImage").image = picture
+        row, column = divmod(number, 10)
+        stage.link(space, box((0.065, 0.02, 0.065), material), (-0.32 + 0.075 * column, -0.4, 0.04 + 0.075 * row))
 
 
 @ordinary()
