@@ -26,7 +26,7 @@ ALPHA_OFF = 0.005
 DARK = 0.01  # of the brightest pixel: a block with less light counts as this bright
 XYZ = np.array([[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750],
                 [0.0193339, 0.1191920, 0.9503041]])  # of linear Rec. 709
-WHITE_PERCENTILE = 99
+WHITE_PERCENTILE = 90  # of the luminance: lamps are brighter than white
 
 
 @dataclass(frozen=True)
