@@ -30,7 +30,7 @@ FRAMES = 3
 FINER = 3  # pixels of a preview in one of its first picture
 EQUAL = 2e-3  # of the brightest: the half-float precision of stored light
 OTHERS = Limits(**OF_LAYERS)
-TRACED = Limits(misplaced=0.03, detail=0.35)  # its rays do not diffract, and see the surfaces that others hide
+TRACED = Limits(misplaced=0.05, detail=0.5)  # rays see hidden surfaces, and blocked ones make noise in alpha
 EQUALS = "frame 2 of an animation", "apply"
 """The pictures with the same noise as the render."""
 
