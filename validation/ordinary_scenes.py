@@ -26,9 +26,9 @@ from pathlib import Path
 
 SEED = int(os.environ.get("SEED", 0)) % 2**20
 FOLDER = Path("build/scenes")
-RECORD = "outcome.json"
-PASSED, FAILED, REFUSED, CRASHED, NAMED = "passed", "FAILED", "refused", "CRASHED", "named"
-"""Statuses: "refused" is as expected; "named" is a limit of Blender itself."""
+ERRORS = "errors.txt"
+PASSED, FAILED, REFUSED, CRASHED = "passed", "FAILED", "refused", "CRASHED"
+"""Results of a scene; it is "refused" only if that is expected."""
 SHARP, LAYERS = "sharp", "layers"
 OF_LAYERS = {"misplaced": 0.01, "detail": 0.35}
 """Limits of layers: the accuracy of depth in Standard, and the transition from in-focus to out-of-focus light, between
@@ -43,7 +43,7 @@ class Outcome:
     ----------
     name, theme, title, status : str
     words : str
-        Why it failed or was refused, or the limit of Blender.
+        Why it failed or was refused.
     comparisons : dict
         The fields of `scene_measure.Comparison`, by "sharp" and "layers".
     remarks : list of str
@@ -64,7 +64,7 @@ class Outcome:
     @property
     def good(self):
         """Whether it is as expected."""
-        return self.status in (PASSED, REFUSED, NAMED)
+        return self.status in (PASSED, REFUSED)
 
 
 def run(names, folder, columns, samples, seed=SEED):
@@ -80,8 +80,9 @@ def run(names, folder, columns, samples, seed=SEED):
     left = list(names)
     for name in left:
         shutil.rmtree(folder / name, ignore_errors=True)
+    folder.mkdir(parents=True, exist_ok=True)
     while left:
-        with _child(left, folder, columns, samples, seed) as child:
+        with open(folder / ERRORS, "w") as errors, _child(left, folder, columns, samples, seed, errors) as child:
             for line in child.stdout:
                 if line.startswith("{"):
                     yield Outcome(**json.loads(line))
@@ -90,12 +91,11 @@ def run(names, folder, columns, samples, seed=SEED):
             yield _crashed(left.pop(0), child.returncode, folder)
 
 
-def _child(names, folder, columns, samples, seed):
-    folder.mkdir(parents=True, exist_ok=True)
+def _child(names, folder, columns, samples, seed, errors):
     command = [sys.executable, "-W", "ignore", __file__, *names, "--output", folder, "--columns", columns, "--samples",
                samples, "--here"]
-    return subprocess.Popen(list(map(str, command)), stdout=subprocess.PIPE, text=True,
-                            stderr=open(folder / "errors.txt", "w"), env=os.environ | {"SEED": str(seed)})
+    return subprocess.Popen(list(map(str, command)), stdout=subprocess.PIPE, stderr=errors, text=True,
+                            env=os.environ | {"SEED": str(seed)})
 
 
 def _crashed(name, status, folder):
@@ -103,7 +103,7 @@ def _crashed(name, status, folder):
 
     scene = ORDINARY[name]
     ended = signal.Signals(-status).name if status < 0 else f"exit status {status}"
-    lines = (folder / "errors.txt").read_text(errors="replace").strip().splitlines()
+    lines = (folder / ERRORS).read_text(errors="replace").strip().splitlines()
     return Outcome(name, scene.theme, scene.title, CRASHED, f"{ended}: {lines[-1] if lines else ''}")
 
 
@@ -157,20 +157,26 @@ def _compared(scene, path, folder):
     if scene.refused:
         lens_picture(path, folder / SHARP, 1000 * SEED, 0.0, "off", **scene.request)
         return FAILED, f"not refused: expected {scene.refused!r}", {}, []
-    marks, comparisons, remarks, faults, pictures = marks_px(path), {}, [], [], []
+    marks, comparisons, remarks, shown = marks_px(path), {}, {}, []
     for depth in (SHARP, LAYERS) if scene.layers else (SHARP,):
         plain, picture = _pictures(scene, path, folder, depth)
-        comparison = _comparison(scene, plain, picture, marks, depth)
-        comparisons[depth] = asdict(comparison)
-        unseen = ["no mark is visible"] if marks and not comparison.off_px else []
-        faults += [f"{depth}: {fault}" for fault in (*comparison.faults, *unseen)]
-        remarks += [remark for remark in picture.report.remarks() if remark not in remarks]
-        pictures += [plain[0], picture.picture]
-    _show(pictures, folder / "pictures.png")
+        comparisons[depth] = _comparison(scene, plain, picture, marks, depth)
+        remarks |= dict.fromkeys(picture.report.remarks())
+        shown += [plain[0], picture.picture]
+    _show(shown, folder / "pictures.png")
+    faults = [*_faults(scene, comparisons, marks, remarks)]
+    comparisons = {depth: asdict(each) for depth, each in comparisons.items()}
+    return FAILED if faults else PASSED, "; ".join(faults), comparisons, [*remarks]
+
+
+def _faults(scene, comparisons, marks, remarks):
+    """What is wrong with a scene: generator of text."""
+    for depth, comparison in comparisons.items():
+        yield from (f"{depth}: {fault}" for fault in comparison.faults)
+        if marks and not comparison.off_px:
+            yield f"{depth}: no mark is visible"
     if scene.remark and not any(scene.remark in remark for remark in remarks):
-        faults.append(f"no remark on {scene.remark!r}")
-    status = PASSED if not faults else NAMED if scene.cannot else FAILED
-    return status, "; ".join([*faults, *filter(None, [scene.cannot])]), comparisons, remarks
+        yield f"no remark on {scene.remark!r}"
 
 
 def _pictures(scene, path, folder, depth):
@@ -231,9 +237,9 @@ def _figures(outcome, depth):
 def verdict(outcomes):
     """How many scenes passed and failed, in one line."""
     count = {status: sum(each.status == status for each in outcomes)
-             for status in (PASSED, REFUSED, NAMED, FAILED, CRASHED)}
+             for status in (PASSED, REFUSED, FAILED, CRASHED)}
     return (f"{count[PASSED]} passed, {count[FAILED] + count[CRASHED]} failed ({count[CRASHED]} crashed), "
-            f"{count[REFUSED]} refused as expected, {count[NAMED]} with a limit of Blender; SEED={SEED}")
+            f"{count[REFUSED]} refused as expected; SEED={SEED}")
 
 
 def write_report(outcomes, folder):

@@ -6,7 +6,7 @@ therefore equal Cycles' own, except for the noise, and for the error of colours 
 """
 
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import bpy
 import numpy as np
@@ -36,14 +36,11 @@ class PlainRender:
     compositing : bool
         Whether the scene's compositor is used.
     view_layer : str
-        The only view layer to be rendered; "" for those that are on.
-    frame : float, optional
-        The scene's current frame by default.
+        The only view layer to be rendered; "" to keep the file's choice.
     """
 
     compositing: bool = False
     view_layer: str = ""
-    render: dict = field(default_factory=dict)
 
 
 def plain_picture(path, folder, seed, blur_px=0.0, changes=PlainRender()):
@@ -60,8 +57,6 @@ def plain_picture(path, folder, seed, blur_px=0.0, changes=PlainRender()):
         setattr(render, name, False)  # Lensfield ignores them, and remarks on them
     for layer in scene.view_layers if changes.view_layer else ():
         layer.use = layer.name == changes.view_layer
-    for name, value in changes.render.items():
-        setattr(render, name, value)
     _set_blur(scene, blur_px)
     return rendered(scene, folder / "plain.exr")
 
@@ -116,12 +111,10 @@ def _set_blur(scene, blur_px):
 
 def thin_lens(scene, blur_px):
     """A perfect thin lens with the field of view and focus of the scene's camera, and this blur at infinity."""
-    camera, unit_mm = scene.camera.data, metres_per_unit(scene) * 1e3
-    focus_mm = focus_units(scene) * unit_mm
-    pitch_mm = camera.sensor_width / max(frame_px(scene))
+    focal_mm, focus_mm = scene.camera.data.lens, focus_units(scene) * metres_per_unit(scene) * 1e3
     rows, columns = frame_px(scene)
+    pitch_mm = _pitch_mm(scene.camera.data, rows, columns)
     sensor_mm = columns * pitch_mm, rows * pitch_mm
-    focal_mm = camera.lens
     pupil_mm = blur_px * pitch_mm * focus_mm / focal_mm
     last_mm = LAST * np.hypot(*sensor_mm) / 2
     nm, heights_mm = np.array(BAND_NM), np.linspace(0, last_mm, 5)
@@ -133,6 +126,13 @@ def thin_lens(scene, blur_px):
         reference_wavelength_nm=550.0, wavelengths_nm=nm, heights_mm=heights_mm, real_height_mm=heights_mm * ones,
         relative_illumination=ones, psf=np.ones((2, 5, 1, 1)), psf_pitch_um=1e-3 * pitch_mm,
         enclosed_energy=ones, transmittance=np.ones(2))
+
+
+def _pitch_mm(camera, rows, columns):
+    """Side of a pixel on the sensor of a perspective camera, by its Sensor Fit."""
+    if camera.sensor_fit == "VERTICAL":
+        return camera.sensor_height / rows
+    return camera.sensor_width / (columns if camera.sensor_fit == "HORIZONTAL" else max(rows, columns))
 
 
 def focus_units(scene):

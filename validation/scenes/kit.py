@@ -31,8 +31,6 @@ class Ordinary:
         Makes the scene.
     refused : str
         Words of the expected error if Lensfield refuses the scene; otherwise "".
-    cannot : str
-        A limit of Blender itself, for the report; figures are then shown, but do not fail.
     colour : float
         CIEDE2000 between the scene's spectra and products of red, green and blue, in addition to the predicted error of
         few wavelengths: for lamps and glass whose spectra are not smooth.
@@ -51,7 +49,6 @@ class Ordinary:
     title: str
     build: object
     refused: str = ""
-    cannot: str = ""
     colour: float = 0.0
     layers: bool = True
     request: dict = field(default_factory=dict)
