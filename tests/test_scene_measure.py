@@ -87,3 +87,10 @@ def test_predicted_colour_errors_are_allowed(plain):
 def test_turned_and_mirrored_pictures_are_faults(plain):
     for picture in (light()[:, ::-1], light()[:, :, ::-1]):
         assert compare(noisy(picture, 2), plain, MARKS).faults
+
+
+def test_marks_outside_the_picture_and_in_black_are_not_measured(plain):
+    places = MARKS | {"Mark 3": (-40.0, 5.0), "Mark 4": (12.0, 90.0)}
+    assert compare(noisy(light(), 2), plain, places).off_px.keys() == MARKS.keys()
+    black = np.zeros((4, *SHAPE))
+    assert compare(black, [black, black], places) == compare(black, [black, black], {})

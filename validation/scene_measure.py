@@ -223,7 +223,7 @@ def _mark(luminance, place):
         return None
     rim = np.concatenate([window[0], window[-1], window[:, 0], window[:, -1]])
     light = np.maximum(window - max(rim.max(), MARK_SHARE * window.max()), 0)
-    if light.max() < MARK_SHARE * window.max():
+    if light.max() <= MARK_SHARE * max(window.max(), 0):  # nothing, or a surface
         return None
     rows, columns = np.indices(light.shape)
     at = np.array([np.sum(rows * light), np.sum(columns * light)]) / light.sum()
