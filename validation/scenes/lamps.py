@@ -267,7 +267,7 @@ def many_lamps(stage):
     for number in range(40):
         lamp = stage.link(f"Lamp {number}", bpy.data.lights.new(f"Lamp {number}", "POINT"),
                           rng.uniform((-0.7, -0.5, 0.3), (0.7, 0.7, 0.8)))
-        lamp.data.energy, lamp.data.shadow_soft_size = 0.4, 0.02
+        lamp.data.energy, lamp.data.shadow_soft_size = 0.4, 0.06
         lamp.data.color = rng.uniform(0.2, 1, 3)
 
 
@@ -284,8 +284,8 @@ def distant_small_lamps(stage):
     """Small lamps on a black world, far behind the plane of focus"""
     stage.scene.world = None
     stage.remove(stage.lamp, stage.floor, stage.cone)
-    for number, (x, z) in enumerate(((-1.4, 1.0), (0.2, 1.9), (1.6, 0.6)), 4):
-        stage.link(f"Mark {number}", sphere(0.06, glowing(f"Far {number}", (1, 0.9, 0.7), 12)), (x, 5, z))
+    for number, (x, z) in enumerate(((-1.5, 0.3), (-0.6, 0.0), (1.0, -0.1)), 4):
+        stage.link(f"Mark {number}", sphere(0.1, glowing(f"Far {number}", (1, 0.9, 0.7), 12)), (x, 5, z))
 
 
 @ordinary()
