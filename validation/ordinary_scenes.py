@@ -170,7 +170,7 @@ def _compared(scene, path, folder):
 
 
 def _faults(scene, comparisons, marks, remarks):
-    """What is wrong with a scene: generator of text."""
+    """The faults of a scene: generator of text."""
     for depth, comparison in comparisons.items():
         yield from (f"{depth}: {fault}" for fault in comparison.faults)
         if marks and not comparison.off_px:
