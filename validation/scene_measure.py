@@ -15,7 +15,7 @@ SIGMAS = 5
 LENS_NOISE = 1.3
 """Noise of Lensfield's picture, relative to the noise of a plain render: its passes share most samples."""
 MOST_OFF_PX = 0.3
-MOST_NOISE = 0.05  # 5 sigma of the mean: more would hide errors
+MOST_NOISE = 0.1  # 5 sigma of the mean: more would hide errors
 NOISE_TIMES = 2  # the variance of few pixels is uncertain
 WINDOW_PX = 5
 MARK_SHARE = 0.25  # of a mark's brightest pixel: darker pixels are its surroundings
