@@ -73,10 +73,10 @@ def _serve(requests, main, limits):
 
 def _confined(arguments, limits):
     """The arguments of a command; raises an InputError if they would change the limits."""
-    own = [f"--{name.replace('_', '-')}" for name in OPTIONS]
+    of_limits = [f"--{name.replace('_', '-')}" for name in OPTIONS]
     for argument in arguments if limits else ():
         word = argument.partition("=")[0]
-        if len(word) > len("--") and any(option.startswith(word) for option in own):  # argparse completes them
+        if len(word) > len("--") and any(option.startswith(word) for option in of_limits):  # argparse completes them
             raise InputError("serve", "option", word, "give it to serve --untrusted itself, for all of its commands")
     return arguments
 
