@@ -80,12 +80,13 @@ def ghost_table(lens: Lens, angle_deg: float, iris: Iris | None = None, rows: in
     LensError
         The lens has no ghosts.
     """
-    nm = lens.wavelengths_nm
-    if word := no_ghosts(lens, nm):
+    nm, prescription = lens.wavelengths_nm, lens.prescription
+    word = no_ghosts(lens, nm)
+    if word or prescription is None:  # which has a word
         raise LensError(lens.name, "ghosts", "none", word)
     grid, source = _grid(lens), _source(angle_deg, nm)
-    found = _ghosts_of(lens, lens.prescription, source, grid, iris)
-    image = direct_light(lens.prescription, _source(0.0, nm), opening(iris, lens))
+    found = _ghosts_of(lens, prescription, source, grid, iris)
+    image = direct_light(prescription, _source(0.0, nm), opening(iris, lens))
     light = np.nansum(found.light, axis=(0, 2)) / image.sum()
     strongest = [index for index in np.argsort(-light, kind="stable")[:rows] if light[index]]
     table = [_row(lens, found.pairs[index], float(light[index]), source, grid, iris) for index in strongest]
