@@ -55,9 +55,22 @@ def rendered_world(scene):
 
 def stand_in_camera(scene, journal):
     """Let a copy of the camera's data be set up for all renders: another copy would take Cycles longer to read."""
-    camera = journal.stand_in(scene.camera.data)
+    original = scene.camera.data
+    camera = journal.stand_in(original)
     camera.animation_data_clear()
     camera.dof.use_dof = False  # the lens adds the blur
+    _keep_projections(camera, original, journal)
+
+
+def _keep_projections(camera, original, journal):
+    """Let UV Project modifiers project the view of the original camera data, not that of a capture."""
+    projectors = [projector for obj in bpy.data.objects for modifier in obj.modifiers if modifier.type == "UV_PROJECT"
+                  for projector in modifier.projectors if projector.object and projector.object.data == camera]
+    for projector in projectors:
+        with_original = projector.object.copy()
+        with_original.data = original
+        journal.on_exit(lambda spare=with_original: bpy.data.objects.remove(spare))
+        journal.set(projector, "object", with_original)
 
 
 def guard_render_state(scene, job, capture, path, journal):

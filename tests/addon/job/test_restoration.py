@@ -9,6 +9,7 @@ from lensfield.addon.job.job import Job
 from lensfield.addon.job.render import render_steps, run
 from lensfield.addon.job.steps import RenderPass
 from lensfield.addon.scene.errors import SceneError
+from lensfield.addon.scene.render_state import stand_in_camera
 from lensfield.addon.scene.undo import Journal
 from lensfield.engine import load_lens
 from lensfield.engine.spectral.spectra import reflectance_basis
@@ -213,6 +214,28 @@ def test_evaluated_geometry_has_the_stand_in_and_then_the_original(scene, tmp_pa
         assert evaluated_materials(scene) == {stand_in}
     assert evaluated_materials(scene) == {painted}
     render(scene, tmp_path)
+    assert not differences(before, snapshot())
+
+
+def test_uv_project_keeps_the_view_of_the_users_camera(scene):
+    """A capture is wider, and may be shifted or panoramic."""
+    square = wall(scene, material("Paint", "ShaderNodeBsdfDiffuse")[0])
+    square.data.uv_layers.new()
+    projector = square.modifiers.new("Project", "UV_PROJECT")
+    projector.projectors[0].object = scene.camera
+    scene.camera.data.shift_x = 0.1
+
+    def coordinates():
+        square.update_tag()
+        scene.view_layers[0].update()
+        shape = square.evaluated_get(scene.view_layers[0].depsgraph).data
+        return np.array([entry.uv[:] for entry in shape.uv_layers[0].data])
+
+    expected, before = coordinates(), snapshot()
+    with Journal() as journal:
+        stand_in_camera(scene, journal)
+        scene.camera.data.lens, scene.camera.data.shift_x = 20.0, 0.0
+        np.testing.assert_allclose(coordinates(), expected, atol=1e-6)
     assert not differences(before, snapshot())
 
 
