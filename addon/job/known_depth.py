@@ -5,12 +5,13 @@ import scipy
 
 from ...engine.depth.depth_range import BACKGROUND_MM
 from ..scene.units import M_TO_MM
+from .emitters import SAME_DEPTH
 
 EDGE_PX = 2.0
 MOST_OF_LIGHT = 0.5  # least share of a pixel's light for an emitter's depth to be the pixel's
 
 
-def known_depth_m(light, sightings, sky):
+def known_depth_m(light, sightings, sky, cosine):
     """Depths of a slab's pixels, as a camera clips, in metres: float32 array (row, column).
 
     Known emitters have their own depth; other content that the rays miss has the depth of the nearest pixel's.
@@ -22,6 +23,8 @@ def known_depth_m(light, sightings, sky):
         The emitters in the capture that the slab is a part of.
     sky : bool
         Whether the world is visible where the film is opaque.
+    cosine : array (row, column)
+        Depth along the axis over depth as the camera clips, at the capture's pixels.
     """
     slab, depth_m = light.slab, light.depth_m.copy()
     lit = light.cube.mean(axis=0)
@@ -29,21 +32,33 @@ def known_depth_m(light, sightings, sky):
     if sky and not slab.transparent:
         missed[:] = False
     sighted = _sighted_m(sightings, slab, missed, lit)
-    nearer = sighted < depth_m
+    nearer = sighted < (1 - SAME_DEPTH) * depth_m
+    if (nearer & missed).any():  # what is next to it at the same depth is more accurate
+        nearer &= ~(missed & (np.abs(sighted / _continued(depth_m) - 1) < SAME_DEPTH))
     depth_m[nearer] = sighted[nearer]
     missed &= ~nearer
     if missed.any():
-        _fill(depth_m, missed, slab, np.isinf(sightings.clip_mm).any())
+        _fill(depth_m, missed, slab, np.isinf(sightings.clip_mm).any(), cosine[slab.region])
     return depth_m
 
 
-def _fill(depth_m, missed, slab, suns):
+def _continued(depth_m):
+    """Depths with the nearest known one in unknown pixels."""
+    unknown = _is_background(depth_m)
+    if unknown.all():
+        return depth_m
+    return depth_m[tuple(scipy.ndimage.distance_transform_edt(unknown, return_distances=False, return_indices=True))]
+
+
+def _fill(depth_m, missed, slab, suns, cosine):
     """Give missed pixels the nearest known depth; in an opaque slab that may show suns, only at edges."""
     unknown = _is_background(depth_m)
     if not unknown.all():
         away_px, nearest = scipy.ndimage.distance_transform_edt(unknown, return_indices=True)
         filled = missed & (slab.transparent | (not suns) | (away_px < EDGE_PX))
-        depth_m[filled] = depth_m[tuple(nearest[:, filled])]
+        of = tuple(nearest[:, filled])
+        ratio = cosine[of] / cosine[filled]
+        depth_m[filled] = depth_m[of] * np.where(ratio > 0, ratio, 1)  # NaN: a fisheye that sees sideways and back
     elif slab.transparent:  # only content that the depth pass ignores
         depth_m[missed] = 2 / (1 / slab.near_m + 1 / slab.far_m)
 

@@ -482,8 +482,9 @@ def captured_from(ready, lights, grid, capture_px):
     inside = tuple(slice(rim, rim + n) for rim, n in zip(margin, grid.shape_px, strict=True))
     if not job.traced:
         sightings = ready.emitters.seen(replace(capture_px, focal_mm=job.lens.capture_focal_length_mm))
+        cosine = planar_depth_mm(np.ones(capture_px.shape_px, np.float32), job.lens, capture_px)
         for light in lights:
-            light.depth_m = known_depth_m(light, sightings, ready.sky)
+            light.depth_m = known_depth_m(light, sightings, ready.sky, cosine)
     nearest_m = _nearest_m(lights, capture_px)[:, capture_px.across // 2::capture_px.across]
     depth_mm = planar_depth_mm(nearest_m * M_TO_MM, job.lens, sensor_px)[inside]
     layers = layered_radiance(lights, job.lens, capture_px, job.wavelengths_nm, ready.exposure,

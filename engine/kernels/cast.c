@@ -26,6 +26,8 @@ typedef double pair __attribute__((aligned(4), may_alias));
 
 #define BLOCKED 2e-3f /* rays with less than this share of their light are no longer followed */
 
+#define APART 0.25f /* square of the distance in pixels from which two depths are two surfaces */
+
 INLINE rays chosen(masks mask, rays yes, rays no) { return (rays)(((masks)yes & mask) | ((masks)no & ~mask)); }
 INLINE rays kept(masks mask, rays a) { return (rays)((masks)a & mask); }
 INLINE rays larger(rays a, float b) { return chosen(a > b, a, (rays){0} + b); }
@@ -138,7 +140,8 @@ INLINE void meet(const lf_cast_of *c, const lf_layer *l, const pencil *p, const 
         if (!any(*depth != depth_before)) return; /* converged */
     }
     if (m->steps < 2) return; /* before was only the start */
-    const masks nearer = depth_before > *depth;
+    const rays change = depth_before - *depth, x = p->by_x * change, y = p->by_y * change;
+    const masks nearer = (change > 0) & (x * x + y * y > APART); /* not the steps between pixels of one surface */
     *depth = chosen(nearer, depth_before, *depth);
     *share = chosen(nearer, share_before, *share);
 }

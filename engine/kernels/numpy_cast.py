@@ -5,6 +5,7 @@ import numpy as np
 from .cast import QUANTITIES, STOP, Casting, LayerArrays, LevelArrays, MeshRays
 
 BLOCKED = np.float32(2e-3)  # a ray with a smaller share of its light left ends
+APART = np.float32(0.25)  # see cast.c
 PORTION = 8  # eights of rays that are processed together
 
 
@@ -176,7 +177,9 @@ def _meet(layer: LayerArrays, places, meeting, casting):
         rows, columns = (np.clip(each, 0, most - 1).astype(np.int32)
                          for each, most in zip((row - y, column + x), fine.alpha.shape, strict=True))
         depth, share = np.moveaxis(layer.depth[rows, columns], -1, 0)
-    nearer = (before[0] > depth) & (meeting["steps"] > 1)
+    change = before[0] - depth
+    x, y = (by * change for by in places[2:])
+    nearer = (change > 0) & (x * x + y * y > APART) & (meeting["steps"] > 1)
     return np.where(nearer, before[0], depth), np.where(nearer, before[1], share)
 
 
