@@ -284,6 +284,7 @@ def distant_small_lamps(stage):
     """Small lamps on a black world, far behind the plane of focus"""
     stage.scene.world = None
     stage.remove(stage.lamp, stage.floor, stage.cone)
+    stage.scene.cycles.samples *= 4  # for the noise of their edges
     for number, (x, z) in enumerate(((-1.5, 0.3), (-0.6, 0.0), (1.0, -0.1)), 4):
         stage.link(f"Mark {number}", sphere(0.1, glowing(f"Far {number}", (1, 0.9, 0.7), 12)), (x, 5, z))
 
