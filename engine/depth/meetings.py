@@ -35,7 +35,7 @@ AREA_ROWS = 8  # of tiles that are cast in parts together, for which layers are 
 BESIDE_PX = 2 * SIZES[-1]  # pixels around what the rays of such tiles reach: for the pixels of levels
 RISE = 1.0  # of a lamp's disc above the light around it, relative to this, from which its tiles are cast in parts
 NARROW_PX = 12.0  # largest blur of such a lamp: pixels misplace 0.04 of the light of a disc this wide
-STEPS_PX = (0.125, 0.5, 2.0, 8.0)  # largest differences in blur for 0, 1, 2 and 3 steps of the search; 4 beyond
+STEPS_PX = (0.25, 1.0, 4.0)  # largest differences in blur for 0, 1 and 2 steps of the search; 3 beyond
 
 
 @dataclass(frozen=True, eq=False)

@@ -141,9 +141,9 @@ INLINE void meet(const lf_cast_of *c, const lf_layer *l, const pencil *p, const 
     }
     if (m->steps < 2) return; /* before was only the start */
     const rays change = depth_before - *depth, x = p->by_x * change, y = p->by_y * change;
-    const masks nearer = (change > 0) & (x * x + y * y > APART); /* not the steps between pixels of one surface */
-    *depth = chosen(nearer, depth_before, *depth);
-    *share = chosen(nearer, share_before, *share);
+    const masks apart = x * x + y * y > APART, nearer = change > 0; /* else steps between pixels of one surface */
+    *depth = chosen(apart, chosen(nearer, depth_before, *depth), 0.5f * (depth_before + *depth));
+    *share = chosen(apart, chosen(nearer, share_before, *share), 0.5f * (share_before + *share));
 }
 
 /* The part of a cell that is beyond the border between two pixels, at a distance of its middle from the first one's. */

@@ -177,10 +177,13 @@ def _meet(layer: LayerArrays, places, meeting, casting):
         rows, columns = (np.clip(each, 0, most - 1).astype(np.int32)
                          for each, most in zip((row - y, column + x), fine.alpha.shape, strict=True))
         depth, share = np.moveaxis(layer.depth[rows, columns], -1, 0)
-    change = before[0] - depth
+    if meeting["steps"] < 2:
+        return depth, share
+    change, half = before[0] - depth, np.float32(0.5)
     x, y = (by * change for by in places[2:])
-    nearer = (change > 0) & (x * x + y * y > APART) & (meeting["steps"] > 1)
-    return np.where(nearer, before[0], depth), np.where(nearer, before[1], share)
+    apart, nearer = x * x + y * y > APART, change > 0
+    return tuple(np.where(apart, np.where(nearer, first, second), half * (first + second))
+                 for first, second in zip(before, (depth, share), strict=True))
 
 
 def _looked_up(level: LevelArrays, places, covered, meeting):
