@@ -311,7 +311,7 @@ def test_the_warning_describes_the_adapted_lens(scene):
     assert factor == pytest.approx(5.751, abs=1e-3)
     # 250 mm is 1.44 m. 3 mm minus 8.4 % are 15.80 mm of the 20.65 mm of half the diagonal of 36 x 20.25 mm.
     assert "scaled by 5.75: f = 34.5 mm, focused at 1.44 m" in warning
-    assert "covers 77% of the frame's diagonal" in warning and "\n" not in warning
+    assert "covers 84% of the frame's diagonal" in warning and "\n" not in warning
 
 
 def test_a_lens_focused_at_infinity_is_adapted_by_its_focal_length(scene):
@@ -346,5 +346,5 @@ def test_a_sensor_beyond_the_field_is_reported(scene):
     adapted, warning = lens_for_view(scene, LENS, "phone")
     assert adapted is lens_for_view(scene, LENS, "phone")[0]
     assert replace(adapted, sensor_mm=LENS.sensor_mm) == LENS and adapted.digest != LENS.digest
-    # 3 mm minus 8.4 % are 2.75 mm of the 6.125 mm of half the diagonal
-    assert "covers 45% of the diagonal of a sensor of 9.8 x 7.35 mm" in warning
+    # the lens data reach the corner of the lens's own sensor: 3 mm of the 6.125 mm of half the diagonal
+    assert "covers 49% of the diagonal of a sensor of 9.8 x 7.35 mm" in warning
