@@ -17,7 +17,7 @@ POSITIVE = ("pitch_um", "gain_dn_per_e", "base_iso", "saturation_e", "pixel_aper
 NOT_NEGATIVE = ("black_dn", "dark_noise_e", "readout_noise_dn", "dark_current_e_per_s", "dsnu_e", "prnu", "crosstalk")
 UP_TO_1 = ("pixel_aperture", "crosstalk")
 NUMBERS = POSITIVE + NOT_NEGATIVE
-LEAST, MOST, PITCH_LIMITS_UM = 1e-6, 1e9, (1e-2, 1e3)
+LEAST, MOST, PITCH_LIMITS_UM = 1e-6, 1e9, (1e-2, 1e4)
 WAVELENGTH_LIMITS_NM = 10.0, 1e5
 """Limits of each number, beyond those of any sensor: squares and products remain finite at all exposures."""
 
