@@ -215,7 +215,7 @@ def test_a_lens_on_a_grid_is_loaded_for_the_frame(tmp_path, monkeypatch, shape, 
     """On 36 x 24 mm; the overscan, of another part of the sensor, does not count."""
     loaded, (rows, columns) = [], shape
 
-    def load(source, rings, quality, progress, edges_mm):
+    def load(source, rings, quality, progress, wavelengths_nm, edges_mm):
         loaded.append(edges_mm)
         return load_lens("edmund-54852")
 
