@@ -70,7 +70,8 @@ def overscan_px(lens: RadialLens, capture: PixelGrid, wavelengths_nm: Sequence[f
             edge_mm = np.hypot(edge_px * pitch_mm, along_mm[1 - axis])
             real_mm = np.minimum(edge_mm, light_extent_mm(lens))
             paraxial_mm = field.paraxial_height_mm(real_mm)
-            ratio = field.paraxial_per_real(real_mm, paraxial_mm) * real_mm / edge_mm
+            lit = np.divide(real_mm, edge_mm, out=np.ones_like(edge_mm), where=edge_mm > 0)
+            ratio = lit * field.paraxial_per_real(real_mm, paraxial_mm)
             if radius:
                 ratio = ratio * radius(paraxial_mm)[0] / np.maximum(paraxial_mm, np.finfo(float).tiny)
             beyond_px[axis] = max(beyond_px[axis], edge_px - end_px, (edge_px * ratio).max() - end_px)
