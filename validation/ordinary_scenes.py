@@ -27,8 +27,8 @@ from pathlib import Path
 SEED = int(os.environ.get("SEED", 0)) % 2**20
 FOLDER = Path("build/scenes")
 ERRORS = "errors.txt"
-PASSED, FAILED, REFUSED, CRASHED = "passed", "FAILED", "refused", "CRASHED"
-"""Results of a scene; it is "refused" only if that is expected."""
+PASSED, FAILED, REFUSED, DIFFERENT, CRASHED = "passed", "FAILED", "refused", "differs", "CRASHED"
+"""Results of a scene; it is "refused", or "differs" with a remark in Lensfield's report, only if that is expected."""
 SHARP, LAYERS = "sharp", "layers"
 OF_LAYERS = {"misplaced": 0.01, "detail": 0.35}
 """Limits of layers: the accuracy of depth in Standard, and the transition from in-focus to out-of-focus light, between
@@ -64,7 +64,7 @@ class Outcome:
     @property
     def good(self):
         """Whether it is as expected."""
-        return self.status in (PASSED, REFUSED)
+        return self.status in (PASSED, REFUSED, DIFFERENT)
 
 
 def run(names, folder, columns, samples, seed=SEED):
@@ -164,19 +164,25 @@ def _compared(scene, path, folder):
         remarks |= dict.fromkeys(picture.report.remarks())
         shown += [plain[0], picture.picture]
     _show(shown, folder / "pictures.png")
-    faults = [*_faults(scene, comparisons, marks, remarks)]
+    faults, unsaid = [*_faults(comparisons, marks)], [*_unsaid(scene, remarks)]
     comparisons = {depth: asdict(each) for depth, each in comparisons.items()}
-    return FAILED if faults else PASSED, "; ".join(faults), comparisons, [*remarks]
+    bad = DIFFERENT if scene.differs and not unsaid else FAILED
+    return bad if faults or unsaid else PASSED, "; ".join(faults + unsaid), comparisons, [*remarks]
 
 
-def _faults(scene, comparisons, marks, remarks):
-    """The faults of a scene: generator of text."""
+def _faults(comparisons, marks):
+    """The faults of pictures: generator of text."""
     for depth, comparison in comparisons.items():
         yield from (f"{depth}: {fault}" for fault in comparison.faults)
         if marks and not comparison.off_px:
             yield f"{depth}: no mark is visible"
-    if scene.remark and not any(scene.remark in remark for remark in remarks):
-        yield f"no remark on {scene.remark!r}"
+
+
+def _unsaid(scene, remarks):
+    """What Lensfield's report does not state: generator of text."""
+    for words in filter(None, (scene.remark, scene.differs)):
+        if not any(words in remark for remark in remarks):
+            yield f"no remark on {words!r}"
 
 
 def _pictures(scene, path, folder, depth):
@@ -237,9 +243,9 @@ def _figures(outcome, depth):
 def verdict(outcomes):
     """How many scenes passed and failed, in one line."""
     count = {status: sum(each.status == status for each in outcomes)
-             for status in (PASSED, REFUSED, FAILED, CRASHED)}
+             for status in (PASSED, REFUSED, DIFFERENT, FAILED, CRASHED)}
     return (f"{count[PASSED]} passed, {count[FAILED] + count[CRASHED]} failed ({count[CRASHED]} crashed), "
-            f"{count[REFUSED]} refused as expected; SEED={SEED}")
+            f"{count[REFUSED]} refused as expected, {count[DIFFERENT]} different as reported; SEED={SEED}")
 
 
 def write_report(outcomes, folder):

@@ -5,7 +5,7 @@ They are rendered in a process of their own, so that a crash fails one scene.
 
 import pytest
 
-from ordinary_scenes import CRASHED, FAILED, PASSED, REFUSED, Outcome, chosen, run, table, verdict
+from ordinary_scenes import CRASHED, DIFFERENT, FAILED, PASSED, REFUSED, Outcome, chosen, run, table, verdict
 from scenes import ORDINARY
 from seed import SEED
 
@@ -47,8 +47,10 @@ def test_a_seed_chooses_a_sample():
 @pytest.mark.one_blender
 def test_report_states_every_result():
     outcomes = [Outcome(name, "lamps", "A lamp", status, words) for name, status, words in (
-        ("sun", PASSED, ""), ("spot", FAILED, "too dark"), ("portal", CRASHED, "SIGSEGV"), ("ies", REFUSED, "no"))]
-    assert [outcome.good for outcome in outcomes] == [True, False, False, True]
-    assert verdict(outcomes).startswith("1 passed, 2 failed (1 crashed), 1 refused as expected")
+        ("sun", PASSED, ""), ("spot", FAILED, "too dark"), ("portal", CRASHED, "SIGSEGV"), ("ies", REFUSED, "no"),
+        ("zoom", DIFFERENT, "sharp"))]
+    assert [outcome.good for outcome in outcomes] == [True, False, False, True, True]
+    assert verdict(outcomes).startswith(
+        "1 passed, 2 failed (1 crashed), 1 refused as expected, 1 different as reported")
     text = "\n".join(table(outcomes))
     assert all(f"{each.name} " in text and each.words in text for each in outcomes)

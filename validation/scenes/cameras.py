@@ -82,7 +82,7 @@ def moving_camera(stage):
     stage.scene.frame_set(2)
 
 
-@ordinary()
+@ordinary(differs="Motion Blur")
 def zooming_camera(stage):
     """A zoom during the exposure, with motion blur"""
     keyed(stage.camera.data, "lens", {1: 38, 3: 50})

@@ -42,6 +42,8 @@ class Ordinary:
         Of `PlainRender`: what differs in the render that it is compared with.
     remark : str
         Words that Lensfield's report must contain.
+    differs : str
+        The same for a scene that Lensfield renders otherwise than Cycles, as this remark states: "" if it agrees.
     """
 
     name: str
@@ -54,6 +56,7 @@ class Ordinary:
     request: dict = field(default_factory=dict)
     plain: dict = field(default_factory=dict)
     remark: str = ""
+    differs: str = ""
 
 
 def ordinary(**facts):

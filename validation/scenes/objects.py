@@ -89,7 +89,7 @@ def set_material_in_nodes(stage):
     with_nodes(bare, tree)
 
 
-@ordinary()
+@ordinary(differs="Camera Info")
 def camera_info_in_nodes(stage):
     """A cone whose size follows the width of the camera's sensor, by geometry nodes"""
     if not hasattr(bpy.types, "GeometryNodeCameraInfo"):  # added in 5.0
