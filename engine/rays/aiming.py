@@ -19,7 +19,7 @@ SLOPE_STEP = 1e-6  # for derivatives with respect to slope
 PLACE_STEP = 1e-3  # and with respect to position, in semi-apertures of the stop
 STEPS = 16
 LONGEST_STEP = 0.2  # in slope
-CONVERGED, AIMED = 2e-12, 1e-10  # error at the object point
+CONVERGED, AIMED = 2e-12, 1e-10  # error at the object point; for the second, as an angle
 
 
 def aim(system: System, indices: np.ndarray, fields: np.ndarray, x_mm: np.ndarray, y_mm: np.ndarray
@@ -60,7 +60,15 @@ def _aimed(system, indices, kind, reached, targets, x_mm, y_mm):
                    for slopes, places in zip(_slopes(system, indices), reached, strict=True)]
         found = np.stack([search(system, media, kind, targets, guess, x_mm, y_mm)
                           for media, guess in zip(indices.T, guesses, strict=True)], axis=1)
-        return found[0], found[1], found[2] < AIMED
+        return found[0], found[1], found[2] < AIMED * _per_angle(system, kind, targets)[:, None]
+
+
+def _per_angle(system, kind, targets):
+    """The error at object points for a ray's error in angle, which grows with the square of their distance from the
+    pinhole; 1 for other targets: array (target,)."""
+    if kind != tracing.OBJECT_HEIGHT:
+        return np.ones_like(targets)
+    return 1 + (targets / system.prescription.object_distance_mm)**2
 
 
 def _compiled_search(system, indices, kind, targets, guess, x_mm, y_mm):
