@@ -143,7 +143,8 @@ def test_frames_and_caches_of_another_build_are_not_used(package, tmp_path):
         assert np.array_equal(read_exr(tmp_path / "out_0001.exr").cube, first)
         printed = lensfield(tmp_path, package)
         assert printed.startswith("2 of 2 frames come from another build of Lensfield: filtered again")
-        np.testing.assert_allclose(read_exr(tmp_path / "out_0001.exr").cube, 2 * first, rtol=5e-6)  # numpy's loops round differently
+        # numpy's loops round differently
+        np.testing.assert_allclose(read_exr(tmp_path / "out_0001.exr").cube, 2 * first, rtol=5e-6)
         assert set((tmp_path / "cache/plans").iterdir()) > plans
         assert "2 of 2 frames are finished" in (again := lensfield(tmp_path, package))
         assert "another build" not in again
