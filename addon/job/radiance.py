@@ -20,7 +20,7 @@ from ...engine.field.overscan import columns_for_blur
 from ...engine.image.layers import Layer, LayeredRadiance
 from ...engine.image.pixel_grid import PixelGrid
 from ...engine.pictures.preview import auto_exposure, to_rec709, write_png
-from ...engine.plan.options import DEFAULT_ACCURACY
+from ...engine.plan.options import DEFAULT_ACCURACY, ON
 from ...engine.runtime.files import temporary_folder
 from ...engine.runtime.memory import check_room, taken_bytes
 from ...engine.runtime.scratch import SAMPLE_BYTES, check_disk, folder_if_large, zeros_stored_like
@@ -416,12 +416,15 @@ def _emitters(planned):
 
 
 def _passes(ready, journal):
-    """The passes of a capture, which share their noise if possible."""
+    """The passes of a capture, which share their noise if possible.
+
+    Several complete passes share it in whole pixels, so only one of them, or an explicit request, is divided.
+    """
     scene, job, plan, count = ready.scene, ready.job, ready.plan, len(ready.plan.bands)
     times = detail_times(scene, job, math.prod(ready.capture_px.shape_px))
     if not shares_noise(scene, job, plan):
-        of_all = ready.passes, ready.path, count
-        return DetailedPasses(*of_all, scene, ready.capture_px, times) if times > 1 else WholePasses(*of_all)
+        of_all, divided = (ready.passes, ready.path, count), times > 1 and (count == 1 or job.options.detail == ON)
+        return DetailedPasses(*of_all, scene, ready.capture_px, times) if divided else WholePasses(*of_all)
     return SampledPasses(ready.passes, ready.path, count, scene, ready.scratch, journal, job.denoises,
                          ready.capture_px, times)
 

@@ -17,6 +17,7 @@ import pytest
 
 from lenses import make_lens
 from lensfield import addon
+from lensfield.engine import Options
 from lensfield.engine.pictures.spectral_exr import read_exr
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 from noise import assert_means, surely_apart
@@ -217,7 +218,7 @@ def radiance(scene, folder, wavelengths_nm):
     """Spectral radiance by the add-on, (wavelength, row, column); with a simple lens, to save time."""
     every_wavelength = SpectralOptions(tier="reference")
     result = addon.render_through_lens(scene, lens=make_lens(), wavelengths_nm=wavelengths_nm, output_folder=folder,
-                                       spectral=every_wavelength, depth="off")
+                                       spectral=every_wavelength, depth="off", options=Options(detail="off"))
     return read_exr(result.radiance).cube.astype(np.float64)
 
 

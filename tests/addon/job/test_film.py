@@ -8,6 +8,7 @@ import pytest
 
 from lensfield.engine.pictures.spectral_exr import read_exr, read_parts
 from lensfield.engine.spectral.colour import REC709_LUMINANCE
+from lensfield.engine.stray.options import StrayOptions
 from small_scenes import material, render, set_world, wall
 
 GREY = 0.5
@@ -34,19 +35,20 @@ def luminance(path):
 
 def film_over_grey(scene, folder, wavelengths_nm):
     """Luminances of the film over the world's grey, with the lens's vignetting, and of the opaque render."""
-    opaque = render(scene, folder / "opaque", wavelengths_nm)
+    opaque = render(scene, folder / "opaque", wavelengths_nm, stray=StrayOptions("off"))
     scene.render.film_transparent = True
-    film = render(scene, folder / "film", wavelengths_nm)
+    film = render(scene, folder / "film", wavelengths_nm, stray=StrayOptions("off"))
     alpha, shade = planes(film.lens_image)["A"], planes(film.relative_illumination)["Y"]
     backdrop = luminance(opaque.lens_image)[4, 4] / shade[4, 4]  # Blender's grey, at these wavelengths
     return luminance(film.lens_image) + (1 - alpha) * backdrop * shade, luminance(opaque.lens_image), alpha
 
 
 def test_the_film_over_grey_equals_the_opaque_render(glowing, tmp_path):
-    """Exactly at one wavelength, edges included, except for the blur's share of the relative illumination."""
+    """Exactly at one wavelength, edges included, except for the blur's share of the relative illumination, which is the
+    largest in the corners, by coma."""
     composite, expected, alpha = film_over_grey(glowing, tmp_path, [550.0])
     assert alpha.min() == 0 and alpha.max() > 0.99 and np.any((alpha > 0.2) & (alpha < 0.8))
-    np.testing.assert_allclose(composite, expected, rtol=0.01)
+    np.testing.assert_allclose(composite, expected, rtol=0.015)
 
 
 def test_the_film_over_grey_equals_the_opaque_render_in_colour(glowing, tmp_path):

@@ -11,6 +11,7 @@ from scipy.integrate import trapezoid
 from lenses import make_lens
 from lensfield import addon
 from lensfield.addon.shading.lamps import MOST_GROUPS
+from lensfield.engine import Options
 from lensfield.engine.pictures.spectral_exr import read_exr
 from lensfield.engine.spectral.spectra import blackbody, colour_matching, emission_basis, load_spectrum, white_density
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
@@ -41,7 +42,7 @@ def narrow_lens():
 def cube(scene, folder, nm=NM, lens=None, **options):
     options = {"spectral": SpectralOptions("reference"), "depth": "off"} | options
     result = addon.render_through_lens(scene, lens=lens or narrow_lens(), wavelengths_nm=nm, output_folder=folder,
-                                       **options)
+                                       **{"options": Options(detail="off")} | options)
     return read_exr(result.radiance).frame().cube.astype(np.float64), result.report.as_dict()
 
 

@@ -15,6 +15,7 @@ from scipy.integrate import trapezoid
 import cycles_pictures
 from lenses import make_lens
 from lensfield import addon
+from lensfield.engine import Options
 from lensfield.engine.pictures.spectral_exr import read_exr
 from lensfield.engine.spectral.spectra import colour_matching, load_spectrum, reflectance_basis, white_density
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
@@ -43,7 +44,8 @@ def narrow_lens():
 def radiance(scene, folder, nm=NM):
     """Spectral radiance: array (wavelength, row, column)."""
     result = addon.render_through_lens(scene, lens=narrow_lens(), wavelengths_nm=nm, output_folder=folder,
-                                       spectral=SpectralOptions("reference"), depth="off")
+                                       spectral=SpectralOptions("reference"), depth="off",
+                                       options=Options(detail="off"))
     return read_exr(result.radiance).frame().cube.astype(np.float64)
 
 

@@ -9,6 +9,7 @@ import pytest
 from lenses import make_lens
 from lensfield import addon
 from lensfield.addon.scene.errors import SceneError
+from lensfield.engine import Options
 from lensfield.engine.pictures.spectral_exr import read_exr
 from lensfield.engine.runtime.errors import InputError
 from lensfield.engine.spectral.colour_difference import ciede2000, lab_from_xyz
@@ -33,7 +34,8 @@ def lens():
 
 def rendered(scene, folder, nm=NM, tier="standard", unfit="refuse", **limits):
     result = addon.render_through_lens(scene, lens=lens(), wavelengths_nm=nm, output_folder=folder,
-                                       spectral=SpectralOptions(tier, **limits), unfit=unfit, depth="off")
+                                       spectral=SpectralOptions(tier, **limits), unfit=unfit, depth="off",
+                                       options=Options(detail="off"))
     return read_exr(result.radiance).frame().cube.astype(np.float64), result.report.as_dict()
 
 
