@@ -50,7 +50,7 @@ def _tinted(planes):
 
 
 def _missing_thing(planes):
-    planes[:3, 20:30, 4:14] *= 0.9
+    planes[:3, 20:30, 4:14] *= 0.8
 
 
 def _missing_mark(planes):
