@@ -8,6 +8,7 @@ from ..scene.units import M_TO_MM
 from .emitters import SAME_DEPTH
 
 EDGE_PX = 2.0
+LEAST_LIGHT = 1e-3  # of the mean, for content without alpha: the denoiser spreads a little light everywhere
 MOST_OF_LIGHT = 0.5  # least share of a pixel's light for an emitter's depth to be the pixel's
 
 
@@ -28,7 +29,8 @@ def known_depth_m(light, sightings, sky, cosine):
     """
     slab, depth_m = light.slab, light.depth_m.copy()
     lit = light.cube.mean(axis=0)
-    missed = _is_background(depth_m) & ((lit != 0) | (slab.transparent & (light.alpha > 0)))
+    shines = np.abs(lit) > LEAST_LIGHT * np.abs(lit).mean()
+    missed = _is_background(depth_m) & (shines | (slab.transparent & (light.alpha > 0)))
     if sky and not slab.transparent:
         missed[:] = False
     sighted = _sighted_m(sightings, slab, missed, lit)
