@@ -130,7 +130,7 @@ def _judged(found, limits):
         faults.append(f"pixels of a block off by {found.detail:.1%} (at most {limits.detail:.0%})")
     if not found.noise <= MOST_NOISE:
         faults.append(f"noise of {found.noise:.0%} of the light (at most {MOST_NOISE:.0%})")
-    if not found.alpha <= ALPHA_OFF:
+    if not found.alpha <= ALPHA_OFF + limits.misplaced:
         faults.append(f"alpha off by {found.alpha:.2g}")
     faults += [f"{name} is missing" if off == np.inf else f"{name} off by {off:.2g} px"
                for name, off in found.off_px.items() if not off <= MOST_OFF_PX]

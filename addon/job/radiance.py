@@ -501,7 +501,8 @@ def captured_from(ready, lights, grid, capture_px):
         radiance = SpectralImage(cube, job.wavelengths_nm, grid, focal_mm=job.lens.capture_focal_length_mm,
                                  exposure=ready.exposure, detail=detail)
     picture = _picture_part(region, grid)
-    holdouts = not (job.traced or layers) and np.any(alpha[picture] < OPAQUE)  # nothing else opens an opaque film
+    opaque = not job.traced and len(lights) == 1 and not lights[0].slab.transparent
+    holdouts = opaque and np.any(alpha[picture] < OPAQUE)  # nothing else opens an opaque film
     remarks = [*ready.of_capture, *colour_remarks(ready.plan), *ready.empty.after_render(
         not np.any(radiance.cube[(..., *picture)]), ready.film and not np.any(alpha[picture]))]
     return Captured(radiance, np.where(np.isfinite(depth_mm), depth_mm / M_TO_MM, BACKGROUND_M).astype(np.float32),
