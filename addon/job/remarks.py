@@ -151,7 +151,7 @@ def _of_traced_lens(scene, job):
     if not traces_on_device(scene):
         yield Remark("Device", "GPU Compute", "the CPU renders instead", "only OptiX traces lenses on the GPU")
     if names := [block.name for block in rendered_blocks(scene) if uses_window(block)]:
-        yield Remark("Window Coordinates", f"of {min(names)!r}", "Cycles has none for a traced lens",
+        yield Remark("Window Coordinates", f"of {min(names)!r}", "Cycles does not compute them for a traced lens",
                      "set Depth to As Needed")
 
 

@@ -63,7 +63,7 @@ def stand_in_camera(scene, journal):
 
 
 def _keep_projections(camera, original, journal):
-    """Let UV Project modifiers project the view of the original camera data, not that of a capture."""
+    """Let UV Project modifiers project the view of the original camera data instead of the view of a capture."""
     projectors = [projector for obj in bpy.data.objects for modifier in obj.modifiers if modifier.type == "UV_PROJECT"
                   for projector in modifier.projectors if projector.object and projector.object.data == camera]
     for projector in projectors:

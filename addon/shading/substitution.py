@@ -142,7 +142,7 @@ class Substitution:
     def place_window(self, capture):
         """Let Window coordinates span the frame of the picture, without the overscan of a capture, a PixelGrid.
 
-        In Cycles they span the capture, from its lower left corner; those of a panorama ignore the camera's shift.
+        In Cycles they span the capture, from its lower left corner; in a panorama, they ignore the camera's shift.
         """
         if not self._window:
             return
