@@ -89,8 +89,10 @@ class Sightings:
                            for down, across in np.ndindex(3, 3)], axis=0)
 
     def laid_over(self, planar_mm, light):
-        """A look at depth and light, arrays (row, column), with the parts that it misses and that nothing hides in it;
-        those of unknown light are as bright as the mean lit pixel."""
+        """A look at depth and light, arrays (row, column), with the parts that it misses and that nothing hides in it.
+
+        A part with unknown light is as bright as the mean lit pixel.
+        """
         planar_mm, light = np.array(planar_mm, float), np.array(light, float)
         usual = light[light > 0].mean() if np.any(light > 0) else 1.0
         part = self.chosen(~(self.planar_mm > planar_mm[self.row, self.column]) & ~self._known_in(planar_mm))

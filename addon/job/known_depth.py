@@ -15,7 +15,7 @@ MOST_OF_LIGHT = 0.5  # least share of a pixel's light for an emitter's depth to 
 def known_depth_m(light, sightings, sky, cosine):
     """Depths of a slab's pixels, as a camera clips, in metres: float32 array (row, column).
 
-    Known emitters have their own depth; other content that the rays miss has the depth of the nearest pixel's.
+    Known emitters have their own depth; other content that the rays miss has the depth of the nearest pixel.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def known_depth_m(light, sightings, sky, cosine):
         missed[:] = False
     sighted = _sighted_m(sightings, slab, missed, lit)
     nearer = sighted < (1 - SAME_DEPTH) * depth_m
-    if (nearer & missed).any():  # what is next to it at the same depth is more accurate
+    if (nearer & missed).any():  # a known neighbour at the same depth is more accurate
         nearer &= ~(missed & (np.abs(sighted / _continued(depth_m) - 1) < SAME_DEPTH))
     depth_m[nearer] = sighted[nearer]
     missed &= ~nearer

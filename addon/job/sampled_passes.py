@@ -57,7 +57,7 @@ def _may_divide_samples(scene, request):
 
 
 def detail_times(scene, request, pixels):
-    """Parts of a capture's pixels, down and across, in which one pass is rendered; 1 for whole pixels."""
+    """How often one pass divides the pixels of a capture, down and across; 1 for undivided pixels."""
     if (request.options.detail == OFF or request.spectral.tier == "preview" or pixels * FINER**2 > MOST_FINE_PX
             or not _may_divide_samples(scene, request)):
         return 1
@@ -107,7 +107,7 @@ class WholePasses:
 
 
 class DetailedPasses(WholePasses):
-    """The passes of a capture, each with all samples; those of the first are in the parts of its pixels.
+    """The passes of a capture, each with all samples. The first pass distributes its samples over the parts of pixels.
 
     Parameters
     ----------

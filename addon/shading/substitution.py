@@ -105,7 +105,7 @@ class Substitution:
         self._group_of = {}  # the lamp of the light group, by the names of properties for emission
         self._constants = []  # nodes in worlds, each with the name of the property that it replaces
         self._shown = ()  # the arguments of the last `set_wavelengths`
-        self._window = {}  # names of the properties that place Window coordinates, by what they do; once in use
+        self._window = {}  # names of the properties with the scale and offset of Window coordinates, once in use
         self.factors, self.mixed_colours, self.refusals = [], False, []
         self._upsamplers = {basis: self._make_upsampler(basis) for basis in set(BASIS.values())}
         worlds = {scene.world, *(layer.world_override for layer in scene.view_layers)} - {None}

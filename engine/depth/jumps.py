@@ -92,8 +92,8 @@ def _closest(pixels):
 
 
 def _divide_rim(layer, part, region, rim, near, beyond):
-    """Divide the light of opaque pixels at the edge between the nearest part and what is beyond, if one is much
-    brighter."""
+    """Divide the light of opaque pixels at the edge between the nearest part and the surface beyond, if one
+    is much brighter."""
     rows, columns = region
     at = np.nonzero(rim)
     inside = at[0] - rows.start, at[1] - columns.start

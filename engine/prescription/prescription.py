@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from dataclasses import field as dataclass_field
+from pathlib import Path
 from typing import Self
 
 import numpy as np
@@ -362,6 +363,12 @@ def _coating_between(front, surface, of_lens):
     return NONE if cemented and of_lens != IDEAL else of_lens
 
 
+def check_surface_count(place: str | Path, number: int) -> None:
+    """Raise a LensError for more surfaces than any lens has, before a loop over them takes time."""
+    if number > MOST_SURFACES:
+        raise LensError(place, "surfaces", number, f"expected at most {MOST_SURFACES}")
+
+
 def _check(prescription):
     """Raise a LensError for the first invalid value."""
     def refuse(field, value, remedy):
@@ -369,8 +376,7 @@ def _check(prescription):
 
     if not prescription.surfaces:
         refuse("surfaces", "empty", "expected at least one")
-    if len(prescription.surfaces) > MOST_SURFACES:  # before the loops over surfaces
-        refuse("surfaces", len(prescription.surfaces), f"expected at most {MOST_SURFACES}")
+    check_surface_count(prescription.name or "prescription", len(prescription.surfaces))
     stops = sum(surface.stop for surface in prescription.surfaces)
     if stops != 1:
         refuse("stop", f"at {stops} surfaces", "expected one surface to be the aperture stop: give its number (--stop)")

@@ -36,8 +36,8 @@ class LightEnd(NamedTuple):
 def light_end(system: System, wavelengths_nm: tuple[float, ...]) -> LightEnd:
     """The end of the light at all of some wavelengths, at the corner of the frame at the farthest.
 
-    Beyond the prescription's field, light is followed outwards as far as a chief ray and others get through and the
-    picture does not fold back. A field that reaches the corner is left as it is, and so is one without a frame.
+    Beyond the prescription's field, light is followed outwards while a chief ray and others get through and the picture
+    does not fold back. A field that reaches the corner is left as it is, and so is one without a frame.
 
     Raises
     ------

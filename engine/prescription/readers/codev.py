@@ -10,7 +10,7 @@ from ...runtime.errors import LensError
 from ...runtime.text import object_distance, read_text
 from ...runtime.unread import unread_names
 from ..glasses import best_name, name_in
-from ..prescription import MOST_SURFACES, Prescription, Surface
+from ..prescription import Prescription, Surface, check_surface_count
 from .field_and_aperture import field_end, in_mm, vignetting_note
 from .frames import START, check_return, posed
 from .lines import Line
@@ -191,8 +191,7 @@ def _aperture_kind(line):
 
 def _check_ends(path, rows):
     """Check that object and image exist, and are planes in air."""
-    if len(rows) - 2 > MOST_SURFACES:  # before each of them takes time
-        raise LensError(path, "surfaces", len(rows) - 2, f"expected at most {MOST_SURFACES}")
+    check_surface_count(path, len(rows) - 2)  # without object and image
     kinds = [next(iter(row)) for row in rows]
     if kinds != ["SO", *["S"] * (len(rows) - 2), "SI"] or len(rows) < 3:
         raise LensError(path, "surfaces", f"{len(rows)}", "expected SO, S ... and SI")

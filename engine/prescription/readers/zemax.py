@@ -11,7 +11,7 @@ from ...runtime.errors import LensError
 from ...runtime.text import object_distance, read_text
 from ...runtime.unread import unread_names
 from ..glasses import best_name
-from ..prescription import MOST_SURFACES, MOST_TERMS, Prescription, Surface
+from ..prescription import MOST_TERMS, Prescription, Surface, check_surface_count
 from .field_and_aperture import field_end, in_mm, vignetting_note
 from .frames import START, check_return, posed
 from .lines import numbered
@@ -128,8 +128,7 @@ def _unit_mm(system):
 def _check_ends(path, rows):
     """Check that object and image are planes in air, and that the last surface is the image: a truncated file ends with
     another."""
-    if len(rows) - 2 > MOST_SURFACES:  # before each of them takes time
-        raise LensError(path, "surfaces", len(rows) - 2, f"expected at most {MOST_SURFACES}")
+    check_surface_count(path, len(rows) - 2)  # without object and image
     if len(rows) < 3:
         raise LensError(path, "surfaces", f"{len(rows)}", "expected an object, a lens and an image")
     for number, row in enumerate(rows):
