@@ -27,6 +27,7 @@ from .engine.spectral.wavelength_choice import IMAGE_WAVELENGTHS, SpectralOption
 from .engine.stray.options import StrayOptions
 
 CAMERA = "camera"
+"""The camera's focus distance, and the owner of settings that each camera has."""
 BY_SCENE, ON = "scene", "on"
 RING_FIELDS = "focus", "f_number", "focused_wide_open", "tilt_deg", "copy", "copy_grade", "coating"
 CAMERA_FIELDS = "camera", "iso", "shutter_s", "noise", "develop", "dng"
@@ -46,10 +47,10 @@ class RenderRequest:
     """
 
     lens: Lens | LensSource = setting(
-        "", name="Lens", metavar="NAME|FILE", recorded=False,
+        "", name="Lens", owner=CAMERA, metavar="NAME|FILE", recorded=False,
         text="A bundled lens, a lens package, or a prescription")
     view: str = setting(
-        LENS_VIEW, name="Field of View", metavar="VIEW", panel="", recorded=False,
+        LENS_VIEW, name="Field of View", owner=CAMERA, metavar="VIEW", panel="", recorded=False,
         text="Field of view of the lens image: the lens's, the camera's, or the lens's on another sensor, also given "
              "as WIDTHxHEIGHT in mm",
         choices={LENS_VIEW: ("Lens", "The lens's field of view on its own sensor; Match Camera to Lens shows it "
@@ -66,38 +67,39 @@ class RenderRequest:
                  TRACED: ("Traced Lens", "Cycles traces rays through the lens itself: slow and without diffraction, "
                                          "but also correct for glass, mirrors and volumes. Needs a prescription")})
     focus: float | str | None = setting(
-        None, name="Focus", metavar="DISTANCE", recorded=False,
+        None, name="Focus", owner=CAMERA, metavar="DISTANCE", recorded=False,
         text="Focus distance from the camera, which is at the entrance pupil: 1.2m, 80cm, 500mm or inf (in Python, a "
              "number in mm)",
         unset="the camera's if its Depth of Field is on, otherwise the prescription's, usually infinity; camera: "
               "always the camera's")
     f_number: float | None = setting(
-        None, name="F-Number", kind=float, metavar="N", recorded=False, text="F-number of the lens",
+        None, name="F-Number", owner=CAMERA, kind=float, metavar="N", recorded=False, text="F-number of the lens",
         unset="the camera's F-Stop if its Depth of Field is on, otherwise the widest")
     focused_wide_open: bool = setting(
-        False, name="Focused Wide Open", kind=bool, panel="", recorded=False,
+        False, name="Focused Wide Open", owner=CAMERA, kind=bool, panel="", recorded=False,
         text="Focus at the widest aperture, then stop down, as with a rangefinder: a lens with focus shift is then "
              "slightly out of focus. Otherwise, focus at the f-stop in use")
     tilt_deg: tuple[float, float] = setting(
-        (0.0, 0.0), name="Tilt", kind=float, option="tilt", metavar="X,Y", panel="", subtype="EULER", recorded=False,
-        limits=(-MOST_TILT_DEG, MOST_TILT_DEG),
+        (0.0, 0.0), name="Tilt", owner=CAMERA, kind=float, option="tilt", metavar="X,Y", panel="", subtype="EULER",
+        recorded=False, limits=(-MOST_TILT_DEG, MOST_TILT_DEG),
         text="Tilt of the lens relative to the sensor, in degrees. X tilts it down: the lower part of the picture, "
              "such as the ground, is in focus nearer. Y tilts it to the right. The view stays",
-        unset="the scene's")
+        unset="the camera's")
     copy: int = setting(
-        0, name="Copy", kind=int, metavar="NUMBER", limits=(0, 2**31 - 1), panel="", recorded=False,
-        unset="the scene's",
+        0, name="Copy", owner=CAMERA, kind=int, metavar="NUMBER", limits=(0, 2**31 - 1), panel="", recorded=False,
+        unset="the camera's",
         text="Number of a copy of the lens, whose elements are slightly displaced: one corner is softer than another. "
              "A number stands for the same copy everywhere. 0: the lens as designed")
     copy_grade: str = setting(
-        "vintage", name="Grade", panel="", recorded=False, unset="the scene's", text="Tolerances of copies",
+        "vintage", name="Grade", owner=CAMERA, panel="", recorded=False, unset="the camera's",
+        text="Tolerances of copies",
         choices={name: (name.title(), f"Elements displaced by {grade.decentre_um:g} \u00b5m and turned by "
                                       f"{grade.tilt_arcmin:g}\u2032, all in front of the stop or behind it by "
                                       f"{grade.group_decentre_um:g} \u00b5m and {grade.group_tilt_arcmin:g}\u2032; "
                                       "standard deviations")
                  for name, grade in GRADES.items()})
     coating: str = setting(
-        AS_LENS, name="Coating", panel="", recorded=False, unset="the scene's",
+        AS_LENS, name="Coating", owner=CAMERA, panel="", recorded=False, unset="the camera's",
         text="Coating of the surfaces between glass and air, which determines the light that they reflect and the lens "
              "loses",
         choices={AS_LENS: ("As the Lens", "The coatings that the lens states"),
@@ -109,7 +111,7 @@ class RenderRequest:
         None, name="Lens Quality", text="Quality at which a prescription is baked", unset="the tier's", recorded=False,
         choices={quality: (quality.title(), "") for quality in QUALITIES})
     iris: Iris | None = setting(
-        None, name="Iris", option=None,
+        None, name="Iris", owner=CAMERA, option=None,
         text="Blades that shape out-of-focus light when the lens is stopped down; by default the blades of the "
              "camera's Aperture if its Depth of Field is on")
     wavelengths_nm: tuple[float, ...] = setting(
@@ -135,15 +137,16 @@ class RenderRequest:
                  ON: ("On", "Denoise, regardless of the scene"),
                  OFF: ("Off", "Do not denoise, regardless of the scene")})
     camera: CameraSource = setting(
-        "", name="Camera", metavar="NAME|FILE", recorded=False,
+        "", name="Camera", owner=CAMERA, metavar="NAME|FILE", recorded=False,
         text="Camera that takes a picture of the lens image: a bundled camera (lensfield camera list), or a camera's "
              "file (.toml); or none. Its sensor replaces the lens's unless --view names another", unset="none")
     iso: float = setting(
-        0.0, name="ISO", kind=float, metavar="ISO", limits=(0, inf), precision=0, panel="camera", unset="auto",
+        0.0, name="ISO", owner=CAMERA, kind=float, metavar="ISO", limits=(0, inf), precision=0, panel="camera",
+        unset="auto",
         text="ISO of the camera. 0, or auto: the camera's base ISO, or the metered one if only the shutter is given")
     shutter_s: float = setting(
-        0.0, name="Shutter (s)", kind=float, option="shutter", metavar="SECONDS", limits=(0, inf), precision=4,
-        panel="camera", unset="auto",
+        0.0, name="Shutter (s)", owner=CAMERA, kind=float, option="shutter", metavar="SECONDS", limits=(0, inf),
+        precision=4, panel="camera", unset="auto",
         text="Exposure time of the camera in seconds, such as 1/60. 0, or auto: metered for each picture")
     noise: bool = setting(
         True, name="Noise", kind=bool, panel="camera",

@@ -16,6 +16,7 @@ from .job.result import check_next_to_frames
 from .job.scene_preview import changed_scene, moved_preview, open_preview, opened_preview
 from .job.session import take_session
 from .job.source import source_digest
+from .scene.active_camera import camera_settings
 from .scene.compositor_watch import start_watching, stop_watching
 from .scene.lens_cache import forget_lenses
 from .scene.trust import forget_trust
@@ -48,14 +49,14 @@ from .ui import (
 from .ui.keys import register_keys, unregister_keys
 from .ui.previews import forget_previews
 
-__all__ = ["Animation", "RenderRequest", "apply_lens", "camera_words", "changed_scene", "check_next_to_frames",
-           "check_output_folder", "folder_for", "moved_preview", "open_preview", "opened_preview", "plan_comparison",
-           "preflight", "register", "render_animation", "render_comparison", "render_through_lens", "set_blend_folder",
-           "source_digest", "take_session", "unregister"]
+__all__ = ["Animation", "RenderRequest", "apply_lens", "camera_settings", "camera_words", "changed_scene",
+           "check_next_to_frames", "check_output_folder", "folder_for", "moved_preview", "open_preview",
+           "opened_preview", "plan_comparison", "preflight", "register", "render_animation", "render_comparison",
+           "render_through_lens", "set_blend_folder", "source_digest", "take_session", "unregister"]
 
 _MODULES = (properties, preferences, favourites, fixes, operators, open_lens, animation, another_lens, comparison,
-            preview_panel, live, quick_look, lens_assets, compositor_panel, panels, lint_panel, spectra_panels,
-            trust_panel, flamenco)
+            preview_panel, live, quick_look, lens_assets, compositor_panel, panels, lint_panel,
+            spectra_panels, trust_panel, flamenco)
 _CLASSES = [cls for module in _MODULES for cls in module.classes]
 for _operator in (cls for cls in _CLASSES if issubclass(cls, bpy.types.Operator)):
     _operator.bl_description = " ".join(_operator.__doc__.split())  # tooltips show line breaks

@@ -52,7 +52,7 @@ def measure(scene, moved):
     preview.size_px = lambda scene: PREVIEW_PX
     scene.render.resolution_x, scene.render.resolution_y = RENDER_PX
     scene.render.resolution_percentage = 100
-    scene.lensfield.view = "CAMERA"
+    scene.camera.data.lensfield.view = "CAMERA"
     dof = scene.camera.data.dof
     dof.use_dof, dof.aperture_fstop = True, 2.8
     bpy.context.view_layer.update()
@@ -65,7 +65,7 @@ def measure(scene, moved):
         dof.focus_distance *= 1.02
         report("focus")
     for lens in ("cooke-triplet-50mm", "nikkor-28mm"):
-        scene.lensfield.lens = lens
+        scene.camera.data.lensfield.lens = lens
         report("another lens")
     for _ in range(2):
         moved.location.z += 0.01

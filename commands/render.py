@@ -205,8 +205,14 @@ def scene_and_fields(options, scene_of=_named_scene):
     if stray := given_settings(options, StrayOptions):
         given["stray"] = scene.lensfield.to_stray_options(**stray)
     if given_reading(options):
-        given["lens"] = lens_source(options, options.lens or scene.lensfield.lens_name_or_path())
+        given["lens"] = lens_source(options, options.lens or _lens_of(scene))
     return scene, given | {"iris": iris_option(options)}
+
+
+def _lens_of(scene):
+    from ..addon import camera_settings
+
+    return camera_settings(scene).lens_name_or_path()
 
 
 def _scene_to_render(options, scene_of):

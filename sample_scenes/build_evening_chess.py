@@ -558,6 +558,7 @@ def make_camera():
     camera.sensor_width, camera.sensor_height = lens.sensor_mm
     camera.lens = lens.capture_focal_length_mm
     camera.clip_start, camera.clip_end = 0.01, 10
+    camera.lensfield.lens = LENS_NAME
     pitch = math.radians(CAMERA_PITCH_DEG)
     focus_mm = lens.object_distance_mm + lens.entrance_pupil_mm
     location_mm = (0, -focus_mm * math.cos(pitch), CAMERA_HEIGHT_MM)
@@ -566,7 +567,6 @@ def make_camera():
 
 def set_render():
     scene = bpy.context.scene
-    scene.lensfield.lens = LENS_NAME
     render, cycles = scene.render, scene.cycles
     render.engine = "CYCLES"
     render.resolution_x, render.resolution_y, render.resolution_percentage = 768, 576, 100

@@ -462,13 +462,12 @@ def make_camera():
     camera.clip_start, camera.clip_end = 0.1, 200
     camera.dof.use_dof, camera.dof.focus_distance = True, FOCUS_MM * M_PER_MM
     camera.dof.aperture_fstop = 0.5  # wider than any lens
+    camera.lensfield.lens, camera.lensfield.view = LENS_NAME, "CAMERA"
     bpy.context.scene.camera = place("Camera", camera, CAMERA_MM, (90 - CAMERA_PITCH_DEG, 0, 0))
 
 
 def set_render():
     scene = bpy.context.scene
-    scene.lensfield.lens = LENS_NAME
-    scene.lensfield.view = "CAMERA"
     render, cycles = scene.render, scene.cycles
     render.engine = "CYCLES"
     render.resolution_x, render.resolution_y = RESOLUTION_PX

@@ -66,8 +66,8 @@ def saved_twice(name, folder, columns, samples):
     paths = []
     for number in (0, 1):
         scene = open_scene(path)
-        settings = scene.lensfield
-        settings.lens, settings.view, settings.stray_light, settings.lens_quality = LENS, "CAMERA", "OFF", "PREVIEW"
+        settings, of_camera = scene.lensfield, scene.camera.data.lensfield
+        of_camera.lens, of_camera.view, settings.stray_light = LENS, "CAMERA", "OFF"
         settings.wavelength_first_nm, settings.wavelength_last_nm, settings.wavelength_count = WAVELENGTHS
         dof = scene.camera.data.dof
         dof.use_dof, dof.aperture_fstop, dof.focus_distance = True, F_NUMBER, FOCUS_M

@@ -14,6 +14,7 @@ from ...engine.runtime.errors import InputError
 from ...engine.runtime.files import temporary_root
 from ...engine.spectral.wavelength_choice import REFERENCE
 from ...request import BY_SCENE, ON, RING_FIELDS, RenderRequest
+from ..scene.linked import stated_path
 from ..scene.rings import scene_iris, scene_lens
 from ..scene.trust import check_output
 from ..shading.assigned import LOADERS
@@ -80,7 +81,7 @@ def job_of(scene, quality=None, **given):
     """
     request = scene.lensfield.to_request(**given)
     if not request.lens:
-        raise InputError("scene settings", "lens file", "empty", "choose a prescription or a lens package")
+        raise InputError("camera settings", "lens file", "empty", "choose a prescription or a lens package")
     rings = {name: getattr(request, name) for name in RING_FIELDS}
     iris = scene_iris(scene, request.lens, request.iris, **rings)
     quality = quality or request.lens_quality or request.spectral.tier
@@ -147,9 +148,11 @@ def set_blend_folder(folder):
     ----------
     folder : path
     """
-    for scene in bpy.data.scenes:
-        for field in ("lens_file", "camera_file", "output_folder"):
-            setattr(scene.lensfield, field, bpy.path.abspath(getattr(scene.lensfield, field), start=str(folder)))
+    paths = [*((scene, "output_folder") for scene in bpy.data.scenes),
+             *((camera, field) for camera in bpy.data.cameras for field in ("lens_file", "body_file"))]
+    for block, field in paths:
+        if block.is_editable:
+            setattr(block.lensfield, field, stated_path(block, field, str(folder)))
     for block in (*bpy.data.materials, *bpy.data.lights, *bpy.data.worlds):
         for field in LOADERS:
             path = os.path.join(folder, bpy.path.abspath(getattr(block.lensfield, field, ""), start=str(folder)))

@@ -4,6 +4,7 @@ import bpy
 
 from ..scene.compositor import picture_folder
 from ..scene.errors import SceneError
+from ..scene.linked import stated_path
 from ..scene.trust import REMEDY, is_near_blend, is_trusted, trust, trusts_all
 from ..shading.assigned import named_spectra
 
@@ -19,12 +20,12 @@ def named_files():
     if trusts_all():
         return {}
     named = {}
+    for camera in bpy.data.cameras:
+        for field, kind in ("lens", "lens"), ("body", "camera"):
+            if getattr(camera.lensfield, field) == FROM_FILE and (path := stated_path(camera, f"{field}_file")):
+                named[path] = kind
     for scene in bpy.data.scenes:
-        settings = scene.lensfield
-        for kind in "lens", "camera":
-            if getattr(settings, kind) == FROM_FILE and (path := getattr(settings, f"{kind}_file")):
-                named[bpy.path.abspath(path)] = kind
-        for folder in filter(None, (bpy.path.abspath(settings.output_folder), picture_folder(scene))):
+        for folder in filter(None, (bpy.path.abspath(scene.lensfield.output_folder), picture_folder(scene))):
             if not is_near_blend(folder):
                 named[folder] = "output"
     named |= dict.fromkeys(named_spectra(), "spectrum")

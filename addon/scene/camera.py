@@ -17,6 +17,7 @@ from ...engine.plan.options import Options
 from ...engine.plan.plan_cache import cached_plan
 from ...engine.rays.rings import AT_REST, in_metres
 from ...engine.runtime.errors import InputError
+from .active_camera import camera_data, camera_settings
 from .errors import SceneError
 from .instances import rendered_instances
 from .lens_cache import lens_on_sensor, scaled_lens
@@ -97,12 +98,12 @@ def frame_grid(scene, lens):
 
 def shift_px(scene):
     """The sensor's displacement by the camera's Shift, in pixels to the right and up."""
-    camera = scene.camera
-    if camera is None or camera.type != "CAMERA":
+    camera = camera_data(scene)
+    if camera is None:
         return 0.0, 0.0
     return tuple(float(f"{part:.6g}") * unit_px  # as the user entered it: Blender's floats are single precision
-                 for part, unit_px in zip((camera.data.shift_x, camera.data.shift_y),
-                                          _shift_units_px(camera.data, frame_px(scene), pixel_aspect(scene)),
+                 for part, unit_px in zip((camera.shift_x, camera.shift_y),
+                                          _shift_units_px(camera, frame_px(scene), pixel_aspect(scene)),
                                           strict=True))
 
 
@@ -271,8 +272,7 @@ def check_camera(scene, view=LENS_VIEW, camera=None):
         One of the scene's cameras; the active one by default.
     """
     camera = scene.camera if camera is None else camera
-    if camera is None or camera.type != "CAMERA":
-        raise SceneError(f"scene {scene.name!r}", "camera", "missing", "add a camera to render from")
+    camera_settings(scene, camera)
     where = f"camera {camera.name!r}"
     if camera.data.type == "PANO":
         kind = camera.data.panorama_type

@@ -46,6 +46,8 @@ def _expected(update):
         return COPY
     if kind == "OBJECT":
         return DIFFERENT if update.is_updated_geometry and update.id.type not in WITH_OWN_DATA else MAYBE
+    if kind == "CAMERA":  # else only its focus, its f-stop or Lensfield's settings may have changed
+        return DIFFERENT if update.is_updated_shading else MAYBE
     return DIFFERENT if _flags(update) != (False, False, False) and kind != "COLLECTION" else MAYBE
 
 
@@ -72,7 +74,7 @@ def render_switches(scene):
 def structure_digest(scene):
     """Text that changes with everything about a scene that the values of its data-blocks cannot express."""
     names = sorted(map(name_of, blocks_of(scene)))
-    request = scene.lensfield.to_request(lens="", view="lens", focused_wide_open=False, options=Options())
+    request = scene.lensfield.without_camera(options=Options())
     return json.dumps([names, repr(request), all_settings_digest(scene)])
 
 

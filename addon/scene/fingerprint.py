@@ -26,6 +26,7 @@ LEFT_OUT_STARTS = ("show_", "select", "active", "display_", "bl_", "preview_", "
                    "open_")
 SHOWN_IN_RENDERS = {"show_render", "show_instancer_for_render"}
 LEFT_OUT_OF = {  # by type: properties that affect only editors, or are covered elsewhere
+    "Camera": {"lensfield"},  # the lens and the body
     "Node": {"location", "width", "height", "label", "color", "use_custom_color", "parent", "warning_propagation"},
     "Image": {"file_format", "resolution"},  # reading these opens its file
     "NodeSocket": {"enabled", "links", "hide_value", "link_limit", "description", "pin_gizmo"},  # set by the node

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...engine.lens.pinhole import fitting_pitch_um
+from .active_camera import camera_settings
 from .camera import frame_px, size_for_view
 from .lens_facts import lean_per_m
 from .rings import rings_for
@@ -55,9 +56,10 @@ def focus_now(scene, at_rest):
     InputError
         The lens cannot replace the scene's camera.
     """
-    lens = scene.lensfield.lens_name_or_path()
+    settings = camera_settings(scene)
+    lens = settings.lens_name_or_path()
     rings = rings_for(scene, lens)
-    size, sensor_mm = size_for_view(scene, at_rest, scene.lensfield.view_text())
+    size, sensor_mm = size_for_view(scene, at_rest, settings.view_text())
     f_number, focus_mm = at_rest.f_number, at_rest.focus_mm * size
     if at_rest.reach:
         widest, highest, closest_mm = at_rest.reach
@@ -66,7 +68,7 @@ def focus_now(scene, at_rest):
     focus_mm = max(focus_mm, NEAREST_FOCAL_LENGTHS * at_rest.efl_mm * size)
     focal_mm = at_rest.efl_mm * size
     image_mm = focal_mm / (1 - focal_mm / focus_mm)
-    if scene.lensfield.view == "CAMERA":  # the view is the same at every focus, so the lens is scaled down
+    if settings.view == "CAMERA":  # the view is the same at every focus, so the lens is scaled down
         focal_mm, image_mm = focal_mm * focal_mm / image_mm, focal_mm
     pitch_mm = fitting_pitch_um(replace(at_rest, sensor_mm=sensor_mm), frame_px(scene)) / M_TO_MM
     wider = max(1.0, at_rest.squeeze**-2)  # as in `blur_per_nearness_px`

@@ -1,5 +1,7 @@
 """Data-blocks linked from another .blend. Python may change them, but Blender drops such changes when it saves."""
 
+import bpy
+
 from .errors import SceneError
 
 
@@ -19,3 +21,21 @@ def check_editable(block, remedy="change it in that file, or make a library over
     if not block.is_editable:
         origin = f"linked from {block.library.filepath}" if block.library else "not editable"
         raise SceneError(f"{block.bl_rna.name.lower()} {block.name!r}", "data-block", origin, remedy)
+
+
+def stated_path(block, field, start=None):
+    """The absolute path of a file that a data-block's Lensfield settings name.
+
+    Parameters
+    ----------
+    block : bpy.types.ID
+    field : str
+        Of the settings.
+    start : str, optional
+        The folder of this .blend, which // stands for, unless the path comes from a linked .blend; by default the
+        folder that it is in.
+    """
+    text, reference = getattr(block.lensfield, field), getattr(block.override_library, "reference", None)
+    inherited = reference and getattr(reference.lensfield, field) == text  # by the library override
+    library = reference.library if inherited else block.library
+    return bpy.path.abspath(text, library=library) if library else bpy.path.abspath(text, start=start)

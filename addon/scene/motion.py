@@ -4,11 +4,12 @@ import re
 
 import bpy
 
+from .active_camera import camera_data
 from .fingerprint import action_curves, blocks_of
 
 VIEW = {"lens", "sensor_width", "sensor_height", "shift_x", "shift_y"}
-RINGS = "dof."  # prefix of the camera settings for focus and f-stop
-SCENES_RINGS = "lensfield.focused_wide_open", "lensfield.iris_"
+DEPTH_OF_FIELD = "dof."
+RINGS = DEPTH_OF_FIELD, "lensfield.focused_wide_open", "lensfield.iris_"  # of camera settings for focus and f-stop
 HANDLERS = "frame_change_pre", "frame_change_post", "render_pre"
 SIMULATIONS = {"CLOTH", "DYNAMIC_PAINT", "EXPLODE", "FLUID", "PARTICLE_INSTANCE", "PARTICLE_SYSTEM", "SOFT_BODY"}
 MOVING_MODIFIERS = SIMULATIONS | {"BUILD", "MESH_CACHE", "MESH_SEQUENCE_CACHE", "WAVE"}
@@ -33,7 +34,7 @@ def moving(scene, frames):
 
 def rings_animated(scene):
     """Whether keyframes, drivers or a focus object change the focus or f-stop of a scene's camera."""
-    camera = scene.camera.data if scene.camera and scene.camera.type == "CAMERA" else None
+    camera = camera_data(scene)
     return camera is not None and camera.dof.use_dof and (
         camera.dof.focus_object is not None
         or any(path.startswith(RINGS) for path in _animated_paths(camera, None, frozenset())))
@@ -126,7 +127,7 @@ def _times(scene, frames):
 
 def _why_moving(block, times, checked):
     """Why a data-block may change, in words; None if it does not."""
-    allowed = {"CAMERA": RINGS, "SCENE": SCENES_RINGS}.get(block.id_type, ())
+    allowed = RINGS if block.id_type == "CAMERA" else ()
     if any(not path.startswith(allowed) for path in _animated_paths(block, times, checked)):
         return "is animated"
     if block.id_type == "OBJECT":
@@ -164,24 +165,31 @@ def _animated_paths(block, times, checked):
             yield driver.data_path
     for strip in (strip for track in animation.nla_tracks for strip in track.strips if not track.mute):
         yield from (curve.data_path for curve in action_curves(strip.action)) if strip.action else [strip.name]
-    for curve in _action_curves(animation):
+    for curve in curves_of(animation):
         if times is None or len({curve.evaluate(time) for time in times}) > 1:
             yield curve.data_path
 
 
-def _action_curves(animation):
-    """F-curves of a data-block in its action: since Blender has slots, other data-blocks may share the action."""
+def curves_of(animation):
+    """F-curves of a data-block's animation data in its action: since Blender has slots, other data-blocks may share
+    the action."""
+    return [curve for _, curve in owned_curves(animation)]
+
+
+def owned_curves(animation):
+    """As `curves_of`, each with its owner, whose `fcurves` it is one of: generator of pairs."""
     action, slot = animation.action, getattr(animation, "action_slot", None)
     if action is None or slot is None:
-        return action_curves(action) if action else []
+        yield from ((action, curve) for curve in (action_curves(action) if action else ()))
+        return
     bags = (strip.channelbag(slot) for layer in action.layers for strip in layer.strips)
-    return [curve for bag in bags if bag for curve in bag.fcurves]
+    yield from ((bag, curve) for bag in bags if bag for curve in bag.fcurves)
 
 
 def _is_constant_driver(driver, checked):
     """Whether a driver depends only on values that do not change."""
     if driver.type == "SCRIPTED" and (not driver.is_simple_expression or re.search(r"\bframe\b", driver.expression)):
         return False
-    return all(variable.type != "CONTEXT_PROP" and all(target.id in checked and RINGS not in target.data_path
+    return all(variable.type != "CONTEXT_PROP" and all(target.id in checked and DEPTH_OF_FIELD not in target.data_path
                                                        for target in variable.targets)
                for variable in driver.variables)

@@ -7,6 +7,7 @@ from math import inf
 
 import bpy
 
+from .active_camera import camera_settings
 from .camera import check_camera, frame_px, render_region
 from .errors import SceneError
 from .lens_facts import squeeze_of
@@ -25,16 +26,16 @@ def check_scene(scene, *, frames=(), view_layer=None, view=None, output_folder=N
     frames : iterable of int
         Frames to render: checks all cameras that markers bind to them. Without frames, the active camera.
     view_layer, view, output_folder, lens, ... : by name
-        Fields of a RenderRequest; by default the scene's settings.
+        Fields of a RenderRequest; by default the settings of the scene and of the cameras.
     """
-    settings = scene.lensfield
     check_editable(scene, "open that file, or append the scene instead")
     if output_folder is None:
         _check_file_names(scene)
     cameras = dict.fromkeys(camera_at(scene, frame) for frame in frames) or [scene.camera]
     for camera in cameras:
+        settings = camera_settings(scene, camera)
         check_camera(scene, settings.chosen_view() if view is None else view, camera)
-    _check_pixels(scene, lens)
+        _check_pixels(scene, settings, lens)
     if not 0 < scene.unit_settings.scale_length < inf:
         raise SceneError(f"scene {scene.name!r}", "unit scale", f"{scene.unit_settings.scale_length:g}",
                          "expected a positive number: set it in the scene properties, under Units")
@@ -45,16 +46,16 @@ def check_scene(scene, *, frames=(), view_layer=None, view=None, output_folder=N
     if scene.background_set:
         raise SceneError(f"scene {scene.name!r}", "background set", scene.background_set.name,
                          "link its collections into this scene instead")
-    _check_view_layers(scene, settings.view_layer if view_layer is None else view_layer)
+    _check_view_layers(scene, scene.lensfield.view_layer if view_layer is None else view_layer)
     render_region(scene)
 
 
-def _check_pixels(scene, lens):
+def _check_pixels(scene, settings, lens):
     """Raise a SceneError for pixels that are not square, unless the lens is anamorphic."""
     render = scene.render
     if render.pixel_aspect_x == render.pixel_aspect_y:
         return
-    lens = scene.lensfield.lens_name_or_path() if lens is None else lens
+    lens = settings.lens_name_or_path() if lens is None else lens
     if not lens or squeeze_of(lens) == 1:
         raise SceneError(f"scene {scene.name!r}", "pixel aspect",
                          f"{render.pixel_aspect_x:g}:{render.pixel_aspect_y:g}",

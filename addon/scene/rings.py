@@ -12,6 +12,7 @@ from ...engine.prescription.coatings import AS_LENS, coating_of
 from ...engine.prescription.tolerances import copy_of
 from ...engine.rays.rings import AT_REST, Rings, resized_rings
 from ...engine.runtime.errors import InputError
+from .active_camera import camera_data, camera_settings
 from .camera import lens_for_view, scene_frame
 from .lens_cache import identity_of, load_lens
 from .units import mm_per_unit
@@ -25,8 +26,8 @@ FIXED = "the lens is a package, valid for one focus and one f-number: the camera
 
 def scene_rings(scene, focus=None, f_number=None, focused_wide_open=None, tilt_deg=None, copy=None,
                 copy_grade=None, coating=None) -> Rings:
-    """The focus and f-stop from the scene's camera, if its depth of field is on, and the tilt, the copy and the coating
-    from the settings, except for the given values.
+    """The rings of the scene's camera, except for the given values: focus and f-stop if its depth of field is on; tilt,
+    copy and coating.
 
     Parameters
     ----------
@@ -36,19 +37,22 @@ def scene_rings(scene, focus=None, f_number=None, focused_wide_open=None, tilt_d
     f_number : float, optional
     focused_wide_open, tilt_deg, copy, copy_grade, coating : optional
         As in a RenderRequest.
+
+    Raises
+    ------
+    SceneError
+        The scene has no camera.
     """
-    settings = scene.lensfield
-    camera = scene.camera.data if scene.camera and scene.camera.type == "CAMERA" else None
-    turns = camera is not None and camera.dof.use_dof
-    if camera and (focus == CAMERA or (focus is None and turns)):
+    settings, dof = camera_settings(scene), scene.camera.data.dof
+    if focus == CAMERA or (focus is None and dof.use_dof):
         focus = _as_set(_focus_mm(scene))
-    if f_number is None and turns:
-        f_number = max(_as_set(camera.dof.aperture_fstop), LEAST)
+    if f_number is None and dof.use_dof:
+        f_number = max(_as_set(dof.aperture_fstop), LEAST)
     focused_wide_open, tilt_deg, copy, copy_grade, coating = (
         settings.value_of(name) if given is None else given for name, given in (
             ("focused_wide_open", focused_wide_open), ("tilt_deg", tilt_deg), ("copy", copy),
             ("copy_grade", copy_grade), ("coating", coating)))
-    return Rings(None if focus == CAMERA else focus, f_number, focused_wide_open, tilt_deg=tilt_deg,
+    return Rings(focus, f_number, focused_wide_open, tilt_deg=tilt_deg,
                  copy=copy_of(copy, copy_grade), coating=coating_of(coating))
 
 
@@ -92,11 +96,11 @@ def _iris_shows(lens, changed, rings):
 
 def _camera_iris(scene):
     """The Iris of the scene's camera, or None. Blender treats fewer than three blades as a round stop."""
-    camera = scene.camera.data if scene.camera and scene.camera.type == "CAMERA" else None
+    camera = camera_data(scene)
     if camera is None or not camera.dof.use_dof or camera.dof.aperture_blades < FEWEST_BLADES:
         return None
     return Iris(camera.dof.aperture_blades, _as_set(degrees(camera.dof.aperture_rotation)),
-                _as_set(scene.lensfield.iris_roundness))
+                _as_set(camera.lensfield.iris_roundness))
 
 
 def scene_lens(scene, lens, view, quality, wavelengths_nm=None, **overrides):
@@ -131,7 +135,7 @@ def scene_lens(scene, lens, view, quality, wavelengths_nm=None, **overrides):
     rings = scene_rings(scene, **overrides)
     if not has_rings(lens):
         return *lens_for_view(scene, load_lens(lens), view), (FIXED,) * (rings != AT_REST)
-    if view == CAMERA and scene.camera and scene.camera.type == "CAMERA":
+    if view == CAMERA and camera_data(scene):
         rings = resized_rings(prescription_of(lens), rings, scene.camera.data.lens)
     edges_mm = scene_frame(scene, view).edges_mm(pinhole_of(lens, rings)) if scene.camera else None
     baked = load_lens(lens, rings, quality, wavelengths_nm=wavelengths_nm, edges_mm=edges_mm)

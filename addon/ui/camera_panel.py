@@ -1,4 +1,4 @@
-"""The part of the panel for the camera that takes a picture of the lens image."""
+"""The part of the panel for a camera's body, which takes a picture of the lens image."""
 
 from ...engine.library.bodies import load_camera
 from ...engine.runtime.errors import InputError
@@ -8,24 +8,23 @@ from .listed_settings import draw_listed
 from .text_wrap import draw_wrapped
 
 
-def draw_camera(layout, scene):
-    """Draw the camera, its sensor, and the exposure."""
-    settings = scene.lensfield
-    layout.prop(settings, "camera")
-    if settings.camera == FROM_FILE:
-        layout.prop(settings, "camera_file")
+def draw_camera(layout, scene, camera):
+    """Draw the body of a camera, its sensor, and the exposure."""
+    settings = camera.lensfield
+    layout.prop(settings, "body")
+    if settings.body == FROM_FILE:
+        layout.prop(settings, "body_file")
     try:
-        name = settings.camera_name_or_path()
+        name = settings.body_name_or_path()
         if not name:
             return
-        camera = load_camera(name)
-        missing = missing_text(missing_channels(camera, settings.wavelengths_nm()))
+        body = load_camera(name)
+        missing = missing_text(missing_channels(body, scene.lensfield.wavelengths_nm()))
     except InputError as error:
         draw_wrapped(layout, str(error), "ERROR")
         return
-    layout.label(text="{:.3g} \u00d7 {:.3g} mm, {} \u00d7 {} pixels".format(*camera.size_mm,
-                                                                            *reversed(camera.shape_px)))
-    draw_listed(layout, settings, "camera")
+    layout.label(text="{:.3g} \u00d7 {:.3g} mm, {} \u00d7 {} pixels".format(*body.size_mm, *reversed(body.shape_px)))
+    draw_listed(layout, scene, "camera", settings)
     if settings.iso == 0 or settings.shutter_s == 0:
         draw_wrapped(layout, "0: automatic, by the camera's meter")
     if missing:

@@ -11,6 +11,7 @@ import bpy
 from ...engine.library import bundled_names, has_rings
 from ...engine.runtime.errors import InputError
 from ..job.named_files import FROM_FILE
+from ..scene.active_camera import camera_settings
 from ..scene.camera import frame_px
 from ..scene.linked import check_editable
 from . import window_render
@@ -54,7 +55,11 @@ class LENSFIELD_OT_compare(LensRender, bpy.types.Operator):
 
     def invoke(self, context, event):
         """Ask for the lenses and f-stops; the lenses of the last sheet are ticked, or else the scene's lens."""
-        settings, sheet = context.scene.lensfield, session.last_sheet
+        try:
+            settings, sheet = camera_settings(context.scene), session.last_sheet
+        except InputError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
         before = {compared.lens for compared in sheet.lenses} if sheet else {settings.lens}
         self.lenses.clear()
         for name, *_ in offered_lenses():
@@ -90,7 +95,7 @@ class LENSFIELD_OT_compare(LensRender, bpy.types.Operator):
         names = [lens.name for lens in self.lenses if lens.ticked]
         if not names:
             raise InputError("comparison", "lenses", "none", "tick at least one")
-        lenses = [scene.lensfield.lens_name_or_path() if name == FROM_FILE else name for name in names]
+        lenses = [camera_settings(scene).lens_name_or_path() if name == FROM_FILE else name for name in names]
         stops = [float(stop) for stop in F_STOPS if stop in self.f_stops]
         return window_render.start_comparison(scene, lenses, stops, _size_px(scene, self.side_px), self.samples)
 
@@ -109,7 +114,7 @@ def _offered(lenses, search):
 
 
 def _offered_title(scene, name):
-    return lens_title(scene.lensfield.lens_text() if name == FROM_FILE else name)
+    return lens_title(camera_settings(scene).lens_text() if name == FROM_FILE else name)
 
 
 def _size_px(scene, side_px):
@@ -147,12 +152,10 @@ class LENSFIELD_OT_choose_compared(bpy.types.Operator):
 
 def _choose(scene, compared):
     """Give a scene the lens of a picture, and its camera the f-stop."""
-    settings, camera = scene.lensfield, scene.camera
-    dof = camera.data.dof if camera and camera.type == "CAMERA" else None
-    sets_stop = dof and has_rings(compared.lens) and (dof.use_dof or session.last_sheet.f_stops)
-    check_editable(scene)
-    if sets_stop:
-        check_editable(camera.data)
+    settings = camera_settings(scene)
+    dof = settings.id_data.dof
+    check_editable(settings.id_data)
+    if has_rings(compared.lens) and (dof.use_dof or session.last_sheet.f_stops):
         dof.use_dof, dof.aperture_fstop = True, compared.f_number
     if compared.lens in bundled_names():
         settings.lens = compared.lens

@@ -3,6 +3,7 @@
 import bpy
 
 from ..job.named_files import FROM_FILE
+from ..scene.active_camera import camera_in
 from .preferences import addon_preferences, favourite_lenses
 from .properties import forget_items
 
@@ -15,10 +16,11 @@ class LENSFIELD_OT_favourite(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
-        return addon_preferences() is not None and context.scene.lensfield.lens != FROM_FILE
+        camera = camera_in(context)
+        return addon_preferences() is not None and camera is not None and camera.lensfield.lens != FROM_FILE
 
     def execute(self, context):
-        preferences, lens = addon_preferences(), context.scene.lensfield.lens
+        preferences, lens = addon_preferences(), camera_in(context).lensfield.lens
         names = preferences.favourite_lenses.split()
         preferences.favourite_lenses = " ".join(sorted({*names} ^ {lens}))
         bpy.context.preferences.is_dirty = True  # so that Blender saves it

@@ -12,6 +12,7 @@ import numpy as np
 
 from ...engine.pictures.spectral_exr import read_parts
 from ...engine.runtime.errors import InputError
+from ..scene.active_camera import camera_settings
 from ..scene.camera import view_tangents
 from ..scene.focus import focus_now
 from .lens_at_rest import facts_at_rest, forget_facts
@@ -65,7 +66,8 @@ def focus_tints(scene, path):
         at_rest = facts_at_rest(scene)
         if path is None or at_rest is None or not path.is_file():
             return None
-        edges = view_tangents(scene, scene.lensfield.lens_name_or_path(), scene.lensfield.view_text())
+        settings = camera_settings(scene)
+        edges = view_tangents(scene, settings.lens_name_or_path(), settings.view_text())
         return _tints(path, path.stat().st_mtime_ns, focus_now(scene, at_rest), edges)
     except (InputError, OSError):  # the panel reports it
         return None

@@ -5,6 +5,7 @@ from concurrent.futures import ThreadPoolExecutor, wait
 from functools import lru_cache
 
 from ...engine.runtime.files import stamp_of
+from ..scene.active_camera import camera_settings
 from ..scene.lens_facts import LensFacts, lens_facts
 
 MOST_LENSES = 4
@@ -21,7 +22,7 @@ def facts_at_rest(scene, longest_s: float | None = 0.0) -> LensFacts | None:
     InputError
         The lens is not available.
     """
-    lens = scene.lensfield.lens_name_or_path()
+    lens = camera_settings(scene).lens_name_or_path()
     future = _read(lens, stamp_of(lens))
     wait([future], longest_s)
     return future.result() if future.done() else None

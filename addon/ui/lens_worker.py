@@ -14,6 +14,7 @@ import bpy
 from ...engine import Lens
 from ...engine.runtime.errors import InputError, LensError
 from ...engine.runtime.files import stamp_of
+from ..scene.active_camera import camera_settings
 from ..scene.camera import SceneFrame, scene_frame
 from ..scene.lens_cache import load_lens, loaded_lens
 from ..scene.lens_facts import LensFacts, lens_facts
@@ -79,12 +80,11 @@ class Request:
 
 def lens_request(scene):
     """The Request for a scene's current settings; its answer may still be pending."""
-    settings, name = scene.lensfield, scene.lensfield.lens_name_or_path()
-    camera = scene.camera.data if scene.camera and scene.camera.type == "CAMERA" else None
-    focal_mm = camera.lens if camera and settings.view == "CAMERA" else None
-    question = (name, stamp_of(name), rings_for(scene, name), focal_mm, _wavelengths_nm(settings),
-                settings.to_spectral_options().tier)
-    frame = scene_frame(scene, settings.view_text()) if camera else None
+    settings = camera_settings(scene)
+    name, focal_mm = settings.lens_name_or_path(), settings.id_data.lens if settings.view == "CAMERA" else None
+    question = (name, stamp_of(name), rings_for(scene, name), focal_mm, _wavelengths_nm(scene.lensfield),
+                scene.lensfield.to_spectral_options().tier)
+    frame = scene_frame(scene, settings.view_text())
     request = _requests.get(scene.session_uid)
     if request is None or not request.is_for(question, frame):
         request = _ask(scene, question, frame)

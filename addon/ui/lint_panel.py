@@ -4,6 +4,7 @@ import bpy
 
 from ...engine.runtime.errors import InputError
 from ..job.preflight import preflight
+from ..scene.active_camera import camera_settings
 from ..scene.rings import rings_for
 from ..shading.lint import counts_text
 from ..shading.node_rules import APPROXIMATED, REJECTED, SEPARATED
@@ -80,12 +81,12 @@ def draw_check(layout, scene):
 
 def checked_settings(scene):
     """The settings on which a check depends, with an error's text in place of the request if they are not valid."""
-    settings, lens = scene.lensfield, scene.lensfield.lens_text()
     try:
-        request = settings.to_request(lens=lens)
+        lens = camera_settings(scene).lens_text()
+        settings = scene.lensfield.to_request(lens=lens), rings_for(scene, lens)
     except InputError as error:
-        request = str(error)
-    return request, rings_for(scene, lens), scene.frame_current
+        settings = str(error)
+    return settings, scene.frame_current
 
 
 def draw_preflight(layout, result):

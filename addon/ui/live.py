@@ -29,6 +29,7 @@ from ...engine.library.rays import lens_rays
 from ...engine.runtime.errors import InputError, one_line
 from ...engine.runtime.files import stamp_of
 from ..job.named_files import check_named_files
+from ..scene.active_camera import camera_settings
 from ..scene.camera import SceneFrame, check_camera, frame_px, pixel_aspect, shift_px, size_for_view
 from ..scene.focus import Focus, focus_now
 from ..scene.lens_cache import lens_on_sensor, load_lens, scaled_lens
@@ -187,13 +188,14 @@ def frame_question(scene, at_rest):
     at_rest : LensFacts
         Of the lens with its rings at rest.
     """
-    settings, name = scene.lensfield, scene.lensfield.lens_name_or_path()
+    settings = camera_settings(scene)
+    name = settings.lens_name_or_path()
     focal_mm = scene.camera.data.lens if settings.view == "CAMERA" else None
     _, sensor_mm = size_for_view(scene, at_rest, settings.view_text())
     if settings.view_text() == LENS_VIEW:
         sensor_mm = None  # at another focus, a lens that states no sensor has another one
     return (name, stamp_of(name), rings_for(scene, name), focal_mm, sensor_mm, frame_px(scene), shift_px(scene),
-            scene_iris(scene, name), settings.out_of_field == "VIGNETTE")
+            scene_iris(scene, name), scene.lensfield.out_of_field == "VIGNETTE")
 
 
 def read_frame(name, stamp, rings, focal_mm, sensor_mm, shape_px, right_up_px, iris, vignette):
@@ -248,7 +250,7 @@ def _draw():
 
 
 def _draw_frame(live, scene, space, view, region):
-    check_camera(scene, scene.lensfield.view_text())
+    check_camera(scene, camera_settings(scene).view_text())
     if space.camera.data.type == "PANO" and space.shading.type != "SOLID":
         _report(live, ONLY_SOLID)
         return

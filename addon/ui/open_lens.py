@@ -28,8 +28,8 @@ from ...engine.runtime.errors import InputError, one_line
 from ...engine.runtime.files import stamp_of
 from ...engine.runtime.inputs import note_who_names
 from ..job.named_files import FROM_FILE
+from ..scene.active_camera import settings_to_edit
 from ..scene.lens_file import lens_file_for_scene
-from ..scene.linked import check_editable
 from .previews import drawing_preview
 from .text_wrap import WIDGET_PX, draw_wrapped
 
@@ -167,9 +167,8 @@ class LENSFIELD_OT_open_lens(bpy.types.Operator):
         draw_opened(self.layout, self)
 
     def execute(self, context):
-        settings = context.scene.lensfield
         try:
-            check_editable(context.scene)
+            settings = settings_to_edit(context)
             settings.lens_file = lens_file_for_scene(self._path(), reading_options(self))
         except (InputError, OSError) as error:
             self.report({"ERROR"}, one_line(error))

@@ -8,6 +8,7 @@ from ...engine.field.overscan import CAMERA_VIEW
 from ...engine.runtime.errors import InputError, one_line
 from ..job.remarks import ENOUGH_SAMPLES
 from ..job.render import render_through_lens
+from ..scene.active_camera import camera_data, camera_settings, settings_to_edit
 from ..scene.camera import aim_camera, check_camera, frame_grid, lens_for_view, match_camera_to_lens, pixel_aspect
 from ..scene.compositor import show_file
 from ..scene.linked import check_editable
@@ -114,7 +115,7 @@ class LENSFIELD_OT_match_camera(bpy.types.Operator):
 def _match(scene):
     check_camera(scene)
     check_editable(scene.camera.data)
-    lens, view = lens_now(scene, quality_at_hand(scene)), scene.lensfield.view_text()
+    lens, view = lens_now(scene, quality_at_hand(scene)), camera_settings(scene).view_text()
     if view != CAMERA_VIEW:
         lens, _ = lens_for_view(scene, lens, view)
     if lens.squeeze != 1:
@@ -174,7 +175,11 @@ class LENSFIELD_OT_search_lens(bpy.types.Operator):
     lens: bpy.props.EnumProperty(name="Lens", items=searched_lens_items)
 
     def execute(self, context):
-        context.scene.lensfield.lens = self.lens
+        try:
+            settings_to_edit(context).lens = self.lens
+        except InputError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
         return {"FINISHED"}
 
     def invoke(self, context, event):
@@ -207,11 +212,11 @@ class LENSFIELD_OT_show_sheet(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
-        return bool(context.scene.lensfield.lens_text())
+        return camera_data(context.scene) is not None and bool(camera_settings(context.scene).lens_text())
 
     def execute(self, context):
         try:
-            stored = stored_sheet(context.scene.lensfield.lens_name_or_path())
+            stored = stored_sheet(camera_settings(context.scene).lens_name_or_path())
             path = stored or draw_sheet(lens_now(context.scene))
             image = load_sheet(path)
         except (InputError, OSError, RuntimeError) as error:

@@ -1,7 +1,8 @@
-"""The Lensfield panel: in the render properties, the camera properties and the sidebar of the 3D view.
+"""The Lensfield panel, in the render properties and in the sidebar of the 3D view; and the panel of a camera, in its
+properties, with its lens and its body.
 
-From the top, always in the same places: the lens, its focus and f-stop, the buttons, and the status. Everything else
-is in subpanels, closed by default.
+From the top, always in the same places: the lens of the active camera, its focus and f-stop, the buttons, and the
+status. Everything else is in subpanels, closed by default.
 """
 
 import os
@@ -18,6 +19,7 @@ from ..job.job import folder_for, is_temporary
 from ..job.named_files import FROM_FILE, named_files
 from ..job.remarks import MANY_SAMPLES, SAME_VIEW
 from ..job.result import Result
+from ..scene.active_camera import camera_data, camera_settings
 from ..scene.camera import COMPLETE, frame_grid, frame_px, matching_focal_length_mm, size_for_view
 from ..scene.requirements import check_scene
 from ..scene.rings import FEWEST_BLADES
@@ -43,23 +45,21 @@ from .sheets import drawn_sheet, stored_sheet
 from .text_wrap import draw_wrapped
 from .trust_panel import draw_named_files
 
+OF_CAMERA = "view", "body", "sheet"  # the parts that need a camera
 LENS_PICTURE, OFFERED_PICTURE = 6, 8  # widgets
 
 
 def draw_settings(layout, scene):
     """Draw the complete panel for a scene, the same in every editor."""
-    layout.use_property_split = True
-    layout.use_property_decorate = False
-    if named := named_files():
-        draw_named_files(layout, named)
-        if scene.lensfield.lens == FROM_FILE:
-            layout.prop(scene.lensfield, "lens", text="Other Lens")
+    camera = camera_data(scene)
+    if _draw_untrusted(layout, camera):
         if session.render:
             _draw_progress(layout, session.render)
             _draw_stage(layout, session.render)
         return
-    _draw_lens(layout, scene)
-    _draw_rings(layout, scene)
+    if camera:
+        _draw_lens(layout, scene, camera)
+        _draw_rings(layout, camera)
     _draw_buttons(layout, scene)
     _draw_status(layout, scene)
     _draw_notes(layout, scene)
@@ -68,15 +68,43 @@ def draw_settings(layout, scene):
     if body:
         _draw_last(body)
     for name, title, draw in _PARTS:
+        if name in OF_CAMERA and not camera:
+            continue
         header, body = layout.panel(f"lensfield_{name}", default_closed=True)
         header.label(text=title)
         if body:
             draw(body, scene)
 
 
-def _draw_lens(layout, scene):
+def draw_camera_settings(layout, scene, camera):
+    """Draw the panel of a camera, which need not be the scene's."""
+    if _draw_untrusted(layout, camera):
+        return
+    _draw_lens(layout, scene, camera)
+    _draw_rings(layout, camera)
+    if camera != camera_data(scene):
+        layout.label(text="Not the scene's active camera", icon="INFO")
+    for name, title, draw in (("lens", "Field of View and Copy", _draw_view), ("body", "Camera", draw_camera)):
+        header, body = layout.panel(f"lensfield_camera_{name}", default_closed=True)
+        header.label(text=title)
+        if body:
+            draw(body, scene, camera)
+
+
+def _draw_untrusted(layout, camera):
+    """Set a panel up. If the .blend names files that the user has not chosen, draw these instead; returns whether."""
+    layout.use_property_split = True
+    layout.use_property_decorate = False
+    if named := named_files():
+        draw_named_files(layout, named)
+        if camera and camera.lensfield.lens == FROM_FILE:
+            layout.prop(camera.lensfield, "lens", text="Other Lens")
+    return bool(named)
+
+
+def _draw_lens(layout, scene, camera):
     """Draw the lens: its picture or file, its name, which opens a search, and its main figures."""
-    settings = scene.lensfield
+    settings = camera.lensfield
     if settings.lens == FROM_FILE:
         layout.prop(settings, "lens_file")
         if settings.lens_file:
@@ -88,6 +116,8 @@ def _draw_lens(layout, scene):
     row = layout.row(align=True)
     row.operator("lensfield.search_lens", text=lens_title(settings.lens_text()) or "Choose Lens", icon="VIEWZOOM")
     draw_favourite(row, settings.lens)
+    if camera != camera_data(scene):
+        return
     facts = _facts(scene)
     layout.label(text=_figures(*facts) if facts else "")
     if facts and facts[0].squeeze != 1:
@@ -98,10 +128,11 @@ def _draw_lens(layout, scene):
 def _facts(scene):
     """LensFacts, their scale in this scene, the sensor's sides in mm, and the frame's PixelGrid; None without them."""
     try:
-        facts = lens_request(scene).facts if scene.camera and scene.lensfield.lens_text() else None
+        settings = camera_settings(scene)
+        facts = lens_request(scene).facts if settings.lens_text() else None
         if not facts:
             return None
-        factor, sensor_mm = size_for_view(scene, facts, scene.lensfield.view_text())
+        factor, sensor_mm = size_for_view(scene, facts, settings.view_text())
         return facts, factor, sensor_mm, frame_grid(scene, replace(facts, sensor_mm=sensor_mm))
     except InputError:  # `_draw_status` shows it
         return None
@@ -113,14 +144,11 @@ def _figures(facts, factor, sensor_mm, _):
         facts.efl_mm * factor, facts.f_number, *sensor_mm)
 
 
-def _draw_rings(layout, scene):
+def _draw_rings(layout, camera):
     """Draw focus and f-stop, the camera's Depth of Field, which controls lenses with rings; and the tilt."""
-    camera, name = scene.camera, scene.lensfield.lens_name_or_path()
-    if camera is None or camera.type != "CAMERA":
-        return
+    settings, dof = camera.lensfield, camera.dof
     column = layout.column(align=True)
-    column.active = has_rings(name)
-    dof = camera.data.dof
+    column.active = has_rings(settings.lens_name_or_path())
     row = column.row()
     row.use_property_split = False  # to leave room for the long label
     row.prop(dof, "use_dof", text="Use Camera's Depth of Field")
@@ -131,7 +159,7 @@ def _draw_rings(layout, scene):
     distance.active = dof.focus_object is None
     distance.prop(dof, "focus_distance", text="Distance")
     rings.prop(dof, "aperture_fstop", text="F-Stop")
-    column.row().prop(scene.lensfield, "tilt_deg")
+    column.row().prop(settings, "tilt_deg")
 
 
 def _draw_buttons(layout, scene):
@@ -157,7 +185,7 @@ def _draw_status(layout, scene):
     column = layout.column(align=True)
     try:
         check_scene(scene)
-        if not scene.lensfield.lens_text():
+        if not camera_settings(scene).lens_text():
             column.label(text="Choose a lens, or a lens file", icon="INFO")
             return
         lens, request = requested_lens(scene), lens_request(scene)
@@ -178,10 +206,10 @@ def _draw_notes(layout, scene):
         for word in facts[0].words:
             draw_wrapped(column, word, "INFO")
         shifted, covered = not facts[3].centred, _field_of_view(*facts)[2]
-        if (shifted or scene.lensfield.view_text() != LENS_VIEW) and covered < COMPLETE:
+        if (shifted or camera_settings(scene).view_text() != LENS_VIEW) and covered < COMPLETE:
             way = "way to the shifted picture's farthest corner" if shifted else "picture's diagonal"
             draw_wrapped(column, f"The lens covers {covered:.0%} of the {way}", "INFO")
-        if scene.lensfield.view != "CAMERA" and not _sees_alike(scene, replace(facts[0], sensor_mm=facts[2])):
+        if camera_settings(scene).view != "CAMERA" and not _sees_alike(scene, replace(facts[0], sensor_mm=facts[2])):
             draw_wrapped(column, "Your camera has a different field of view", "INFO")
             column.operator("lensfield.match_camera", icon="CAMERA_DATA")
     if scene.cycles.samples >= MANY_SAMPLES:
@@ -190,21 +218,24 @@ def _draw_notes(layout, scene):
     draw_shown(layout, scene)
 
 
-def _draw_view(layout, scene):
-    """Draw the lens's view, its limits, the treatment of depth, the copy, the coating, and the iris."""
-    settings, camera = scene.lensfield, scene.camera
+def _draw_view_and_depth(layout, scene):
+    _draw_view(layout, scene, camera_data(scene))
+    layout.prop(scene.lensfield, "depth")
+
+
+def _draw_view(layout, scene, camera):
+    """Draw a lens's view, its limits, the copy, the coating, and the iris."""
+    settings, dof = camera.lensfield, camera.dof
     layout.prop(settings, "view")
     if settings.view == "SENSOR":
         layout.prop(settings, "sensor_mm")
-    if facts := _facts(scene):
+    if facts := camera == camera_data(scene) and _facts(scene):
         across_deg, up_deg, _ = _field_of_view(*facts)
         view = f"{across_deg:.3g}\u00b0 \u00d7 {up_deg:.3g}\u00b0, crop factor {crop_factor(facts[2]):.3g}"
         for line in (view, *_limits(*facts)):
             draw_wrapped(layout, line)
-    layout.prop(settings, "depth")
-    if camera is None or camera.type != "CAMERA" or not has_rings(settings.lens_name_or_path()):
+    if not has_rings(settings.lens_name_or_path()):
         return
-    dof = camera.data.dof
     layout.prop(settings, "focused_wide_open")
     copy = layout.column(align=True)
     copy.prop(settings, "copy")
@@ -295,7 +326,7 @@ def _draw_sheet(layout, scene):
 
 def _sheet(scene):
     """The file of the lens sheet; None until it is drawn."""
-    name = scene.lensfield.lens_name_or_path()
+    name = camera_settings(scene).lens_name_or_path()
     if not name or (stored := stored_sheet(name)):
         return name and stored
     lens = requested_lens(scene)
@@ -309,7 +340,7 @@ def _draw_stray(layout, scene):
         layout.prop(settings, "stray_parts")
     column = layout.column()
     column.active = settings.stray_light != "OFF"
-    draw_listed(column, settings, "stray")
+    draw_listed(column, scene, "stray")
 
 
 def _draw_wavelengths(layout, scene):
@@ -322,7 +353,7 @@ def _draw_wavelengths(layout, scene):
         column.prop(settings, "wavelength_first_nm", text="First (nm)")
         column.prop(settings, "wavelength_last_nm", text="Last (nm)")
         column.prop(settings, "wavelength_count")
-    draw_listed(layout, settings, "wavelengths")
+    draw_listed(layout, scene, "wavelengths")
 
 
 def _draw_quality(layout, scene):
@@ -337,7 +368,7 @@ def _draw_quality(layout, scene):
         else:
             layout.prop(settings, "accuracy", slider=True)
         layout.prop(settings, "supersampling")
-    draw_listed(layout, settings, "quality")
+    draw_listed(layout, scene, "quality")
 
 
 def _draw_output(layout, scene):
@@ -353,37 +384,43 @@ def _draw_output(layout, scene):
     draw_quick_look(layout, scene)
 
 
-_PARTS = (("view", "View and Depth", _draw_view), ("stray", "Stray Light", _draw_stray),
-          ("body", "Camera", draw_camera), ("sheet", "Lens Sheet", _draw_sheet),
+def _draw_body(layout, scene):
+    draw_camera(layout, scene, camera_data(scene))
+
+
+_PARTS = (("view", "View and Depth", _draw_view_and_depth), ("stray", "Stray Light", _draw_stray),
+          ("body", "Camera", _draw_body), ("sheet", "Lens Sheet", _draw_sheet),
           ("wavelengths", "Wavelengths and Spectra", _draw_wavelengths), ("quality", "Quality", _draw_quality),
           ("check", "Scene Check", draw_check), ("output", "Output", _draw_output))
 
 
-class _SettingsPanel:
+class _Panel:
     bl_label = "Lensfield"
 
     def draw(self, context):
         draw_settings(self.layout, context.scene)
 
 
-class LENSFIELD_PT_render(_SettingsPanel, bpy.types.Panel):
+class LENSFIELD_PT_render(_Panel, bpy.types.Panel):
     bl_space_type = "PROPERTIES"
     bl_region_type = "WINDOW"
     bl_context = "render"
 
 
-class LENSFIELD_PT_camera(_SettingsPanel, bpy.types.Panel):
+class LENSFIELD_PT_camera(_Panel, bpy.types.Panel):
     bl_space_type = "PROPERTIES"
     bl_region_type = "WINDOW"
     bl_context = "data"
-    bl_options = {"DEFAULT_CLOSED"}
 
     @classmethod
     def poll(cls, context):
         return context.camera is not None
 
+    def draw(self, context):
+        draw_camera_settings(self.layout, context.scene, context.camera)
 
-class LENSFIELD_PT_sidebar(_SettingsPanel, bpy.types.Panel):
+
+class LENSFIELD_PT_sidebar(_Panel, bpy.types.Panel):
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"
     bl_category = "Lensfield"

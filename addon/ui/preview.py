@@ -22,6 +22,7 @@ from ..job.child import CONTINUE, lensfield_command, preview_arguments, save_cop
 from ..job.growing_capture import FINER
 from ..job.named_files import check_named_files, named_files
 from ..job.result import Result
+from ..scene.active_camera import camera_settings
 from ..scene.camera import frame_px, view_tangents
 from ..scene.changes import (
     DIFFERENT,
@@ -191,8 +192,9 @@ def _scene_of(preview):
 def lens_key(scene):
     """Everything that changes the lens but not the scene: name or path, view, out-of-field treatment, focus and f-stop,
     and blades."""
-    settings, lens = scene.lensfield, scene.lensfield.lens_name_or_path()
-    return lens, settings.view_text(), settings.out_of_field.lower(), rings_for(scene, lens), scene_iris(scene, lens)
+    settings = camera_settings(scene)
+    lens, out_of_field = settings.lens_name_or_path(), scene.lensfield.value_of("out_of_field")
+    return lens, settings.view_text(), out_of_field, rings_for(scene, lens), scene_iris(scene, lens)
 
 
 def shown_tangents(scene, key):
@@ -465,7 +467,7 @@ def _may_be_of_lens(update):
     """Whether an update may come only from the choice of a lens, or from the camera's focus and f-stop."""
     if update.id.id_type == "OBJECT":
         return update.id.type == "CAMERA" and not update.is_updated_transform
-    return update.id.id_type == "SCENE" or (update.id.id_type == "CAMERA" and not update.is_updated_geometry)
+    return update.id.id_type == "SCENE" or (update.id.id_type == "CAMERA" and not update.is_updated_shading)
 
 
 @persistent

@@ -1,4 +1,4 @@
-"""The user's settings: lens settings of the scene, and spectra of materials, lights and worlds."""
+"""The user's settings: the lens and the body of cameras, the scene's, and spectra of materials, lights and worlds."""
 
 import os
 from dataclasses import replace
@@ -33,10 +33,12 @@ from ...engine.spectral.refraction import refraction_names
 from ...engine.spectral.spectra import library_names, parse_wavelengths
 from ...engine.spectral.wavelength_choice import IMAGE_WAVELENGTHS, SpectralOptions
 from ...engine.stray.options import OFF, PARTS, StrayOptions
-from ...request import RenderRequest, view_on_sensor
+from ...request import CAMERA, RenderRequest, view_on_sensor
 from ..job.job import folder_for
 from ..job.named_files import FROM_FILE
+from ..scene.active_camera import camera_settings
 from ..scene.compositor import refresh
+from ..scene.linked import stated_path
 from ..scene.trust import check_trusted, trust
 from ..shading.assigned import spectrum_path
 from .preferences import favourite_lenses
@@ -51,9 +53,10 @@ MORE_ITEMS = {"tier": [("RESULT", "Custom", "Set the accuracy of colours and blu
               "view": [("SENSOR", "Custom Sensor", "The lens's field of view on a sensor of your size")],
               "stray_light": [("PARTS", "Chosen Parts", "The parts that you choose, however little light they have")]}
 """Items that only the panel has."""
-NO_CAMERA = "NONE"
-OWN_CAMERA = "Your own camera (.toml), with the parameters of EMVA 1288"
+NO_BODY = "NONE"
+OWN_BODY = "Your own camera (.toml), with the parameters of EMVA 1288"
 OWN_LENS = f"Your own prescription ({', '.join(READERS)}), with adjustable focus and f-stop, or a lens package (.npz)"
+OVERRIDABLE = {"LIBRARY_OVERRIDABLE"}  # in library overrides of cameras
 BLEND_RELATIVE = {"PATH_SUPPORTS_BLEND_RELATIVE"}  # paths that start with // are relative to the .blend
 
 
@@ -131,18 +134,18 @@ def offered_lenses():
     return [*bundled, from_file]
 
 
-def camera_items(self, context):
-    """The cameras to choose from, as an items callback."""
-    return _offered_cameras()
+def body_items(self, context):
+    """The camera bodies to choose from, as an items callback."""
+    return _offered_bodies()
 
 
 @cache
-def _offered_cameras():
+def _offered_bodies():
     bundled = [(name, camera.title, "{:.3g} \u00d7 {:.3g} mm, {} \u00d7 {} pixels".format(
         *camera.size_mm, *reversed(camera.shape_px)), "CAMERA_DATA", _lasting_number(name))
         for name, camera in bundled_cameras().items()]
-    none = NO_CAMERA, "None", "The lens image is the light on the sensor", "X", _lasting_number(NO_CAMERA)
-    return [none, *bundled, (FROM_FILE, "From File", OWN_CAMERA, "FILE_FOLDER", _lasting_number(FROM_FILE))]
+    none = NO_BODY, "None", "The lens image is the light on the sensor", "X", _lasting_number(NO_BODY)
+    return [none, *bundled, (FROM_FILE, "From File", OWN_BODY, "FILE_FOLDER", _lasting_number(FROM_FILE))]
 
 
 def searched_lens_items(self, context):
@@ -165,13 +168,13 @@ def matching_lenses(words):
 
 def forget_items():
     """Clear the cached items, which refer to icons."""
-    for items in (offered_lenses, _searched_lenses, _offered_cameras):
+    for items in (offered_lenses, _searched_lenses, _offered_bodies):
         items.cache_clear()
 
 
 def _choose_path(field):
     """An update callback that trusts the path when a user or a script sets it. Opening a file does not call it."""
-    return lambda settings, context: trust(bpy.path.abspath(getattr(settings, field)))
+    return lambda settings, context: trust(stated_path(settings.id_data, field))
 
 
 def lens_title(name_or_path):
@@ -187,7 +190,7 @@ def _as_set(number):
 def _property(name, each):
     """The Blender property of a setting."""
     default = each.default if each.panel_default is None else each.panel_default
-    common = {"name": each.name, "description": each.text}
+    common = {"name": each.name, "description": each.text, "override": OVERRIDABLE if each.owner == CAMERA else set()}
     if each.choices:
         return EnumProperty(items=_items(name, each), default=default.upper(), **common)
     if each.kind is bool:
@@ -219,22 +222,80 @@ def _finite(limits):
     return {name: value for name, value in limits if isfinite(value)}
 
 
-class LensfieldSettings(bpy.types.PropertyGroup):
-    """Settings of a scene's lens render: fields of a RenderRequest, and the panel's lens and wavelengths."""
+class _Settings:
+    """Base of groups of settings: their values as the fields of requests and options store them."""
+
+    def value_of(self, name):
+        """The value of a setting."""
+        value, kind = getattr(self, name), self.bl_rna.properties[name].type
+        if self.bl_rna.properties[name].subtype == "EULER":  # in radians
+            return tuple(_as_set(degrees(each)) for each in value)
+        return value.lower() if kind == "ENUM" else _as_set(value) if kind == "FLOAT" else value
+
+
+class LensfieldCameraSettings(_Settings, bpy.types.PropertyGroup):
+    """Settings of a camera: fields of a RenderRequest that describe its lens and its body."""
 
     lens: EnumProperty(
         name="Lens", description="Lens to render through", default=_lasting_number(DEFAULT_LENS),
-        items=lens_items)
+        items=lens_items, override=OVERRIDABLE)
     lens_file: StringProperty(name="Lens File", description=OWN_LENS, subtype="FILE_PATH", options=BLEND_RELATIVE,
-                              update=_choose_path("lens_file"))
-    camera: EnumProperty(
-        name="Camera", default=_lasting_number(NO_CAMERA), items=camera_items,
+                              update=_choose_path("lens_file"), override=OVERRIDABLE)
+    body: EnumProperty(
+        name="Camera", default=_lasting_number(NO_BODY), items=body_items, override=OVERRIDABLE,
         description="Camera that takes a picture of the lens image. Its sensor replaces the lens's")
-    camera_file: StringProperty(name="Camera File", description=OWN_CAMERA, subtype="FILE_PATH", options=BLEND_RELATIVE,
-                                update=_choose_path("camera_file"))
-    iris_roundness: _property("iris_roundness", settings_of(Iris)["roundness"])
+    body_file: StringProperty(name="Camera File", description=OWN_BODY, subtype="FILE_PATH", options=BLEND_RELATIVE,
+                              update=_choose_path("body_file"), override=OVERRIDABLE)
+    iris_roundness: _property("iris_roundness", replace(settings_of(Iris)["roundness"], owner=CAMERA))
     sensor_mm: FloatVectorProperty(name="Sensor (mm)", description="Width and height of the sensor", size=2,
-                                   default=FORMATS["fullframe"][1], min=0.1, max=1000, precision=2)
+                                   default=FORMATS["fullframe"][1], min=0.1, max=1000, precision=2,
+                                   override=OVERRIDABLE)
+
+    def lens_name_or_path(self):
+        """The name or path for `load_lens`; raises SceneError for an untrusted file."""
+        if self.lens != FROM_FILE:
+            return self.lens
+        if path := stated_path(self.id_data, "lens_file"):
+            check_trusted(path, "camera settings", "lens file", "lensfield lens check FILE quotes it")
+        return path
+
+    def lens_text(self):
+        """The name or the path, as entered."""
+        return self.lens_file if self.lens == FROM_FILE else self.lens
+
+    def body_name_or_path(self):
+        """The name or path for `load_camera`, "" for none; raises an InputError for no file, an untrusted one, or a
+        camera that Lensfield no longer has."""
+        if not self.body:  # the .blend has another version's number
+            raise InputError("camera settings", "camera body", "unknown",
+                             "choose one that this version of Lensfield has")
+        if self.body != FROM_FILE:
+            return "" if self.body == NO_BODY else self.body
+        if not self.body_file:
+            raise InputError("camera settings", "camera file", "empty", "choose a file (.toml), or another camera")
+        path = stated_path(self.id_data, "body_file")
+        check_trusted(path, "camera settings", "camera file", "lensfield camera info FILE quotes it")
+        return path
+
+    def view_text(self):
+        """The field of view in the syntax of `lensfield render --view`, on the camera's sensor if there is one."""
+        return view_on_sensor(self.chosen_view(), self.body_name_or_path())
+
+    def chosen_view(self):
+        """As `view_text`, without regard to the camera's sensor."""
+        return "{:.6g}x{:.6g}".format(*self.sensor_mm) if self.view == "SENSOR" else self.view.lower()
+
+    def readers(self, body_given):
+        """Functions that return the camera's fields of a RenderRequest, by name. Another body, if one is given, decides
+        on the sensor."""
+        listed = {name: partial(self.value_of, name) for name in CAMERA_SETTINGS}
+        return listed | {"lens": self.lens_name_or_path, "camera": self.body_name_or_path,
+                         "view": self.chosen_view if body_given else self.view_text}
+
+
+class LensfieldSettings(_Settings, bpy.types.PropertyGroup):
+    """Settings of a scene's lens render: fields of a RenderRequest that all cameras share, and the wavelengths."""
+
     wavelength_mode: EnumProperty(
         name="Wavelengths", description="How the wavelengths of the lens image are specified", default="RANGE",
         items=[("RANGE", "Range", "Evenly spaced wavelengths"), ("LIST", "List", "Individual wavelengths")])
@@ -264,38 +325,6 @@ class LensfieldSettings(bpy.types.PropertyGroup):
                ("NEVER", "Plain Render", "The node's input")])
     compositor_key: StringProperty(options={"HIDDEN"})  # distinguishes the scene's lens images from other files' images
 
-    def lens_name_or_path(self):
-        """The name or path for `load_lens`; raises SceneError for an untrusted file."""
-        path = bpy.path.abspath(self.lens_text())
-        if path and self.lens == FROM_FILE:
-            check_trusted(path, "scene settings", "lens file", "lensfield lens check FILE quotes it")
-        return path
-
-    def lens_text(self):
-        """The name or the path, as entered."""
-        return self.lens_file if self.lens == FROM_FILE else self.lens
-
-    def camera_name_or_path(self):
-        """The name or path for `load_camera`, "" for none; raises an InputError for no file, an untrusted one, or a
-        camera that Lensfield no longer has."""
-        if not self.camera:  # the .blend has another version's number
-            raise InputError("scene settings", "camera", "unknown", "choose one that this version of Lensfield has")
-        if self.camera != FROM_FILE:
-            return "" if self.camera == NO_CAMERA else self.camera
-        if not self.camera_file:
-            raise InputError("scene settings", "camera file", "empty", "choose a file (.toml), or another camera")
-        path = bpy.path.abspath(self.camera_file)
-        check_trusted(path, "scene settings", "camera file", "lensfield camera info FILE quotes it")
-        return path
-
-    def view_text(self):
-        """The field of view in the syntax of `lensfield render --view`, on the camera's sensor if there is one."""
-        return view_on_sensor(self.chosen_view(), self.camera_name_or_path())
-
-    def chosen_view(self):
-        """As `view_text`, without regard to the camera's sensor."""
-        return "{:.6g}x{:.6g}".format(*self.sensor_mm) if self.view == "SENSOR" else self.view.lower()
-
     def wavelengths_text(self):
         """The wavelengths in the syntax of `lensfield render --wavelengths`."""
         if self.wavelength_mode == "LIST":
@@ -309,32 +338,30 @@ class LensfieldSettings(bpy.types.PropertyGroup):
         return parse_wavelengths(self.wavelengths_text())
 
     def to_request(self, **given):
-        """The RenderRequest of these settings, except for the given fields; None counts as not given.
+        """The RenderRequest of these settings and those of the active camera, except for the given fields; None counts
+        as not given.
 
         Raises
         ------
         InputError
-            The lens's file is not trusted, or the wavelengths are not valid.
+            There is no camera, the lens's file is not trusted, or the wavelengths are not valid.
         """
         given = {name: value for name, value in given.items() if value is not None}
         for file in (given.get("lens"), given.get("camera")):
             if isinstance(file, str | os.PathLike):
                 note_who_names(file, None)
-        readers = {name: partial(self.value_of, name) for name in settings_of(RenderRequest) if name in SETTINGS} | {
-            "lens": self.lens_name_or_path, "view": self.chosen_view if "camera" in given else self.view_text,
-            "camera": self.camera_name_or_path,
+        listed = {name: partial(self.value_of, name) for name in settings_of(RenderRequest) if name in SCENE_SETTINGS}
+        readers = camera_settings(self.id_data).readers("camera" in given) | listed | {
             "wavelengths_nm": self.wavelengths_nm, "options": self.to_options,
             "spectral": self.to_spectral_options, "stray": self.to_stray_options, "output_folder": lambda: None}
         request = RenderRequest(**{name: read() for name, read in readers.items() if name not in given} | given)
         return replace(request, wavelengths_nm=tuple(map(float, request.wavelengths_nm)),
                        output_folder=folder_for(self.id_data, request.output_folder))
 
-    def value_of(self, name):
-        """The value of a setting, as the fields of requests and options store it."""
-        value, kind = getattr(self, name), self.bl_rna.properties[name].type
-        if self.bl_rna.properties[name].subtype == "EULER":  # in radians
-            return tuple(_as_set(degrees(each)) for each in value)
-        return value.lower() if kind == "ENUM" else _as_set(value) if kind == "FLOAT" else value
+    def without_camera(self, **given):
+        """As `to_request`, with the defaults of the fields that describe a camera, except for the given fields."""
+        return self.to_request(**{name: each.default for name, each in settings_of(RenderRequest).items()
+                                  if each.owner == CAMERA} | given)
 
     def to_spectral_options(self, **given):
         """The SpectralOptions of these settings; if any fields are given, of the given fields only."""
@@ -377,16 +404,21 @@ class LensfieldSettings(bpy.types.PropertyGroup):
 
 SETTINGS = {name: each for owner in (RenderRequest, SpectralOptions, StrayOptions, Options)
             for name, each in settings_of(owner).items() if each.panel is not None}
-LensfieldSettings.__annotations__ |= {name: _property(name, each) for name, each in SETTINGS.items()}
-classes = (LensfieldWorldSpectra, LensfieldLightSpectra, LensfieldMaterialSpectra, LensfieldSettings)
+CAMERA_SETTINGS = [name for name, each in SETTINGS.items() if each.owner == CAMERA]
+SCENE_SETTINGS = [name for name, each in SETTINGS.items() if each.owner != CAMERA]
+for _group, _names in ((LensfieldCameraSettings, CAMERA_SETTINGS), (LensfieldSettings, SCENE_SETTINGS)):
+    _group.__annotations__ |= {name: _property(name, SETTINGS[name]) for name in _names}
+classes = (LensfieldWorldSpectra, LensfieldLightSpectra, LensfieldMaterialSpectra, LensfieldCameraSettings,
+           LensfieldSettings)
 
-_OWNERS = ((bpy.types.Scene, LensfieldSettings), (bpy.types.Material, LensfieldMaterialSpectra),
-           (bpy.types.Light, LensfieldLightSpectra), (bpy.types.World, LensfieldWorldSpectra))
+_OWNERS = ((bpy.types.Scene, LensfieldSettings), (bpy.types.Camera, LensfieldCameraSettings),
+           (bpy.types.Material, LensfieldMaterialSpectra), (bpy.types.Light, LensfieldLightSpectra),
+           (bpy.types.World, LensfieldWorldSpectra))
 
 
 def register_pointers():
     for owner, group in _OWNERS:
-        owner.lensfield = PointerProperty(type=group)
+        owner.lensfield = PointerProperty(type=group, override=OVERRIDABLE)
 
 
 def unregister_pointers():

@@ -20,6 +20,7 @@ from ...engine.lens.entrance_pupil import focus_nearness
 from ...engine.lens.pinhole import fitting_pitch_um, turned_sensor_mm
 from ...engine.runtime.errors import InputError, one_line
 from ..job.named_files import check_named_files
+from ..scene.active_camera import camera_settings
 from ..scene.camera import TO_PERSPECTIVE, SceneFrame, frame_px, pixel_aspect, size_for_view
 from ..scene.compositor import LABEL_LENGTH, QUICK_LOOK, lay_group, remove_from_compositor, scene_node
 from ..scene.errors import SceneError
@@ -111,14 +112,14 @@ def follow(scene, wait=False):
             if not wait and not answer.done():
                 return
             _show(scene, node, question, answer.result())
-        _label(node, lens_title(scene.lensfield.lens_text()))
+        _label(node, lens_title(camera_settings(scene).lens_text()))
     except InputError as error:
         _label(node, one_line(error))
 
 
 def _check(scene):
     check_scene(scene)
-    if not scene.lensfield.lens_text():
+    if not camera_settings(scene).lens_text():
         raise SceneError(f"scene {scene.name!r}", "lens", "missing", "choose a lens, or a lens file")
     if scene.camera.data.type == "PANO":
         raise SceneError(f"camera {scene.camera.data.name!r}", "type", "PANO", TO_PERSPECTIVE)
@@ -147,7 +148,7 @@ def _show(scene, node, question, answer):
           always=scene.camera.data.dof.use_dof)
     set_lens(group, look, scale, unit_mm, not _blender_blurs(scene))
     group[QUICK_LOOK] = _state(scene, question)
-    _label(node, lens_title(scene.lensfield.lens_text()))
+    _label(node, lens_title(camera_settings(scene).lens_text()))
 
 
 def _turn(node, focus_distance, f_number, always):

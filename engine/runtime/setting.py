@@ -40,6 +40,8 @@ class Setting:
         property.
     panel_default : object
         Default of the Blender property, if it differs from the field's.
+    owner : str
+        What it describes, whose data-block in Blender has the property: "scene" or "camera".
     option : str or None
         Its option on the command line without the dashes; "" for the field's name, None without an option.
     metavar : str or None
@@ -63,6 +65,7 @@ class Setting:
     subtype: str = "NONE"
     panel: str | None = None
     panel_default: Any = None
+    owner: str = "scene"
     option: str | None = ""
     metavar: str | None = None
     unset: str = ""

@@ -10,6 +10,13 @@ from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 WAVELENGTHS_NM = (450.0, 550.0, 650.0)
 
 
+def adjust(scene, **values):
+    """Set Lensfield's settings of a scene and of its camera, each by its name."""
+    of_camera = scene.camera.data.lensfield
+    for name, value in values.items():
+        setattr(of_camera if name in of_camera.bl_rna.properties else scene.lensfield, name, value)
+
+
 def background(scene):
     return next(node for node in scene.world.node_tree.nodes if node.bl_idname == "ShaderNodeBackground")
 

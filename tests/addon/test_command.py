@@ -26,7 +26,7 @@ from lensfield.engine.library import BUNDLED
 from lensfield.engine.pictures.spectral_exr import read_exr
 from places import SAMPLE_SCENE
 from signalled import heed_hangups, signalled
-from small_scenes import light, material, set_world, wall
+from small_scenes import adjust, light, material, set_world, wall
 from waiting import LAST_RESORT_S, wait_until
 
 pytestmark = pytest.mark.one_blender
@@ -62,7 +62,7 @@ def test_rendering_runs_no_scripts_of_the_scene(blend, tmp_path):
     script.write(f"open({str(ran)!r}, 'w').close()")
     script.use_module = True
     shutil.copy(BUNDLED / "edmund-54852.npz", tmp_path / "lens.npz")
-    bpy.context.scene.lensfield.lens, bpy.context.scene.lensfield.lens_file = "FILE", "//lens.npz"
+    adjust(bpy.context.scene, lens="FILE", lens_file="//lens.npz")
     bpy.ops.wm.save_as_mainfile(filepath=str(blend))
     completed = lensfield("lint", blend)
     assert "refused" not in completed.stdout and completed.returncode == 0, completed.stderr
@@ -71,8 +71,7 @@ def test_rendering_runs_no_scripts_of_the_scene(blend, tmp_path):
 
 def test_options_for_reading_a_file_apply_to_the_lens_of_the_scene(blend, tmp_path, capfd):
     (tmp_path / "lens.lens").write_text(DOT_LENS)
-    settings = bpy.context.scene.lensfield
-    settings.lens, settings.lens_file = "FILE", "//lens.lens"
+    adjust(bpy.context.scene, lens="FILE", lens_file="//lens.lens")
     bpy.ops.wm.save_as_mainfile(filepath=str(blend))
     quick = ["lint", str(blend), "--tier", "preview", "--wavelengths", "550"]
     assert main(quick) == 1
@@ -120,10 +119,8 @@ def test_render_then_filter_agree(blend, tmp_path):
 def test_the_command_line_defaults_to_the_scenes_settings(scene, tmp_path):
     light(scene, "POINT", 20.0, color=(1, 0.5, 0.2))
     wall(scene, material("Paint", "ShaderNodeBsdfDiffuse", (0.7, 0.3, 0.05))[0])
-    for name, value in {"lens": "nikkor-28mm", "wavelength_mode": "LIST", "wavelength_list": "480, 530, 640",
-                        "tier": "RESULT", "quality": "KNOBS", "method": "PAPER", "section_size": 8,
-                        "view": "CAMERA", "output_folder": "//pictures"}.items():
-        setattr(scene.lensfield, name, value)
+    adjust(scene, lens="nikkor-28mm", wavelength_mode="LIST", wavelength_list="480, 530, 640", tier="RESULT",
+           quality="KNOBS", method="PAPER", section_size=8, view="CAMERA", output_folder="//pictures")
     blend = tmp_path / "scene.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(blend))
     assert bpy.ops.lensfield.render() == {"FINISHED"}
@@ -148,7 +145,7 @@ def test_a_copy_elsewhere_finds_files_next_to_the_original(scene, tmp_path):
     shutil.copy(BUNDLED / "edmund-54852.npz", tmp_path / "own.npz")
     lamp = light(scene, "POINT", 1.0).data
     lamp.lensfield.emission = "led-b3"
-    scene.lensfield.lens, scene.lensfield.lens_file = "FILE", "//own.npz"
+    scene.camera.data.lensfield.lens, scene.camera.data.lensfield.lens_file = "FILE", "//own.npz"
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
     bpy.ops.wm.save_as_mainfile(filepath=str(elsewhere / "copy.blend"))

@@ -19,7 +19,7 @@ from lensfield.commands.blend_paths import _Blocks, _layouts
 from lensfield.commands.confine import landlock_version
 from lensfield.commands.untrusted import OF_SYSTEM
 from lensfield.engine.runtime.errors import InputError
-from small_scenes import material, set_world, wall
+from small_scenes import adjust, material, set_world, wall
 
 pytestmark = [pytest.mark.one_blender, pytest.mark.skipif(os.name != "posix", reason="Windows has no such files")]
 LENS = "--lens", "edmund-54852", "--wavelengths", "550"
@@ -373,8 +373,8 @@ def test_file_contents_are_not_quoted_in_the_log(paint, job, tmp_path, capfd, fi
     if link:
         named.symlink_to(secret)
     if field in ("lens", "camera"):
-        setattr(bpy.context.scene.lensfield, field, "FILE")
-        setattr(bpy.context.scene.lensfield, f"{field}_file", str(named))
+        name = "body" if field == "camera" else field
+        adjust(bpy.context.scene, **{name: "FILE", f"{name}_file": str(named)})
         given = () if field == "lens" else LENS
     else:
         paint.lensfield.reflectance, given = str(named), LENS

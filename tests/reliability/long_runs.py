@@ -60,7 +60,7 @@ def make_scene():
     scene.world.use_nodes = True
     light(scene, "POINT", 20.0)
     wall(scene, material("Wall", "ShaderNodeBsdfDiffuse")[0])
-    scene.lensfield.view = "CAMERA"
+    scene.camera.data.lensfield.view = "CAMERA"
 
 
 def renders(count):

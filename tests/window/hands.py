@@ -102,12 +102,19 @@ def open_sample(samples=4, percentage=25, **settings):
     yield 1
     scene = bpy.context.scene
     scene.cycles.samples, scene.render.resolution_percentage = samples, percentage
-    for name, value in ({"tier": "PREVIEW"} | settings).items():
-        setattr(scene.lensfield, name, value)
+    adjust(**{"tier": "PREVIEW"} | settings)
     bpy.ops.ed.undo_push(message="Make Small")
     bpy.ops.wm.save_mainfile()
     yield from show_tab()
     yield DRAW_S
+
+
+def adjust(**values):
+    """Set Lensfield's settings of the scene and of its camera, each by its name."""
+    scene = bpy.context.scene
+    of_camera = scene.camera.data.lensfield
+    for name, value in values.items():
+        setattr(of_camera if name in of_camera.bl_rna.properties else scene.lensfield, name, value)
 
 
 def show_tab():
@@ -119,8 +126,8 @@ def show_tab():
 
 
 def choose_petzval():
-    bpy.context.scene.lensfield.lens = "kodak-petzval-100mm"
-    bpy.context.scene.lensfield.view = "CAMERA"
+    bpy.context.scene.camera.data.lensfield.lens = "kodak-petzval-100mm"
+    bpy.context.scene.camera.data.lensfield.view = "CAMERA"
 
 
 def turn(f_stop, distance):

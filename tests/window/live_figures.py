@@ -62,7 +62,7 @@ class Viewport:
     def settled(self):
         """Wait until the lens's tables are drawn and the viewport has smoothed its edges."""
         live, scene = session().live, bpy.context.scene
-        name = scene.lensfield.lens
+        name = scene.camera.data.lensfield.lens
         lens = name, module("addon.scene.rings").rings_for(scene, name)
         area("VIEW_3D").tag_redraw()
         yield from until(lambda: live.question[:3:2] == lens and live.answer.done()
@@ -234,7 +234,7 @@ def visible(viewport, judge, tangents):
 def set_up(viewport, name, tilt_deg):
     """Choose a lens, and give the camera its view: its Judge."""
     scene = bpy.context.scene
-    scene.lensfield.lens, scene.lensfield.tilt_deg = name, np.radians(tilt_deg)
+    scene.camera.data.lensfield.lens, scene.camera.data.lensfield.tilt_deg = name, np.radians(tilt_deg)
     dof = scene.camera.data.dof
     facts = module("addon.scene.lens_facts").lens_facts(name)
     distance = max(LEAST_DISTANCE, 1.1 * facts.reach[2] / METRES_PER_UNIT / 1e3)

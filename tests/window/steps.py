@@ -16,6 +16,7 @@ from hands import (
     FOLDER,
     MODULE,
     PACKAGE,
+    adjust,
     alike,
     alive,
     area,
@@ -209,15 +210,15 @@ def compare():
     left, top, right, bottom = compared.box
     width, height = editor.spaces.active.image.size
     across, up = place.view2d.view_to_region((left + right) / 2 / width, 1 - (top + bottom) / 2 / height, clip=False)
-    before = bpy.context.scene.lensfield.lens
+    before = bpy.context.scene.camera.data.lensfield.lens
     yield from press("LEFTMOUSE", place, across=across / place.width, up=up / place.height)
     yield 0.5
     shoot("chosen")
     scene = bpy.context.scene
-    assert scene.lensfield.lens == compared.lens == COMPARED_LENSES[1] != before
+    assert scene.camera.data.lensfield.lens == compared.lens == COMPARED_LENSES[1] != before
     assert abs(scene.camera.data.dof.aperture_fstop / compared.f_number - 1) < 1e-6
     yield from press("Z", place, ctrl=True)
-    assert bpy.context.scene.lensfield.lens == before
+    assert bpy.context.scene.camera.data.lensfield.lens == before
     bpy.context.preferences.view.render_display_type = "WINDOW"  # Blender saves the preferences on exit
 
 
@@ -232,7 +233,7 @@ def own_lens():
     yield 2  # for the drawing
     shoot("dialog")
     yield from press("RET", area("VIEW_3D"))
-    settings = bpy.context.scene.lensfield
+    settings = bpy.context.scene.camera.data.lensfield
     assert (settings.lens, settings.lens_file) == ("FILE", "//lenses/own_lens.toml")
     yield from until(lambda: lens_request().facts)
     assert abs(lens_request().facts.efl_mm - 50) < 1
@@ -247,9 +248,9 @@ def sensors():
     """The lens in front of other sensors, in the panel, after Match Camera to Lens, and in renders."""
     yield from open_sample()
     scene = bpy.context.scene
-    scene.lensfield.lens, shares = "tessar-50mm", {}
+    scene.camera.data.lensfield.lens, shares = "tessar-50mm", {}
     for view in ("LENS", "MFT", "FILM66", "SENSOR"):
-        scene.lensfield.view, scene.lensfield.sensor_mm = view, (18, 12)
+        scene.camera.data.lensfield.view, scene.camera.data.lensfield.sensor_mm = view, (18, 12)
         yield from until(lambda: lens_request().lens)
         with over():
             assert bpy.ops.lensfield.match_camera() == {"FINISHED"}
@@ -264,10 +265,9 @@ def sensors():
 def camera():
     """A camera behind the lens: its section of the panel, its developed picture in the compositor, and its raw file."""
     yield from open_sample()
-    settings = bpy.context.scene.lensfield
-    settings.lens, settings.view = "apple-phone-4mm", "LENS"
+    adjust(lens="apple-phone-4mm", view="LENS")
     light = yield from render()
-    settings.camera, settings.iso, settings.dng = "generic-phone", 200, True
+    adjust(body="generic-phone", iso=200, dng=True)
     yield from until(lambda: lens_request().lens)
     shown = show_section("draw_camera")
     yield DRAW_S
@@ -279,7 +279,7 @@ def camera():
     raw = lens_image_path().with_name(lens_image_path().name.replace("lens_image.exr", "raw.dng"))
     assert raw.is_file() and "ISO 200" in "".join(session().last_render.lines)
     assert not alike(light, photo) and 0.02 < photo[..., :3].mean() < 0.5
-    settings.camera = "NONE"
+    adjust(body="NONE")
     again = yield from render()
     assert alike(light, again) and not raw.exists()
 
@@ -288,7 +288,7 @@ def stray():
     """Stray light from its section of the panel: in the lens image, and from the socket of the compositor's node."""
     yield from open_sample()
     settings = bpy.context.scene.lensfield
-    settings.lens, settings.coating = "cooke-triplet-50mm", "NONE"
+    adjust(lens="cooke-triplet-50mm", coating="NONE")
     settings.stray_light = "OFF"
     without = yield from render()
     settings.stray_light, settings.stray_parts, settings.cleanliness = "PARTS", {"GHOSTS", "VEIL", "STAR"}, "DUSTY"
@@ -410,7 +410,7 @@ def live():
     places of three colours, in illumination, and in the discs of blurred points; switched off, it leaves Blender's own
     view."""
     yield from live_figures.make_scene()
-    bpy.context.scene.lensfield.view = "LENS"
+    bpy.context.scene.camera.data.lensfield.view = "LENS"
     viewport, found = live_figures.Viewport(), {}
     for name in LIVE_LENSES:
         found[name] = yield from live_figures.errors(viewport, name)
@@ -463,7 +463,7 @@ def depth():
     yield from open_sample(samples=16, percentage=100)
     scene = bpy.context.scene
     choose_petzval()
-    scene.camera.data.dof.aperture_blades, scene.lensfield.iris_roundness = 5, 0.2
+    scene.camera.data.dof.aperture_blades, scene.camera.data.lensfield.iris_roundness = 5, 0.2
     turn(f_stop=2.8, distance=0.2)
     yield from start("preview")
     yield from until(preview_is_fresh)
@@ -479,7 +479,7 @@ def depth():
     yield DRAW_S
     shoot("far")
     for degrees in (8, -8, 0):
-        scene.lensfield.tilt_deg = 0.0, math.radians(degrees)
+        scene.camera.data.lensfield.tilt_deg = 0.0, math.radians(degrees)
         yield DRAW_S
         assert preview_under_way().same_scene
         shoot(f"tilted {degrees}")
@@ -750,7 +750,7 @@ def two_scenes():
     second = window.scene
     second.name = "Second"
     choose_petzval()
-    assert first.lensfield.lens != second.lensfield.lens
+    assert first.camera.data.lensfield.lens != second.camera.data.lensfield.lens
     bpy.ops.ed.undo_push(message="Second Scene")
     yield from start()
     window.scene = first
@@ -838,7 +838,7 @@ def appended_scene():
     yield 1
     shoot("appended")
     scene = bpy.context.scene
-    assert scene.lensfield.lens == "kodak-petzval-100mm"
+    assert scene.camera.data.lensfield.lens == "kodak-petzval-100mm"
     after = yield from render()
     assert lens_image_path().is_relative_to(FOLDER / "elsewhere") and alike(before, after)
     assert node_label() == "Lensfield: lens image"
@@ -876,9 +876,8 @@ def stranger():
     Trusted in one panel, the lens works in all of them, and renders.
     """
     yield from open_sample()
-    settings = bpy.context.scene.lensfield
     shutil.copy(Path(sys.modules[MODULE].__file__).parent / "engine" / "library" / "edmund-54852.npz", FOLDER / "l.npz")
-    settings.lens, settings.lens_file = "FILE", str(FOLDER / "l.npz")
+    adjust(lens="FILE", lens_file=str(FOLDER / "l.npz"))
     bpy.ops.wm.save_mainfile()
     trust().forget_trust()
     prompted, shown = drawn("draw_named_files"), drawn("_draw_lens")

@@ -160,7 +160,7 @@ def test_files_of_the_lens_are_written_once_for_all_frames(moving_scene, tmp_pat
     again = written(6)
     assert again[0] > first[0] and again[1] > first[1] and again[2] == first[2]
     assert all(path.stat().st_size > 1000 for path in paths)
-    moving_scene.lensfield.lens = "nikkor-28mm"
+    moving_scene.camera.data.lensfield.lens = "nikkor-28mm"
     assert all(now > before for now, before in zip(written(2), again, strict=True))
 
 
@@ -172,8 +172,8 @@ def darken(scene):
     lambda scene: setattr(scene.cycles, "samples", 17), darken,
     lambda scene: setattr(scene.render, "resolution_x", 50),
     lambda scene: setattr(scene.lensfield, "wavelength_list", "550, 600"),
-    lambda scene: setattr(scene.lensfield, "lens", "nikkor-28mm"),
-    lambda scene: setattr(scene.lensfield, "view", "CAMERA"),
+    lambda scene: setattr(scene.camera.data.lensfield, "lens", "nikkor-28mm"),
+    lambda scene: setattr(scene.camera.data.lensfield, "view", "CAMERA"),
     lambda scene: setattr(scene.lensfield, "tier", "REFERENCE"),
     lambda scene: setattr(scene.lensfield, "tier", "RESULT"),
     lambda scene: setattr(scene.lensfield, "denoise", "ON"),
@@ -227,7 +227,9 @@ def test_each_frame_uses_its_marker_camera_and_keyframed_settings(moving_scene, 
     for name, frame, camera in (("A", 1, moving_scene.camera), ("B", 4, other)):
         moving_scene.timeline_markers.new(name, frame=frame).camera = camera
     other.data.lens = 2 * moving_scene.camera.data.lens
-    moving_scene.lensfield.view, moving_scene.lensfield.tier = "CAMERA", "RESULT"
+    for camera in (moving_scene.camera, other):
+        camera.data.lensfield.view = "CAMERA"
+    moving_scene.lensfield.tier = "RESULT"
     for frame, accuracy in ((2, 0.02), (4, 0.05)):
         moving_scene.lensfield.accuracy = accuracy
         moving_scene.cycles.samples = 4 * frame
@@ -247,6 +249,30 @@ def test_each_frame_uses_its_marker_camera_and_keyframed_settings(moving_scene, 
     moving_scene.timeline_markers["B"].camera = moving_scene.timeline_markers["A"].camera
     moving_scene.camera = moving_scene.timeline_markers["A"].camera
     assert addon.Animation(moving_scene, [2]).outdated == [2]
+
+
+def test_cameras_of_markers_have_lenses_of_their_own(moving_scene, tmp_path):
+    """Each frame equals a render with the lens of its camera."""
+    other = moving_scene.camera.copy()
+    other.data = moving_scene.camera.data.copy()
+    moving_scene.collection.objects.link(other)
+    wall(moving_scene, material("Paint", "ShaderNodeBsdfDiffuse")[0], distance_m=2.0)
+    light(moving_scene, "POINT", 20.0).location.x = 0.4
+    for frame, camera, lens in ((1, moving_scene.camera, "tessar-50mm"), (4, other, "kodak-petzval-100mm")):
+        moving_scene.timeline_markers.new(lens, frame=frame).camera = camera
+        camera.data.lensfield.lens, camera.data.lensfield.view = lens, "CAMERA"
+    given = {"wavelengths_nm": [550], "lens_quality": "preview"}
+    film = addon.render_animation(moving_scene, [2, 4], output_folder=tmp_path / "film", **given)
+    both = {}
+    for frame, lens in ((2, "tessar-50mm"), (4, "kodak-petzval-100mm")):
+        assert film.results[frame].report.lens_image.lens.startswith(lens)
+        single = addon.render_through_lens(moving_scene, frame=frame, lens=lens, output_folder=tmp_path / lens, **given)
+        both[frame] = read_exr(film.results[frame].irradiance).cube
+        assert np.array_equal(both[frame], read_exr(single.irradiance).cube)
+    assert not np.allclose(both[2] / both[2].mean(), both[4] / both[4].mean(), rtol=0.01)
+    assert not addon.Animation(moving_scene, [2, 4], output_folder=tmp_path / "film", **given).pending
+    moving_scene.camera.data.lensfield.lens = "nikkor-28mm"
+    assert len(addon.Animation(moving_scene, [2, 4], output_folder=tmp_path / "film", **given).pending) == 1
 
 
 @pytest.mark.parametrize("animated", [False, True])

@@ -112,7 +112,7 @@ def coloured_scene(scene, tmp_path):
     wall(scene, material("Paint", "ShaderNodeBsdfDiffuse", (0.7, 0.3, 0.05))[0])
     scene.cycles.samples = 64
     scene.render.resolution_x, scene.render.resolution_y = 200, 150
-    scene.lensfield.lens = "edmund-54852"  # others are baked first, at the tier's quality
+    scene.camera.data.lensfield.lens = "edmund-54852"  # others are baked first, at the tier's quality
     scene.lensfield.tier, scene.lensfield.wavelength_count = "REFERENCE", 6
     scene.lensfield.output_folder = str(tmp_path / "out")
     return scene

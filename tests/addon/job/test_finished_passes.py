@@ -127,7 +127,7 @@ def touch(path):
 
 @pytest.mark.parametrize("change", [
     lambda scene: setattr(scene.cycles, "samples", 5),
-    lambda scene: setattr(scene.lensfield, "view", "CAMERA"),
+    lambda scene: setattr(scene.camera.data.lensfield, "view", "CAMERA"),
     lambda scene: setattr(scene.lensfield, "tier", "REFERENCE"),
     lambda scene: setattr(scene.camera.data, "clip_start", 0.01),
     lambda scene: bpy.data.objects["Wall"].vertex_groups.new(name="Some").add([0], 0.5, "REPLACE")])

@@ -11,7 +11,7 @@ from lensfield.addon.job import preflight as before_a_render
 from lensfield.addon.job.remarks import UNLAYERED
 from lensfield.engine.runtime.errors import InputError
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
-from small_scenes import light, material, set_world, wall
+from small_scenes import adjust, light, material, set_world, wall
 from snapshot import differences, snapshot
 
 OF_DEPTH = {"Depth", *(what for what, *_ in UNLAYERED.values())}
@@ -132,7 +132,7 @@ def camera(**values):
 
 
 def lensfield(**values):
-    return setting(lambda scene: scene.lensfield, **values)
+    return lambda scene, tmp_path: adjust(scene, **values)
 
 
 SCENES = {
@@ -238,7 +238,7 @@ REMARKS = [
 @pytest.mark.sample(6)
 @pytest.mark.parametrize("change, tier, expected", REMARKS, ids=lambda value: value if isinstance(value, str) else "")
 def test_only_settings_that_do_not_apply_are_reported_before_and_after(scene, tmp_path, change, tier, expected):
-    scene.lensfield.lens = "tessar-50mm"  # in focus to infinity
+    scene.camera.data.lensfield.lens = "tessar-50mm"  # in focus to infinity
     assert bpy.ops.lensfield.match_camera() == {"FINISHED"}
     set_world(scene)
     change(scene)
@@ -294,7 +294,7 @@ def test_the_share_outside_the_depth_range_is_predicted(scene, tmp_path, lens):
     near.location.x = 0.02
     wall(scene, material("Hidden", "ShaderNodeEmission")[0], 0.05).hide_render = True
     wall(scene, material("Far", "ShaderNodeEmission")[0], 5.0, 100.0)
-    scene.lensfield.lens = lens
+    scene.camera.data.lensfield.lens = lens
     remarks = [str(remark) for remark in preflight(scene, output_folder=tmp_path, lens_quality="preview").remarks
                if remark.what == "Depth"]
     result = addon.render_through_lens(scene, output_folder=tmp_path, lens_quality="preview")

@@ -170,7 +170,7 @@ def test_a_border_that_will_lack_light_is_announced_and_reported(window, tmp_pat
 
 
 def test_an_animation_treats_a_frame_with_another_lens_as_pending(window, tmp_path):
-    window.lensfield.output_folder, window.lensfield.lens = str(tmp_path), "tessar-50mm"
+    window.lensfield.output_folder, window.camera.data.lensfield.lens = str(tmp_path), "tessar-50mm"
     options = {"wavelengths_nm": WAVELENGTHS_NM, "lens_quality": "preview"}
     (result,) = addon.render_animation(window, [1], **options).results.values()
     assert not addon.Animation(window, [1], **options).pending

@@ -6,16 +6,18 @@ import pytest
 
 from lensfield.addon.job.job import job_of
 from lensfield.addon.job.record import recorded_fields
-from lensfield.addon.ui.properties import SETTINGS, LensfieldSettings
+from lensfield.addon.ui.properties import SETTINGS, LensfieldCameraSettings, LensfieldSettings
 from lensfield.cli import _parser
 from lensfield.engine import InputError, Options
 from lensfield.engine.runtime.setting import settings_of
 from lensfield.request import RenderRequest, to_arguments
+from small_scenes import adjust
 
 
 @pytest.mark.parametrize("name", SETTINGS)
 def test_a_property_has_the_texts_and_choices_of_its_setting(name):
-    prop, each = LensfieldSettings.bl_rna.properties[name], SETTINGS[name]
+    each = SETTINGS[name]
+    prop = {"scene": LensfieldSettings, "camera": LensfieldCameraSettings}[each.owner].bl_rna.properties[name]
     assert (prop.name, prop.description) == (each.name, each.text)
     if each.choices:
         offered = {item.identifier.lower(): (item.name, item.description) for item in prop.enum_items}
@@ -34,17 +36,17 @@ def test_new_settings_are_the_defaults_of_a_request(scene):
 
 
 def test_a_given_camera_brings_its_own_sensor(scene):
-    scene.lensfield.camera = "nikon-d700"
+    settings = scene.camera.data.lensfield
+    settings.body = "nikon-d700"
     sensors = {name: scene.lensfield.to_request(camera=name).view_on_sensor for name in ("nikon-d700", "canon-eos-5ds")}
-    assert scene.lensfield.to_request().view_on_sensor == scene.lensfield.view_text() == sensors["nikon-d700"]
+    assert scene.lensfield.to_request().view_on_sensor == settings.view_text() == sensors["nikon-d700"]
     assert sensors["nikon-d700"] != sensors["canon-eos-5ds"]
-    scene.lensfield.view = "CAMERA"
+    settings.view = "CAMERA"
     assert scene.lensfield.to_request(camera="canon-eos-5ds").view_on_sensor == "camera"
 
 
 def test_given_fields_override_settings_unless_they_are_none(scene, tmp_path):
-    scene.lensfield.view, scene.lensfield.unfit, scene.lensfield.wavelength_list = "CAMERA", "RENDER", "no number"
-    scene.lensfield.wavelength_mode = "LIST"
+    adjust(scene, view="CAMERA", unfit="RENDER", wavelength_mode="LIST", wavelength_list="no number")
     request = scene.lensfield.to_request(view="lens", unfit=None, wavelengths_nm=[450, 550], output_folder=tmp_path)
     assert (request.view, request.unfit, request.wavelengths_nm) == ("lens", "render", (450.0, 550.0))
     assert request.output_folder == Path(tmp_path).resolve()
@@ -54,7 +56,7 @@ def test_given_fields_override_settings_unless_they_are_none(scene, tmp_path):
 
 @pytest.mark.parametrize("view, expected", [("SENSOR", "24.89x18.66"), ("SUPER35", "super35"), ("LENS", "lens")])
 def test_a_custom_sensor_is_a_size(scene, view, expected):
-    scene.lensfield.view, scene.lensfield.sensor_mm = view, (24.89, 18.66)
+    adjust(scene, view=view, sensor_mm=(24.89, 18.66))
     request = scene.lensfield.to_request()
     assert request.view == expected
     for command in ("apply a_radiance.exr --lens x", "render a.blend --output a", "preview a.blend --output a"):

@@ -81,7 +81,7 @@ def test_a_window_render_shows_unsaved_paint(painted, scene, tmp_path, source):
     glow.node_tree.links.new(texture.outputs["Color"], shader.inputs["Color"])
     wall(scene, glow)
     scene.lensfield.tier, scene.lensfield.wavelength_count = "REFERENCE", 31
-    scene.lensfield.coating, scene.lensfield.stray_light = "IDEAL", "OFF"
+    scene.camera.data.lensfield.coating, scene.lensfield.stray_light = "IDEAL", "OFF"
     assert not window_render.start(scene)
     try:
         follow()

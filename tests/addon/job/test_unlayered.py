@@ -185,7 +185,7 @@ def test_remarks_name_the_share_the_objects_and_the_remedy(scene, tmp_path, has_
 @pytest.mark.parametrize("requested_depth, count", [("auto", 1), ("off", 0), ("traced", 0)])
 def test_glass_is_reported_before_a_render_with_one_depth_per_pixel(scene, tmp_path, requested_depth, count):
     room(scene, shader("ShaderNodeBsdfGlass"))
-    scene.lensfield.lens = "sonnar-50mm-f1.5"
+    scene.camera.data.lensfield.lens = "sonnar-50mm-f1.5"
     scene.lensfield.depth = requested_depth.upper()
     for options in ({}, {"depth": requested_depth}):
         result = preflight(scene, output_folder=tmp_path, lens_quality="preview", **options)
@@ -199,7 +199,7 @@ def test_a_pane_in_focus_hides_objects_out_of_focus(scene, tmp_path):
     dof.use_dof, dof.focus_distance, dof.aperture_fstop = True, 2.0, 1.5
     wall(scene, shader("ShaderNodeBsdfGlass"), 2.0, 100.0).name = "Pane"
     wall(scene, shader("ShaderNodeBsdfDiffuse"), 12.0, 100.0)
-    scene.lensfield.lens = "sonnar-50mm-f1.5"
+    scene.camera.data.lensfield.lens = "sonnar-50mm-f1.5"
     result = preflight(scene, output_folder=tmp_path, lens_quality="preview")
     line, = (str(remark) for remark in result.remarks if remark.what == "Glass")
     assert line.startswith("Glass 'Pane': about 100% of the picture is visible through it") and result.slabs is None

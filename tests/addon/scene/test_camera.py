@@ -133,7 +133,7 @@ def test_missing_camera_is_rejected(scene, tmp_path):
 
 
 def test_match_camera_gives_the_lens_field_of_view(scene):
-    scene.lensfield.lens = LENS.name
+    scene.camera.data.lensfield.lens = LENS.name
     scene.render.resolution_x, scene.render.resolution_y = 768, 576
     assert bpy.ops.lensfield.match_camera() == {"FINISHED"}
     # 2.4 mm paraxial is 100.2 mm in the object plane, 254.06 mm from the entrance pupil: 21.5 degrees.

@@ -27,7 +27,7 @@ from lensfield.addon.scene.errors import SceneError
 from lensfield.addon.scene.working_space import rec709_from_working
 from lensfield.engine.pictures.spectral_exr import write_rgb_exr
 from lensfield.engine.stray.options import StrayOptions
-from small_scenes import background, material, render, set_world, wall
+from small_scenes import adjust, background, material, render, set_world, wall
 from waiting import LAST_RESORT_S
 
 
@@ -92,7 +92,7 @@ def test_changes_that_affect_the_render_outdate_a_lens_image(scene, tmp_path, ch
 
 
 @pytest.mark.parametrize("change", [
-    lambda scene: scene.camera.select_set(True), lambda scene: setattr(scene.lensfield, "lens", "nikkor-28mm"),
+    lambda scene: scene.camera.select_set(True), lambda scene: adjust(scene, lens="nikkor-28mm", tilt_deg=(0.1, 0.0)),
     lambda scene: setattr(scene.view_settings, "exposure", 2),
     lambda scene: setattr(scene.camera, "hide_viewport", True),
     lambda scene: compositing_tree(scene).nodes.new("CompositorNodeExposure"),
@@ -440,12 +440,11 @@ def test_operator_renders_with_the_settings(scene, tmp_path, folder):
     ({"wavelength_mode": "LIST", "wavelength_list": "700, 500"}, "options: wavelengths is 700, 500: expected"),
     ({"wavelength_last_nm": 900.0}, "tessar-50mm: wavelength is .* nm: the lens data spans 400 to 700 nm"),
     ({"lens": "FILE", "lens_file": "/no/such/lens.npz"}, "/no/such/lens.npz: lens is missing"),
-    ({"lens": "FILE", "lens_file": ""}, "scene settings: lens file is empty"),
+    ({"lens": "FILE", "lens_file": ""}, "camera settings: lens file is empty"),
     ({"output_folder": " "}, "scene settings: output folder is empty")])
 def test_operator_reports_bad_settings_in_one_line(scene, tmp_path, settings, message):
     scene.lensfield.output_folder = str(tmp_path)
-    for name, value in settings.items():
-        setattr(scene.lensfield, name, value)
+    adjust(scene, **settings)
     with pytest.raises(RuntimeError, match=message) as caught:
         bpy.ops.lensfield.render()
     assert "Traceback" not in str(caught.value)

@@ -20,7 +20,7 @@ def turn(scene):
     dof = scene.camera.data.dof
 
     def turned(lens, focus_m, f_number, view="LENS"):
-        scene.lensfield.lens, scene.lensfield.view = lens, view
+        scene.camera.data.lensfield.lens, scene.camera.data.lensfield.view = lens, view
         scene.render.resolution_x, scene.render.resolution_y = 480, 320
         dof.use_dof = focus_m is not None
         if focus_m is not None:
@@ -70,7 +70,7 @@ def test_a_tilted_lens_leans_like_the_baked_one(turn, lens, view):
     scene = turn(lens, 2.0, 4.0, view)
     scene.camera.data.lens = 28.0
     assert focus_now(scene, lens_facts(lens)).lean_per_m == (0.0, 0.0)
-    scene.lensfield.tilt_deg = np.radians(tilt_deg)
+    scene.camera.data.lensfield.tilt_deg = np.radians(tilt_deg)
     focus = focus_now(scene, lens_facts(lens))
     baked, _ = lens_for_view(scene, load_lens(lens, Rings(2000.0, 4.0, tilt_deg=tilt_deg), SKETCHED), view.lower())
     right, up = 0.11, -0.07

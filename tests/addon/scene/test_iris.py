@@ -35,7 +35,7 @@ def blades(scene):
     """The camera's depth of field, stopped down by six blades."""
     dof = scene.camera.data.dof
     dof.use_dof, dof.focus_distance, dof.aperture_fstop = True, 1.2, 8.0
-    dof.aperture_blades, dof.aperture_rotation, scene.lensfield.iris_roundness = 6, radians(15), 0.25
+    dof.aperture_blades, dof.aperture_rotation, scene.camera.data.lensfield.iris_roundness = 6, radians(15), 0.25
     return dof
 
 
@@ -73,8 +73,8 @@ def test_a_lens_without_rings_has_only_explicit_blades(scene, blades, tmp_path):
 
 def test_blades_can_be_keyframed_and_are_recorded(scene, blades, tmp_path):
     for frame, roundness in ((1, 0.0), (11, 1.0)):
-        scene.lensfield.iris_roundness = roundness
-        scene.lensfield.keyframe_insert("iris_roundness", frame=frame)
+        scene.camera.data.lensfield.iris_roundness = roundness
+        scene.camera.data.lensfield.keyframe_insert("iris_roundness", frame=frame)
     options = {"lens": LENS, "wavelengths_nm": [550], "lens_quality": "preview"}
     jobs = [job_of_frame(scene, frame, **options) for frame in (1, 6, 11)]
     assert [job.iris.roundness for job in jobs] == pytest.approx([0, 0.5, 1])
@@ -148,7 +148,7 @@ def test_blades_are_rotated_as_in_cycles(scene, blades, tmp_path, depth_mm):
     """In front of the focus and behind it: triangles agree, and would not if they were rotated or mirrored."""
     lens, _, _ = scene_lens(scene, LENS, "lens", "preview", focus=1500.0, f_number=11.0)
     blades.focus_distance, blades.aperture_blades, blades.aperture_rotation = 1.5, 3, radians(15)
-    scene.lensfield.iris_roundness = 0
+    scene.camera.data.lensfield.iris_roundness = 0
     scene.render.resolution_x, scene.render.resolution_y = 72, 54
     iris = scene_iris(scene, LENS, f_number=11.0)  # stopped down far enough for the corners to be inside the rim
     corner = opening(iris, lens).corner

@@ -91,8 +91,8 @@ def markers(scene, other):
     lambda scene: keyframe(scene.objects["Wall"], "location", (0, 0, -1), (0, 0, -1)),
     lambda scene: driven_by(scene, scene.objects["Light"].data, "energy"),
     lambda scene: keyframe(scene.camera.data, "dof.aperture_rotation", 0.0, 1.0),
-    lambda scene: keyframe(scene, "lensfield.iris_roundness", 0.0, 1.0),
-    lambda scene: keyframe(scene, "lensfield.focused_wide_open", False, True),
+    lambda scene: keyframe(scene.camera.data, "lensfield.iris_roundness", 0.0, 1.0),
+    lambda scene: keyframe(scene.camera.data, "lensfield.focused_wide_open", False, True),
     lambda scene: markers(scene, scene.camera),
     lambda scene: setattr(scene.render, "use_motion_blur", True)])
 def test_focus_and_f_stop_animation_is_not_movement(rack, change):

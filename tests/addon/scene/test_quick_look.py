@@ -167,7 +167,7 @@ def test_the_node_follows_the_scenes_lens_in_background_renders(lit_scene, tmp_p
     bpy.ops.lensfield.quick_look()
     node = scene_node(lit_scene, QUICK_LOOK)
     for name in ("tessar-50mm", "edmund-54852"):
-        lit_scene.lensfield.lens = name
+        lit_scene.camera.data.lensfield.lens = name
         lit_scene.camera.data.lens = 36
         assert corner(lit_scene, tmp_path) == pytest.approx(expected_corner(preview_lens(name)), rel=0.01)
     assert node.label == "Quick Look: Edmund 54-852, 6 mm f/1.8"
@@ -180,7 +180,7 @@ def test_the_node_follows_the_scenes_lens_in_background_renders(lit_scene, tmp_p
 
 
 def test_the_file_shows_the_lens_without_the_addon(lit_scene, tmp_path):
-    lit_scene.lensfield.lens = "tessar-50mm"
+    lit_scene.camera.data.lensfield.lens = "tessar-50mm"
     bpy.ops.lensfield.quick_look()
     before = corner(lit_scene, tmp_path)
     (tmp_path / "moved").mkdir()
@@ -222,7 +222,7 @@ def test_focus_and_f_stop_stay_as_the_user_sets_them(lit_scene, tmp_path):
     bpy.ops.lensfield.quick_look()
     node = scene_node(lit_scene, QUICK_LOOK)
     node.inputs["Focus Distance"].default_value = 3.0
-    lit_scene.lensfield.lens = "edmund-54852"
+    lit_scene.camera.data.lensfield.lens = "edmund-54852"
     bpy.ops.lensfield.quick_look()
     assert node.inputs["Focus Distance"].default_value == 3.0
 
@@ -242,7 +242,7 @@ def test_a_copied_scene_gets_another_group(lit_scene):
     bpy.ops.lensfield.quick_look()
     bpy.ops.scene.new(type="FULL_COPY")
     other = bpy.context.scene
-    other.lensfield.lens = "edmund-54852"
+    other.camera.data.lensfield.lens = "edmund-54852"
     bpy.ops.lensfield.quick_look()
     first, second = (scene_node(scene, QUICK_LOOK) for scene in (lit_scene, other))
     assert first.node_tree != second.node_tree and "Edmund" in second.label and "Edmund" not in first.label
@@ -291,7 +291,7 @@ def _sizes(x, y, light):
 
 
 def test_the_sensor_is_turned_with_a_portrait_picture(lit_scene):
-    lit_scene.lensfield.lens, lit_scene.lensfield.view = "tessar-50mm", "LENS"
+    lit_scene.camera.data.lensfield.lens, lit_scene.camera.data.lensfield.view = "tessar-50mm", "LENS"
     lit_scene.render.resolution_x, lit_scene.render.resolution_y = 400, 600
     look, *_ = read_look(*quick_look_question(lit_scene, facts_at_rest(lit_scene, None)))
     assert look.sensor[0] / look.sensor[1] == pytest.approx(2 / 3)
@@ -300,9 +300,9 @@ def test_the_sensor_is_turned_with_a_portrait_picture(lit_scene):
 def test_a_lens_without_rotational_symmetry_takes_the_place_of_another_and_back(lit_scene, tmp_path):
     bpy.ops.lensfield.quick_look()
     node, symmetric = scene_node(lit_scene, QUICK_LOOK), corner(lit_scene, tmp_path)
-    lit_scene.lensfield.tilt_deg = 0.05, 0.0
+    lit_scene.camera.data.lensfield.tilt_deg = 0.05, 0.0
     assert corner(lit_scene, tmp_path) != pytest.approx(symmetric, rel=1e-3)
     assert {MAP_X, MAP_Y} <= set(node.node_tree.nodes.keys())
-    lit_scene.lensfield.tilt_deg = 0.0, 0.0
+    lit_scene.camera.data.lensfield.tilt_deg = 0.0, 0.0
     assert corner(lit_scene, tmp_path) == symmetric
     assert len([image for image in bpy.data.images if image.packed_file]) == 2, "the maps are removed"

@@ -47,7 +47,7 @@ def test_a_lens_is_at_rest_without_depth_of_field(scene, dof):
     assert scene_rings(scene) == AT_REST
     assert scene_rings(scene, focus="camera") == Rings(1200.0)
     assert scene_rings(scene, f_number=4.0) == Rings(None, 4.0)
-    scene.lensfield.focused_wide_open = True
+    scene.camera.data.lensfield.focused_wide_open = True
     assert scene_rings(scene) == Rings(focused_wide_open=True)
 
 
@@ -55,12 +55,12 @@ def test_arguments_override_the_cameras_rings(scene, dof):
     assert scene_rings(scene) == Rings(1200.0, 8.0), "without the noise of Blender's floats"
     assert scene_rings(scene, focus=700.0) == Rings(700.0, 8.0)
     assert scene_rings(scene, focus=inf, f_number=2.8) == Rings(inf, 2.8)
-    scene.lensfield.focused_wide_open = True
+    scene.camera.data.lensfield.focused_wide_open = True
     assert scene_rings(scene, focused_wide_open=False) == Rings(1200.0, 8.0)
 
 
-def test_tilt_copy_and_coating_are_settings_of_the_scene(scene, dof):
-    settings = scene.lensfield
+def test_tilt_copy_and_coating_are_settings_of_the_camera(scene, dof):
+    settings = scene.camera.data.lensfield
     settings.tilt_deg, settings.copy, settings.copy_grade = np.radians((4, -2.5)), 7, "DROPPED"
     settings.coating = "SINGLE"
     assert scene_rings(scene) == Rings(1200.0, 8.0, tilt_deg=(4.0, -2.5), copy=Copy(7, "dropped"), coating="single")

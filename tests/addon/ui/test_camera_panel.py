@@ -7,7 +7,7 @@ from lensfield.addon.job.named_files import named_files
 from lensfield.addon.scene import trust
 from lensfield.addon.ui.camera_panel import draw_camera
 from lensfield.addon.ui.panels import draw_settings
-from lensfield.addon.ui.properties import camera_items
+from lensfield.addon.ui.properties import body_items
 from lensfield.engine import InputError, load_camera
 from lensfield.engine.library.bodies import bundled_cameras
 from lensfield.engine.sensor.camera_file import camera_text
@@ -17,36 +17,36 @@ EXPOSURE = ["iso", "shutter_s", "noise", "develop", "dng"]
 
 def drawn(scene):
     layout = Layout()
-    draw_camera(layout, scene)
+    draw_camera(layout, scene, scene.camera.data)
     return layout
 
 
 def test_a_body_sets_sensor_and_exposure(scene):
-    settings = scene.lensfield
-    assert settings.to_request().camera == "" and settings.view_text() == "lens" and drawn(scene).shown == ["camera"]
-    settings.camera = "sony-a7-iv"
+    settings, to_request = scene.camera.data.lensfield, scene.lensfield.to_request
+    assert to_request().camera == "" and settings.view_text() == "lens" and drawn(scene).shown == ["body"]
+    settings.body = "sony-a7-iv"
     assert "0: automatic, by the camera's meter" in " ".join(drawn(scene).labels)
     settings.iso, settings.shutter_s = 800, 1 / 60
-    request = settings.to_request()
+    request = to_request()
     assert (request.camera, request.iso) == ("sony-a7-iv", 800) and request.shutter_s == pytest.approx(1 / 60, rel=1e-5)
     assert settings.view_text() == request.view_on_sensor == request.view == "35.902x23.9347"
     layout = drawn(scene)
-    assert layout.shown == ["camera", *EXPOSURE]
+    assert layout.shown == ["body", *EXPOSURE]
     assert "35.9 \u00d7 23.9 mm, 7008 \u00d7 4672 pixels" in layout.labels
     settings.view = "CAMERA"
     assert settings.view_text() == "camera", "the user's choice"
-    settings.wavelength_first_nm = 500
+    scene.lensfield.wavelength_first_nm = 500
     assert "leave out part of the camera's response" in " ".join(drawn(scene).labels)
 
 
 def test_all_bodies_are_offered():
-    assert {name for name, *_ in camera_items(None, None)} == {"NONE", *bundled_cameras(), "FILE"}
+    assert {name for name, *_ in body_items(None, None)} == {"NONE", *bundled_cameras(), "FILE"}
 
 
 @pytest.mark.one_blender
 def test_a_camera_that_no_longer_exists_is_reported(scene):
-    scene.lensfield["camera"] = 987654  # of none of the cameras, as in a .blend of another version
-    with pytest.raises(InputError, match="camera is unknown: choose one that this version of Lensfield has"):
+    scene.camera.data.lensfield["body"] = 987654  # of none of the cameras, as in a .blend of another version
+    with pytest.raises(InputError, match="camera body is unknown: choose one that this version of Lensfield has"):
         scene.lensfield.to_request()
     assert "choose one that" in " ".join(drawn(scene).labels)
 
@@ -54,13 +54,13 @@ def test_a_camera_that_no_longer_exists_is_reported(scene):
 def test_the_users_own_file_is_read_if_it_is_trusted(scene, tmp_path):
     path = tmp_path / "own.toml"
     path.write_text(camera_text(load_camera("nikon-d700")), encoding="utf-8")
-    settings = scene.lensfield
-    settings.camera = "FILE"
+    settings = scene.camera.data.lensfield
+    settings.body = "FILE"
     with pytest.raises(InputError, match="camera file is empty: choose a file"):
-        settings.to_request()
+        scene.lensfield.to_request()
     assert any("choose a file" in line for line in drawn(scene).labels)
-    settings.camera_file = str(path)  # trusted, because it was chosen
-    assert settings.to_request().camera == str(path) and "36 \u00d7 24 mm" in drawn(scene).labels[0]
+    settings.body_file = str(path)  # trusted, because it was chosen
+    assert scene.lensfield.to_request().camera == str(path) and "36 \u00d7 24 mm" in drawn(scene).labels[0]
     path.write_text("format = 'lensfield-camera'", encoding="utf-8")
     assert any("version" in line for line in drawn(scene).labels)
     draw_settings(Layout(), scene)
@@ -71,7 +71,7 @@ def test_a_file_that_only_the_blend_names_is_not_read(scene, tmp_path, monkeypat
     monkeypatch.setattr("lensfield.addon.job.named_files.trusts_all", lambda: False)
     with monkeypatch.context() as without_trust:
         without_trust.setattr("lensfield.addon.ui.properties.trust", lambda path: None)
-        scene.lensfield.camera, scene.lensfield.camera_file = "FILE", str(tmp_path / "theirs.toml")
+        scene.camera.data.lensfield.body, scene.camera.data.lensfield.body_file = "FILE", str(tmp_path / "theirs.toml")
     assert named_files() == {str(tmp_path / "theirs.toml"): "camera"}
     with pytest.raises(InputError, match="camera file"):
         scene.lensfield.to_request()

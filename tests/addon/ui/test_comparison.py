@@ -60,7 +60,7 @@ def test_ticked_lenses_are_compared_in_the_background_and_one_is_chosen(lit_scen
     assert comparison.CHOOSE in " ".join(panel.labels)
     assert bpy.ops.lensfield.choose_compared(number=1) == {"FINISHED"}
     dof = lit_scene.camera.data.dof
-    assert (lit_scene.lensfield.lens, dof.use_dof, dof.aperture_fstop) == (FAST, True, 8.0)
+    assert (lit_scene.camera.data.lensfield.lens, dof.use_dof, dof.aperture_fstop) == (FAST, True, 8.0)
 
 
 def test_a_click_finds_the_picture_under_it(sheet):
@@ -74,10 +74,10 @@ def test_the_f_stop_is_chosen_only_if_it_was_compared_or_the_camera_sets_it(shee
     dof.use_dof, dof.aperture_fstop = False, 4.0
     session.last_sheet = LastSheet(session.last_sheet.path, sheet.session_uid, False, session.last_sheet.lenses)
     bpy.ops.lensfield.choose_compared(number=1)
-    assert (sheet.lensfield.lens, dof.use_dof, dof.aperture_fstop) == (FAST, False, 4.0)
+    assert (sheet.camera.data.lensfield.lens, dof.use_dof, dof.aperture_fstop) == (FAST, False, 4.0)
     dof.use_dof = True
     bpy.ops.lensfield.choose_compared(number=0)
-    assert (sheet.lensfield.lens, dof.aperture_fstop) == (SHARP, 8.0)
+    assert (sheet.camera.data.lensfield.lens, dof.aperture_fstop) == (SHARP, 8.0)
     with pytest.raises(RuntimeError, match="picture is 2: expected 0 to 1"):
         bpy.ops.lensfield.choose_compared(number=2)
 

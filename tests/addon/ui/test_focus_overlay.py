@@ -52,7 +52,7 @@ def on(scene, monkeypatch):
     wall(scene, paint, 2.0).location.x = -5
     wall(scene, paint, 6.0, 40.0)
     scene.render.resolution_x, scene.render.resolution_y = 960, 640
-    scene.lensfield.lens = LENS
+    scene.camera.data.lensfield.lens = LENS
     dof = scene.camera.data.dof
     dof.use_dof, dof.focus_distance, dof.aperture_fstop = True, 2.0, 1.5
     bpy.context.view_layer.update()
@@ -92,9 +92,9 @@ def test_the_overlay_follows_the_rings_immediately_using_the_saved_depth(on):
     assert tinted(scene) == [focus_overlay.NEARER, nothing]
     scene.camera.data.dof.focus_distance = 2.0
     for degrees, colour in ((4.0, focus_overlay.NEARER), (-4.0, focus_overlay.FARTHER)):
-        scene.lensfield.tilt_deg = 0.0, np.radians(degrees)
+        scene.camera.data.lensfield.tilt_deg = 0.0, np.radians(degrees)
         assert tinted(scene)[0] == colour, "the plane of focus leans, towards the camera on one side"
-    scene.lensfield.tilt_deg = 0.0, 0.0
+    scene.camera.data.lensfield.tilt_deg = 0.0, 0.0
     scene.camera.data.dof.focus_distance = 6.0
     scene.camera.data.dof.aperture_fstop = 64.0  # limited to about f/22
     scene.render.resolution_percentage = 5
@@ -125,6 +125,6 @@ def test_no_overlay_is_drawn_without_a_lens_or_camera(on):
     focus_overlay.switch(on)
     path = session.preview.depth
     assert focus_overlay.focus_tints(on, path) is not None and focus_overlay.focus_tints(on, None) is None
-    on.lensfield.lens, on.lensfield.lens_file = "FILE", "/nowhere.toml"
+    on.camera.data.lensfield.lens, on.camera.data.lensfield.lens_file = "FILE", "/nowhere.toml"
     focus_overlay.switch(on)
     assert focus_overlay.focus_tints(on, path) is None

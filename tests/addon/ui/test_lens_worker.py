@@ -129,7 +129,7 @@ def test_a_failed_bake_shows_its_error(scene, oven, error, line):
 
 
 def test_an_unreadable_lens_shows_its_error(scene, oven, tmp_path):
-    scene.lensfield.lens, scene.lensfield.lens_file = "FILE", str(tmp_path / "none.toml")
+    scene.camera.data.lensfield.lens, scene.camera.data.lensfield.lens_file = "FILE", str(tmp_path / "none.toml")
     lens_worker.lens_request(scene).future.result(LAST_RESORT_S)
     assert "none.toml" in panel_text(scene).replace(" ", "") and not oven.requests
 
@@ -138,6 +138,7 @@ def test_a_request_from_a_deleted_scene_is_dropped(scene, oven):
     request = lens_worker.lens_request(scene)
     assert oven.entered.wait(LAST_RESORT_S)
     other = bpy.data.scenes.new("Other")
+    other.camera = scene.camera
     bpy.data.scenes.remove(scene)
     lens_worker.lens_request(other)
     request.future.result(LAST_RESORT_S)
@@ -146,7 +147,8 @@ def test_a_request_from_a_deleted_scene_is_dropped(scene, oven):
 
 def test_each_scene_has_a_separate_request(scene, oven):
     other = bpy.data.scenes.new("Other")
-    other.lensfield.lens = "kodak-petzval-100mm"
+    other.camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    other.camera.data.lensfield.lens = "kodak-petzval-100mm"
     first, second = lens_worker.lens_request(scene), lens_worker.lens_request(other)
     assert lens_worker.lens_request(scene) is first and lens_worker.lens_request(other) is second
     assert not first.dropped.is_set()
@@ -172,7 +174,7 @@ def test_a_shift_requests_only_lenses_on_a_grid_again(scene, oven):
     assert first.known.wait(LAST_RESORT_S) and first.facts.radial
     scene.camera.data.shift_y = 0.3
     assert lens_worker.lens_request(scene) is first
-    scene.lensfield.tilt_deg = 2.0, 0.0
+    scene.camera.data.lensfield.tilt_deg = 2.0, 0.0
     tilted = lens_worker.lens_request(scene)
     assert tilted.known.wait(LAST_RESORT_S) and lens_worker.lens_request(scene) is tilted
     scene.camera.data.shift_y = 0.0
@@ -188,7 +190,7 @@ def test_quality_at_hand_rises_once_the_lens_is_baked(scene, oven):
 def test_a_lens_package_is_fixed(scene, tmp_path):
     package = tmp_path / "own.npz"
     package.write_bytes((BUNDLED / "edmund-54852.npz").read_bytes())
-    scene.lensfield.lens, scene.lensfield.lens_file = "FILE", str(package)
+    scene.camera.data.lensfield.lens, scene.camera.data.lensfield.lens_file = "FILE", str(package)
     turn(scene, 16)
     layout = drawn(scene)
     assert RINGS <= set(layout.greyed) and "Fixed focus and f-stop" in layout.labels

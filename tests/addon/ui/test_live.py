@@ -19,7 +19,7 @@ from waiting import LAST_RESORT_S
 
 @pytest.fixture
 def live_scene(scene):
-    scene.lensfield.lens, scene.lensfield.view = "tessar-50mm", "CAMERA"
+    scene.camera.data.lensfield.lens, scene.camera.data.lensfield.view = "tessar-50mm", "CAMERA"
     scene.render.resolution_x, scene.render.resolution_y = 800, 500
     bpy.context.view_layer.update()
     yield scene
@@ -83,7 +83,7 @@ def test_the_frame_has_the_cameras_view_or_the_lenss(live_scene):
     camera.shift_x, camera.shift_y = 0.25, -0.5  # of the width
     assert frame_of(live_scene).tangents == pytest.approx((-across / 2, -up - across, 1.5 * across, up - across))
     camera.shift_x = camera.shift_y = 0
-    live_scene.lensfield.view = "LENS"
+    live_scene.camera.data.lensfield.view = "LENS"
     *_, across, up = frame_of(live_scene).tangents
     assert across == pytest.approx(16.8 / 52, rel=0.2) and up / across == pytest.approx(500 / 800)
 
@@ -104,7 +104,7 @@ def test_the_frame_follows_focus_f_stop_blades_and_field(live_scene):
 def test_the_blur_is_that_of_the_lens_at_its_focus(live_scene):
     """A lens that focuses internally blurs less than a thin lens of its focal length."""
     dof = live_scene.camera.data.dof
-    live_scene.lensfield.lens, live_scene.lensfield.view = "nikkor-z-135mm-plena", "LENS"
+    live_scene.camera.data.lensfield.lens, live_scene.camera.data.lensfield.view = "nikkor-z-135mm-plena", "LENS"
     dof.use_dof, dof.focus_distance, dof.aperture_fstop = True, 1.5, 1.8
     focus, first = frame_of(live_scene).focus, focus_now(live_scene, facts_at_rest(live_scene, LAST_RESORT_S))
     assert focus.focus_m == pytest.approx(1.5, rel=1e-3)
@@ -114,7 +114,7 @@ def test_the_blur_is_that_of_the_lens_at_its_focus(live_scene):
 def test_a_squeezed_frame_is_as_wide_as_its_pixels_show_it_and_its_focus_leans(live_scene, monkeypatch):
     lens = fine_grid_lens(squeeze=2.0, focus_slope=(1e-3, -2e-3), wavelengths_nm=(400.0, 550.0, 700.0))
     monkeypatch.setattr(live, "load_lens", lambda *_, **__: lens)
-    live_scene.lensfield.view = "LENS"
+    live_scene.camera.data.lensfield.view = "LENS"
     frame, half_px = frame_of(live_scene), np.array([400, 250])
     focal_mm, pitch_mm = lens.capture_focal_length_mm, 4.8 / 800
     assert frame.tangents[2:] == pytest.approx(half_px * pitch_mm / focal_mm)

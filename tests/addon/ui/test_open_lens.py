@@ -37,7 +37,7 @@ def write(tmp_path, name, text):
 
 def open_lens(path, **answers):
     assert bpy.ops.lensfield.open_lens(filepath=path, **answers) == {"FINISHED"}
-    settings = bpy.context.scene.lensfield
+    settings = bpy.context.scene.camera.data.lensfield
     assert settings.lens == "FILE"
     return settings.lens_file
 
@@ -52,13 +52,13 @@ def test_a_complete_file_is_used_as_it_is(saved, tmp_path, name, text):
 
 
 def test_an_incomplete_file_is_refused_and_the_scene_keeps_its_lens(saved, tmp_path):
-    before = saved.lensfield.lens
+    before = saved.camera.data.lensfield.lens
     for path, message in ((write(tmp_path, "lens.lens", DOT_LENS), "lens.lens: field is missing"),
                           (write(tmp_path, "lens.dat", "1 2"), "lens.dat: field is missing"),
                           (str(tmp_path / "no.zmx"), "no.zmx: prescription is missing"), ("", "lens is ")):
         with pytest.raises(RuntimeError, match=message):
             bpy.ops.lensfield.open_lens(filepath=path)
-    assert (saved.lensfield.lens, saved.lensfield.lens_file) == (before, "")
+    assert (saved.camera.data.lensfield.lens, saved.camera.data.lensfield.lens_file) == (before, "")
 
 
 def test_answers_are_stored_with_the_lens_next_to_the_blend(saved, tmp_path):
@@ -185,7 +185,7 @@ def test_a_field_that_the_lens_cannot_image_is_one_line_under_its_drawing(dialog
     ("patent_lenses/lens/AI_Nikkor_35mm_F1.4S.lens", {"field_kind": "HEIGHT"}, 35.0)])
 def test_real_files_are_opened(saved, name, answers, efl_mm):
     open_lens(str(SHARED_DATA / name), **answers)
-    assert lens_facts(saved.lensfield.lens_name_or_path()).efl_mm == pytest.approx(efl_mm, rel=0.01)
+    assert lens_facts(saved.camera.data.lensfield.lens_name_or_path()).efl_mm == pytest.approx(efl_mm, rel=0.01)
 
 
 def test_dropped_files_of_all_kinds_are_opened():
@@ -195,7 +195,7 @@ def test_dropped_files_of_all_kinds_are_opened():
 
 def test_the_panel_offers_the_dialog_for_the_file(saved, tmp_path):
     layout = Layout()
-    saved.lensfield.lens = "FILE"
+    saved.camera.data.lensfield.lens = "FILE"
     draw_settings(layout, saved)
     assert "lensfield.open_lens" not in layout.shown
     open_lens(write(tmp_path, "lens.toml", TOML))

@@ -28,7 +28,7 @@ from waiting import wait_until
 def ready_scene(scene, monkeypatch):
     light(scene, "POINT", 20.0)
     wall(scene, material("Paint", "ShaderNodeBsdfDiffuse", (0.7, 0.3, 0.05))[0])
-    scene.lensfield.lens = "tessar-50mm"
+    scene.camera.data.lensfield.lens = "tessar-50mm"
     scene.render.resolution_x, scene.render.resolution_y = 800, 600
     bpy.context.view_layer.update()
     monkeypatch.setattr(preview, "LONG_SIDE_PX", 96)
@@ -224,7 +224,7 @@ def test_another_lens_shows_immediately_and_then_with_its_field_of_view(ready_sc
     preview.start(ready_scene)
     follow()
     narrow, shown_first, copied = on().tangents, red(ready_scene), copied_ns()
-    ready_scene.lensfield.lens = "nikkor-28mm"
+    ready_scene.camera.data.lensfield.lens = "nikkor-28mm"
     bpy.context.view_layer.update()
     preview.tick()
     assert on().job[0] == "lens"
@@ -237,12 +237,12 @@ def test_another_lens_shows_immediately_and_then_with_its_field_of_view(ready_sc
 
 @pytest.mark.one_blender
 def test_another_lens_in_the_camera_view_needs_no_render(ready_scene):
-    ready_scene.lensfield.view = "CAMERA"
+    ready_scene.camera.data.lensfield.view = "CAMERA"
     preview.start(ready_scene)
     follow()
     rendered_ns = copied_ns()
     for lens in ("edmund-54852", "cooke-triplet-50mm"):  # the first uses much more than the render's lens
-        ready_scene.lensfield.lens = lens
+        ready_scene.camera.data.lensfield.lens = lens
         bpy.context.view_layer.update()
         follow()
         assert copied_ns() == rendered_ns and not on().error and lens_title(lens) in shown()
@@ -250,7 +250,7 @@ def test_another_lens_in_the_camera_view_needs_no_render(ready_scene):
 
 @pytest.mark.one_blender
 def test_turning_a_ring_needs_no_render(ready_scene):
-    ready_scene.lensfield.view = "CAMERA"
+    ready_scene.camera.data.lensfield.view = "CAMERA"
     dof = ready_scene.camera.data.dof
     dof.use_dof, dof.focus_distance, dof.aperture_fstop = True, 3.0, 8.0
     bpy.context.view_layer.update()
@@ -269,7 +269,7 @@ def test_turning_a_ring_needs_no_render(ready_scene):
 def endless(ready_scene, monkeypatch):
     """A preview with rings that is refined until something stops it."""
     monkeypatch.setattr(preview, "SAMPLES", 1 << 20)
-    ready_scene.lensfield.view = "CAMERA"
+    ready_scene.camera.data.lensfield.view = "CAMERA"
     dof = ready_scene.camera.data.dof
     dof.use_dof, dof.focus_distance, dof.aperture_fstop = True, 3.0, 8.0
     bpy.context.view_layer.update()
@@ -339,7 +339,7 @@ def test_the_refinement_pauses_during_a_render(endless, monkeypatch):
 @pytest.mark.one_blender
 def test_a_moving_focus_object_refocuses_and_renders_again(ready_scene):
     """It refocuses the lens and changes the scene at the same time."""
-    ready_scene.lensfield.view = "CAMERA"
+    ready_scene.camera.data.lensfield.view = "CAMERA"
     dof, obj = ready_scene.camera.data.dof, bpy.data.objects["Wall"]
     dof.use_dof, dof.focus_object = True, obj
     bpy.context.view_layer.update()
@@ -358,7 +358,7 @@ def test_an_undo_can_change_lens_and_scene_together(ready_scene):
     preview.start(ready_scene)
     follow()
     first = red(ready_scene)
-    ready_scene.lensfield.lens = "cooke-triplet-50mm"
+    ready_scene.camera.data.lensfield.lens = "cooke-triplet-50mm"
     bpy.data.lights["Light"].energy *= 3
     bpy.context.view_layer.update()
     preview.on_frame(ready_scene)
@@ -393,7 +393,7 @@ def test_an_unusable_lens_is_reported_until_it_is_restored(ready_scene, tmp_path
     monkeypatch.setattr(rings, "iris_is_visible", lambda *lens: calls.append(lens) or iris_is_visible(*lens))
     path, dof = tmp_path / "own.toml", ready_scene.camera.data.dof
     shutil.copy(PRESCRIPTIONS / "tessar-50mm.toml", path)
-    ready_scene.lensfield.lens, ready_scene.lensfield.lens_file = "FILE", str(path)
+    ready_scene.camera.data.lensfield.lens, ready_scene.camera.data.lensfield.lens_file = "FILE", str(path)
     dof.use_dof, dof.focus_distance, dof.aperture_fstop, dof.aperture_blades = True, 2.0, 8.0, 6
     bpy.context.view_layer.update()
     preview.start(ready_scene)

@@ -28,8 +28,8 @@ def user_lens(scene, tmp_path):
     """A user's lens, selected in the scene, that has no sheet yet; its path."""
     path = tmp_path / "own.npz"
     shutil.copy(BUNDLED / "edmund-54852.npz", path)
-    scene.lensfield.lens = "FILE"
-    scene.lensfield.lens_file = str(path)
+    scene.camera.data.lensfield.lens = "FILE"
+    scene.camera.data.lensfield.lens_file = str(path)
     yield path
     previews.forget_previews()
 
@@ -229,7 +229,7 @@ def test_the_operator_reloads_a_changed_sheet(scene, user_lens):
 def test_the_operator_draws_a_missing_sheet(scene, user_lens, drawing):
     assert bpy.ops.lensfield.show_sheet() == {"FINISHED"} and len(drawing) == 1
     assert [image.packed_file is not None for image in bpy.data.images] == [True]
-    scene.lensfield.lens_file = ""
+    scene.camera.data.lensfield.lens_file = ""
     assert not bpy.ops.lensfield.show_sheet.poll()
 
 

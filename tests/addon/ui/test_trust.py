@@ -24,7 +24,7 @@ from lensfield.addon.ui.session import session
 from lensfield.engine.library import BUNDLED
 from lensfield.engine.pictures.spectral_exr import write_rgb_exr
 from lensfield.engine.runtime.errors import InputError
-from small_scenes import material
+from small_scenes import adjust, material
 from waiting import LAST_RESORT_S
 
 touched = []
@@ -64,8 +64,7 @@ def stranger(scene, tmp_path, in_a_window):
     Image.new("RGB", (90, 60)).save(away / "lens.png")
     (away / "paint.spd").write_text("400 0.1\n700 0.9\n")
     write_rgb_exr(np.ones((36, 48, 3), np.float32), away / "Scene_0001_lens_image.exr")
-    settings = scene.lensfield
-    settings.lens, settings.lens_file, settings.output_folder = "FILE", str(away / "lens.npz"), str(away)
+    adjust(scene, lens="FILE", lens_file=str(away / "lens.npz"), output_folder=str(away))
     material("Paint", "ShaderNodeBsdfDiffuse", (1, 1, 1))[0].lensfield.reflectance = str(away / "paint.spd")
     lay_into_compositor(scene, away / "Scene_0001_lens_image.exr", fingerprint="of another scene")
     bpy.data.materials["Paint"].use_fake_user = True
@@ -101,8 +100,8 @@ def all_that_runs_by_itself(scene):
     bpy.context.view_layer.update()
     scene.frame_set(2)
     scene.lensfield.compositor_shows = "ALWAYS"
-    scene.lensfield.iris_roundness = 0.5
-    scene.lensfield.view = "CAMERA"
+    scene.camera.data.lensfield.iris_roundness = 0.5
+    scene.camera.data.lensfield.view = "CAMERA"
     draw(scene)
     compositor_state(scene)
     bpy.ops.lensfield.show_sheet.poll(), bpy.ops.lensfield.remove_from_compositor.poll()
@@ -146,7 +145,7 @@ def test_nothing_starts_before_the_files_are_trusted(stranger, start):
 @pytest.mark.parametrize("lens", ["tessar-50mm", "FILE"])
 def test_checking_the_scene_reads_no_untrusted_files(stranger, lens):
     scene = bpy.context.scene
-    scene.lensfield.lens, scene.lensfield.output_folder = lens, "//lensfield/"
+    scene.camera.data.lensfield.lens, scene.lensfield.output_folder = lens, "//lensfield/"
     bpy.ops.mesh.primitive_plane_add()
     bpy.context.object.data.materials.append(bpy.data.materials["Paint"])
     bpy.ops.lensfield.lint()
@@ -159,7 +158,7 @@ def test_files_chosen_by_the_user_are_trusted(stranger, tmp_path):
     shutil.copytree(stranger, tmp_path / "chosen")
     touched.clear()
     scene = bpy.context.scene
-    scene.lensfield.lens_file = str(tmp_path / "chosen" / "lens.npz")
+    scene.camera.data.lensfield.lens_file = str(tmp_path / "chosen" / "lens.npz")
     scene.lensfield.output_folder = "//pictures/"
     bpy.data.materials["Paint"].lensfield.reflectance = "400:0.1, 700:0.9"
     assert named_files() == {str(stranger): "output"}  # from the compositor

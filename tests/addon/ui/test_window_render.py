@@ -87,13 +87,13 @@ def test_a_window_render_matches_a_script_and_changes_only_the_compositor(ready_
 
 @pytest.mark.one_blender
 def test_another_lens_can_be_applied_in_the_background(ready_scene, tmp_path):
-    ready_scene.lensfield.lens = "tessar-50mm"
+    ready_scene.camera.data.lensfield.lens = "tessar-50mm"
     with pytest.raises(RuntimeError, match="Scene_0001_radiance.exr: radiance file is missing: render through"):
         bpy.ops.lensfield.apply_lens()
     assert bpy.ops.lensfield.render() == {"FINISHED"}
     radiance = tmp_path / "lensfield" / "Scene_0001_radiance.exr"
     rendered_ns = radiance.stat().st_mtime_ns
-    ready_scene.lensfield.lens, ready_scene.lensfield.view = "cooke-triplet-50mm", "CAMERA"
+    ready_scene.camera.data.lensfield.lens, ready_scene.camera.data.lensfield.view = "cooke-triplet-50mm", "CAMERA"
     before = snapshot()
     window_render.start_again(ready_scene)
     assert not [line for line in differences(before, snapshot()) if "('images'" not in line]  # images load on access

@@ -1,0 +1,52 @@
+"""The camera that a scene renders from, and Lensfield's settings of it: its lens and its body."""
+
+from .errors import SceneError
+from .linked import check_editable
+
+
+def camera_data(scene):
+    """The data of a scene's active camera: bpy.types.Camera; None without one. Any object can be active."""
+    return _data(scene.camera)
+
+
+def camera_in(context):
+    """The camera data that an editor is about: those in its properties, or else the active camera's; None without."""
+    return getattr(context, "camera", None) or camera_data(context.scene)
+
+
+def settings_to_edit(context):
+    """The Lensfield settings of the camera that an editor is about.
+
+    Raises
+    ------
+    SceneError
+        There is no camera, or it is linked from another file.
+    """
+    camera = camera_in(context)
+    if camera:
+        check_editable(camera)
+    return camera.lensfield if camera else camera_settings(context.scene)
+
+
+def camera_settings(scene, camera=None):
+    """The Lensfield settings of a scene's camera.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+    camera : bpy.types.Object, optional
+        One of the scene's cameras; the active one by default, which is, at each frame, the one that markers bind there.
+
+    Raises
+    ------
+    SceneError
+        The scene has no camera.
+    """
+    data = _data(camera or scene.camera)
+    if data is None:
+        raise SceneError(f"scene {scene.name!r}", "camera", "missing", "add a camera to render from")
+    return data.lensfield
+
+
+def _data(camera):
+    return camera.data if camera and camera.type == "CAMERA" else None
