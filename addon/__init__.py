@@ -32,6 +32,7 @@ from .ui import (
     lens_worker,
     lint_panel,
     live,
+    old_files,
     open_lens,
     operators,
     panels,
@@ -68,6 +69,7 @@ def register():
     _set_cache_folder()
     _register_classes()
     properties.register_pointers()
+    old_files.start()
     register_keys()
     sweep()
     start_watching()
@@ -90,6 +92,7 @@ def unregister():
     stop_watching()
     quick_look.stop_following()
     bpy.app.handlers.load_post.remove(window_render.forget_last)
+    old_files.stop()
     plan_line.forget_plans()
     unregister_keys()
     properties.unregister_pointers()
