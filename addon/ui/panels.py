@@ -26,6 +26,7 @@ from ..scene.rings import FEWEST_BLADES
 from .animation import draw_animation
 from .another_lens import draw_another_lens
 from .camera_panel import draw_camera
+from .camera_presets import draw_presets
 from .comparison import CHOOSE, draw_compare
 from .compositor_panel import draw_compositor, draw_shown
 from .favourites import draw_favourite
@@ -396,6 +397,9 @@ _PARTS = (("view", "View and Depth", _draw_view_and_depth), ("stray", "Stray Lig
 
 class _Panel:
     bl_label = "Lensfield"
+
+    def draw_header_preset(self, context):
+        draw_presets(self.layout, context)
 
     def draw(self, context):
         draw_settings(self.layout, context.scene)

@@ -1,4 +1,6 @@
-"""The lens is the camera's: copies, libraries, overrides, undo, and the panels that show it."""
+"""The lens is the camera's: copies, libraries, overrides, undo, presets, and the panels that show it."""
+
+import os
 
 import bpy
 import pytest
@@ -135,6 +137,27 @@ def test_operators_change_the_camera_that_the_editor_shows(scene, second):
     with bpy.context.temp_override(camera=second.data):
         assert bpy.ops.lensfield.search_lens(lens="nikkor-28mm") == {"FINISHED"}
     assert second.data.lensfield.lens == "nikkor-28mm" and scene.camera.data.lensfield.lens == "tessar-50mm"
+
+
+def test_a_preset_keeps_lens_and_body(scene, second, tmp_path, monkeypatch):
+    monkeypatch.setenv("BLENDER_USER_SCRIPTS", str(tmp_path / "scripts"))
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    scene.camera = second
+    settings = second.data.lensfield
+    settings.body, settings.sensor_mm, settings.coating, settings.lens_file = "nikon-d700", (18, 12), "NONE", "//l.toml"
+    second.data.dof.aperture_blades = 7
+    assert bpy.ops.lensfield.add_camera_preset(name="Portrait kit") == {"FINISHED"}
+    path = tmp_path / "scripts" / "presets" / "lensfield" / "camera" / "Portrait_kit.py"
+    scene.camera = bpy.data.objects["Camera"]
+    apply = {"filepath": str(path), "menu_idname": "LENSFIELD_PT_camera_presets"}
+    assert bpy.ops.script.execute_preset(**apply) == {"FINISHED"}
+    given = scene.camera.data.lensfield
+    assert (given.lens, given.body, given.coating) == ("kodak-petzval-100mm", "nikon-d700", "NONE")
+    assert tuple(given.sensor_mm) == (18, 12) and scene.camera.data.dof.aperture_blades == 7
+    assert given.lens_file == os.path.join(tmp_path, "l.toml"), "complete, because a preset is for all files"
+    assert tuple(given.tilt_deg) == (0, 0), "of a picture, not of the lens"
+    assert bpy.ops.lensfield.add_camera_preset(name="Portrait_kit", remove_name=True) == {"FINISHED"}
+    assert not path.exists()
 
 
 def test_given_rings_need_no_depth_of_field(scene, second):
