@@ -75,8 +75,9 @@ def given_fields(options):
 
 
 def scene_defaults(owner):
-    """Help texts of defaults in commands on a scene: the scene's value for each setting that is a Blender property."""
-    return {name: "the scene's" for name, each in settings_of(owner).items() if each.panel is not None}
+    """Help texts of defaults in commands on a scene: the scene's value, or its camera's, for each setting that is a
+    Blender property."""
+    return {name: f"the {each.owner}'s" for name, each in settings_of(owner).items() if each.panel is not None}
 
 
 def add_engine_options(command, of_scene=False):

@@ -68,7 +68,7 @@ def add_capture_options(render, left_out=(), unset=None):
     unset : dict of str: str, optional
         Defaults that are not the scene's, as text by field.
     """
-    unset = scene_defaults(SpectralOptions) | scene_defaults(RenderRequest) | {"camera": "the scene's"} | (unset or {})
+    unset = scene_defaults(SpectralOptions) | scene_defaults(RenderRequest) | {"camera": "the camera's body"} | (unset or {})
     render.add_argument("--scene-name", metavar="NAME",
                         help="scene of the file to render (default: the one that was open when the file was saved)")
     add_settings(render, SpectralOptions, settings_of(SpectralOptions), unset)

@@ -169,7 +169,7 @@ def preview_arguments(scene, key, *, copy=None, changes=None, size=None, samples
         With either: the size of the coarse picture, and the samples of the last.
     """
     lens, view, out_of_field, rings, iris = key
-    given = {"lens": lens, "view": view, "lens_quality": "preview", "iris": iris, **ring_fields(rings),
+    given = {"lens": lens, "camera": "", "view": view, "lens_quality": "preview", "iris": iris, **ring_fields(rings),
              "options": Options(accuracy=TIER_ACCURACY["preview"], out_of_field=out_of_field)}
     if size is None:
         return [*CONTINUE, *to_arguments(**given)]

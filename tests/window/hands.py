@@ -158,7 +158,7 @@ def show_section(draw):
     """Draw a section of the Lensfield panel in place of the lens; returns a function that ends that."""
     panels = sys.modules[f"{MODULE}.addon.ui.panels"]
     lens = panels._draw_lens
-    panels._draw_lens = getattr(panels, draw)
+    panels._draw_lens = lambda layout, scene, camera: getattr(panels, draw)(layout, scene)
     return lambda: setattr(panels, "_draw_lens", lens)
 
 

@@ -269,7 +269,7 @@ def camera():
     light = yield from render()
     adjust(body="generic-phone", iso=200, dng=True)
     yield from until(lambda: lens_request().lens)
-    shown = show_section("draw_camera")
+    shown = show_section("_draw_body")
     yield DRAW_S
     shoot("section")
     photo = yield from render()
