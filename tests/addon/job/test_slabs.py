@@ -384,6 +384,17 @@ def fog(scene):
     bpy.context.object.data.materials.append(dust)
 
 
+def test_depth_behind_clear_panes_is_that_of_the_wall(scene, tmp_path):
+    """Six tinted panes that let two thirds of the light through; the lens is focused on the wall."""
+    wall(scene, material("Wall", "ShaderNodeEmission")[0], 0.25, 1.0)
+    pane = material("Pane", "ShaderNodeBsdfTransparent", (0.9, 0.6, 0.5))[0]
+    for distance_m in np.linspace(0.05, 0.2, 6):
+        wall(scene, pane, distance_m, 0.02).location.x = 0.01
+    assert scene.cycles.min_transparent_bounces == 0
+    depth_m = read_with_planes(rendered(scene, tmp_path)[0].radiance)[1]["Z"]
+    np.testing.assert_allclose(depth_m, 0.25, rtol=1e-5)
+
+
 @pytest.mark.parametrize("projection, volume_ends_mm, body_ends_mm", [
     (PLANE, 400, 1100), (FISHEYE, 1e3 * np.hypot(0.4, np.hypot(0.1, 0.1)), 1e3 * np.hypot(1.1, np.hypot(0.2, 0.1)))])
 def test_bodies_and_volumes_are_not_cut(deep, projection, volume_ends_mm, body_ends_mm):
