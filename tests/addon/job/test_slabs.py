@@ -105,7 +105,7 @@ def test_slabs_together_equal_a_single_render(deep, cut, tmp_path):
     single, flat, layered = both(deep, tmp_path)
     assert_same_as_single(single, flat)
     assert len(layered.layers) == len(CUT_MM) + 2  # plus the sky
-    assert layered.focal_mm == read_exr(tmp_path / "auto" / "Scene_0001_radiance.exr").focal_mm
+    assert layered.focal_mm == read_exr(tmp_path / "auto" / "unsaved_Scene_0001_radiance.exr").focal_mm
 
 
 @pytest.mark.one_blender
@@ -228,7 +228,7 @@ def transparent_film(scene):
 def test_slabs_work_with_a_render_region(deep, cut, tmp_path):
     render_region(deep)
     single, flat, _ = both(deep, tmp_path)
-    region = read_with_planes(tmp_path / "auto" / "Scene_0001_radiance.exr")[1]["region"]
+    region = read_with_planes(tmp_path / "auto" / "unsaved_Scene_0001_radiance.exr")[1]["region"]
     inside = np.ix_(*(np.flatnonzero((region == 1).any(axis=axis)) for axis in (1, 0)))
     assert_alike(*(cube[:, *inside] for cube in (single, flat)))
 
