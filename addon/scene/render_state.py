@@ -96,8 +96,8 @@ def guard_render_state(scene, job, capture, path, journal):
 
 
 def _least_crossings(cycles):
-    """Transparent surfaces that no ray ends at by chance: Cycles would record the depth of a surface that a ray ends at,
-    even a clear one."""
+    """Transparent surfaces that no ray ends at by chance: Cycles would record the depth of such a surface, even of a
+    clear one."""
     return max(cycles.min_transparent_bounces, min(cycles.transparent_max_bounces, FIRST_CROSSINGS))
 
 
