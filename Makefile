@@ -168,10 +168,10 @@ validate: $(VALIDATE)/.ready $(BAKE_READY) kernels
 validate-sensor: $(SENSOR)/.ready
 	$(SENSOR)/bin/python validation/sensor_emva.py docs/camera.md docs/photon_transfer.png
 
-validate-raw: $(SENSOR)/.ready $(RAW_SCENE)/Scene_0001_irradiance.exr
-	$(SENSOR)/bin/python validation/raw_scene.py $(RAW_SCENE)/Scene_0001_irradiance.exr $(RAW_SCENE) docs/camera.md
+validate-raw: $(SENSOR)/.ready $(RAW_SCENE)/evening_chess_Scene_0001_irradiance.exr
+	$(SENSOR)/bin/python validation/raw_scene.py $(RAW_SCENE)/evening_chess_Scene_0001_irradiance.exr $(RAW_SCENE) docs/camera.md
 
-$(RAW_SCENE)/Scene_0001_irradiance.exr: | $(READY) kernels
+$(RAW_SCENE)/evening_chess_Scene_0001_irradiance.exr: | $(READY) kernels
 	$(VENV)/bin/lensfield render sample_scenes/evening_chess.blend --lens edmund-54852 --view lens \
 	    --resolution 576x432 --wavelengths 400:700:16 --tier standard --depth off --denoise on --samples 16 \
 	    --output $(RAW_SCENE)

@@ -31,7 +31,7 @@ CAMERA = "camera"
 BY_SCENE, ON = "scene", "on"
 RING_FIELDS = "focus", "f_number", "focused_wide_open", "tilt_deg", "copy", "copy_grade", "coating"
 CAMERA_FIELDS = "camera", "iso", "shutter_s", "noise", "develop", "dng"
-FOLLOWER_FIELDS = "picture", "state", "source"
+FOLLOWER_FIELDS = "picture", "state", "source", "view_settings"
 """Fields that a program sets when it starts a render and monitors it."""
 
 
@@ -167,6 +167,11 @@ class RenderRequest:
     output_folder: Path | None = setting(
         None, name="Output", kind=Path, option="output", metavar="DIR", subtype="DIR_PATH", panel="",
         panel_default="//lensfield/", recorded=False, text="Folder for the spectral EXRs and the pictures")
+    look: str = setting(
+        BY_SCENE, name="Look", recorded=False,
+        text="Look of PNGs: the finished picture, the one without the lens, and contact sheets. EXRs are linear",
+        choices={"scene": ("Scene", "The scene's view transform, look, exposure, gamma and display, as in its window"),
+                 "standard": ("Standard", "sRGB, at an exposure that suits the picture")})
     to_compositor: bool = setting(
         False, name="To Compositor", kind=bool, option=None, panel="", panel_default=True, recorded=False,
         text="Add the lens image to the scene's compositor when it is finished")
@@ -181,6 +186,10 @@ class RenderRequest:
         text="Digest of the files that the scene was opened from and still matches (source_digest): finished passes "
              "are then stored next to the output until the frame is finished, so that an interrupted render can "
              "resume. Empty: none are stored")
+
+    view_settings: str = setting(
+        "", name="View Settings", metavar="TEXT", recorded=False, unset="from the scene or the radiance file",
+        text="Colour management for the look of the scene, as JSON text")
 
     def __post_init__(self) -> None:
         check_choices(self)

@@ -31,7 +31,8 @@ def add_options(apply):
         "Apply another lens, or other options, to the stored light of a render, without rendering again. The picture "
         "keeps its field of view, and the output states the lens's sensor size or scale. All files that depend on the "
         "lens are written again.")
-    apply.add_argument("radiance", type=Path, metavar="SCENE_0001_radiance.exr", help="radiance file of the render")
+    apply.add_argument("radiance", type=Path, metavar="SHOT_SCENE_0001_radiance.exr",
+                       help="radiance file of the render")
     apply.add_argument("--view", metavar="VIEW", default=LENS_VIEW,
                        help="how the lens covers the picture's field of view: in its own size, on another sensor size "
                             "(lens), or scaled to the render's sensor (camera). The picture is the same. A sensor, as "
@@ -47,7 +48,10 @@ def add_options(apply):
     add_stray(apply)
     add_settings(apply.add_argument_group("camera", "that takes a picture of the lens image"), RenderRequest,
                  CAMERA_FIELDS)
-    add_progress_options(apply.add_argument_group("for programs that run this command"))
+    add_settings(apply, RenderRequest, ["look"])
+    followed = apply.add_argument_group("for programs that run this command")
+    add_progress_options(followed)
+    add_settings(followed, RenderRequest, ["view_settings"])
     add_untrusted(apply)
     apply.set_defaults(run=_apply, confines=_folders)
 

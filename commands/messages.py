@@ -1,7 +1,7 @@
 """Messages from a command to the program that started it: lines on standard output, each a mark and a JSON object.
 
     lensfield> {"fraction": 0.42, "label": "Pass 2 of 3: 500 to 560 nm"}    progress
-    lensfield> {"lens_image": "/renders/Scene_0001_lens_image.exr", "frame": 1, "seconds": 61.5}    a finished frame
+    lensfield> {"lens_image": "/out/shot_Scene_0001_lens_image.exr", "frame": 1, "seconds": 61.5}    a finished frame
     lensfield> {"picture": "/tmp/S_0001_lens_image.exr", "size_px": [480, 270], "samples": 4, "number": 2}    a preview
     lensfield> {"messages": ["...", "..."]}    success, with remarks; from compare also "sheet", the path of the contact
                                                sheet, and "cells": for each picture its lens, f_number, label and box

@@ -147,7 +147,7 @@ def _render_one(options, scene, given, write):
     from .. import addon
 
     with progress(options, write) as on_progress:
-        result = addon.render_through_lens(scene, progress=on_progress, **given)
+        result = addon.render_through_lens(scene, overwrite=options.overwrite, progress=on_progress, **given)
     _report_frame(result, set(), write)
     return result.report, result.messages
 

@@ -68,9 +68,10 @@ def add_capture_options(render, left_out=(), unset=None):
     unset : dict of str: str, optional
         Defaults that are not the scene's, as text by field.
     """
-    unset = scene_defaults(SpectralOptions) | scene_defaults(RenderRequest) | {"camera": "the camera's body"} | (unset or {})
+    of_scene = scene_defaults(SpectralOptions) | scene_defaults(RenderRequest) | {"camera": "the camera's body"}
     render.add_argument("--scene-name", metavar="NAME",
                         help="scene of the file to render (default: the one that was open when the file was saved)")
+    unset = of_scene | (unset or {})
     add_settings(render, SpectralOptions, settings_of(SpectralOptions), unset)
     listed = [name for name, each in settings_of(RenderRequest).items()
               if each.option is not None and name not in (*ELSEWHERE, *FOLLOWER_FIELDS, *left_out)]

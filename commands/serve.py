@@ -1,7 +1,7 @@
 """`lensfield serve`: many commands in one process, for programs that start it once and send requests.
 
 It reads lines from standard input, each a JSON list of the arguments of a command, such as
-`["apply", "Scene_0001_radiance.exr", "--lens", "tessar-50mm", "--progress", "lines"]`, and reports the exit status of
+`["apply", "Shot_0001_radiance.exr", "--lens", "tessar-50mm", "--progress", "lines"]`, and reports the exit status of
 each in a message (`messages.py`). The message for any other line has an error and status 2, as for a usage error. The
 line `"stop"` stops the command of the line before it, if that is `preview`, without an answer.
 `serve` ends when standard input closes.

@@ -64,7 +64,7 @@ def scope(output):
     """A film frame through the anamorphic lens, at its full width."""
     bpy.ops.wm.open_mainfile(filepath=str(SCENE))
     scene, squeeze = bpy.context.scene, lens_facts(ANAMORPHIC).squeeze
-    lens_image = output / f"{scene.name}_{scene.frame_current:04d}_lens_image.exr"
+    lens_image = output / f"{Path(bpy.data.filepath).stem}_{scene.name}_{scene.frame_current:04d}_lens_image.exr"
     scene.render.resolution_x, scene.render.resolution_y, scene.render.pixel_aspect_x = *SCOPE_PX, squeeze
     scene.cycles.samples = SAMPLES
     if not lens_image.exists():
@@ -77,7 +77,7 @@ def scope(output):
 
 def capture(scene, output):
     """Capture the scene's light in layers of depth; returns the file."""
-    radiance = output / f"{scene.name}_{scene.frame_current:04d}_radiance.exr"
+    radiance = output / f"{Path(bpy.data.filepath).stem}_{scene.name}_{scene.frame_current:04d}_radiance.exr"
     if not radiance.exists():
         scene.render.resolution_x, scene.render.resolution_y = FRAME_PX
         scene.cycles.samples = SAMPLES

@@ -17,6 +17,7 @@ from ..scene.requirements import check_scene
 from .finished_passes import remove_passes
 from .job import check_output_folder, folder_for
 from .one_capture import OneCapture
+from .origin import check_replaced
 from .record import read_record
 from .render import job_of_frame, render_steps, run
 from .result import Result
@@ -78,6 +79,8 @@ class Animation:
         self._stamps = {}
         for frame in self._frames:
             self._stamps[frame] = stamp_of(self._result(frame).record)
+            if not overwrite:
+                check_replaced(scene, self._result(frame), self.state)
             if overwrite or not self._find(frame):
                 self.pending.append(frame)
         if overwrite:

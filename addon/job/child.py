@@ -22,6 +22,7 @@ from ..scene.errors import SceneError
 from ..scene.rings import ring_fields
 from .job import folder_for, unsaved_folder
 from .refilter import applied_fields
+from .result import UNSAVED
 from .session import write_session
 
 PREVIEW_WAVELENGTHS = 7
@@ -60,7 +61,7 @@ def save_copy(folder):
     SceneError
         The copy cannot be saved, or the caches cannot be linked.
     """
-    path = Path(folder) / (Path(bpy.data.filepath).name or "unsaved.blend")
+    path = Path(folder) / (Path(bpy.data.filepath).name or f"{UNSAVED}.blend")
     try:
         with _without_thumbnail():
             bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True, relative_remap=True, compress=False)

@@ -1,6 +1,10 @@
-"""Lenses side by side: one capture, put through each lens at each f-number in the same view, and a contact sheet."""
+"""Lenses side by side: one capture, put through each lens at each f-number in the same view, and a contact sheet.
+
+Anamorphic lenses of each squeeze have a capture of their own. The sheet shows their pictures with the squeeze undone.
+"""
 
 import re
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -15,23 +19,26 @@ from ...engine.field.overscan import CAMERA_VIEW
 from ...engine.inspection.contact_sheet import write_contact_sheet
 from ...engine.inspection.style import font_path
 from ...engine.library import bundled_names, has_rings, prescription_of
-from ...engine.pictures.preview import auto_exposure, srgb_pixels
+from ...engine.pictures.preview import auto_exposure
 from ...engine.pictures.spectral_exr import read_parts
 from ...engine.rays.rings import AT_REST, Rings
 from ...engine.runtime.files import check_target, discard
 from ...engine.runtime.locks import only_writer
 from ...request import RING_FIELDS, RenderRequest
-from ..scene.camera import frame_grid
-from ..scene.lens_facts import lens_facts
+from ..scene.camera import frame_grid, frame_px, pixel_aspect
+from ..scene.lens_facts import lens_facts, squeeze_of
 from ..scene.requirements import check_scene
 from ..scene.rings import FIXED, ring_fields, scene_rings
+from ..scene.undo import Journal
 from .job import Job
+from .origin import check_replaced
 from .pictures import write_radiance
 from .radiance import capture
-from .refilter import apply_lens, check_capture, requested_rings, stored_radiance
-from .render import job_of_frame, run
+from .refilter import apply_lens, check_capture, requested_rings, stored_radiance, with_stored_look
+from .render import attributes_of, job_of_frame, run
 from .result import Result
 from .scene_plan import check_job
+from .shown import look_for, pixels_of
 from .steps import Work
 from .targets import check_files
 
@@ -77,6 +84,28 @@ class Cell:
 
 
 @dataclass(frozen=True)
+class Capture:
+    """Light that several pictures of a comparison share.
+
+    Attributes
+    ----------
+    radiance : Path
+        Its file.
+    fields : dict of str: dict
+        The arguments of `apply_lens` for each picture, by its folder.
+    job : Job or None
+        The job that captures it; None if the file exists.
+    squeeze : float
+        Of its lenses.
+    """
+
+    radiance: Path
+    fields: dict[str, dict]
+    job: Job | None = None
+    squeeze: float = 1.0
+
+
+@dataclass(frozen=True)
 class Comparison:
     """The plan of a comparison.
 
@@ -84,22 +113,31 @@ class Comparison:
     ----------
     rows : tuple of tuple of Cell
         As on the sheet: a row for each lens, a column for each f-number.
-    fields : dict of str: dict
-        The arguments of `apply_lens` for each picture, by its folder. Cells with the same folder share a picture.
-    radiance : Path
-        The capture's file.
+    captures : tuple of Capture
+        Cells with the same folder share a picture.
     folder : Path
         The folder of the sheet, and of the pictures' folders.
-    scene, job : bpy.types.Scene and Job, or None
+    size_px : (int, int)
+        Width and height of the pictures on the sheet.
+    scene : bpy.types.Scene or None
         The scene to be captured; None if the capture exists.
     """
 
     rows: tuple[tuple[Cell, ...], ...]
-    fields: dict[str, dict]
-    radiance: Path
+    captures: tuple[Capture, ...]
     folder: Path
+    size_px: tuple[int, int]
     scene: Any = None
-    job: Job | None = None
+
+    @property
+    def radiance(self):
+        """The path of the first capture."""
+        return self.captures[0].radiance
+
+    @property
+    def pictures(self):
+        """(capture, folder, arguments of `apply_lens`) of each picture: list."""
+        return [(capture, folder, fields) for capture in self.captures for folder, fields in capture.fields.items()]
 
     @property
     def sheet(self):
@@ -165,8 +203,11 @@ def plan_comparison(source, lenses, f_numbers=(), *, output_folder, progress=Non
     _check_names(lenses)
     plan = _plan_of_file if isinstance(source, Path) else _plan_of_scene
     comparison = plan(source, lenses, tuple(f_numbers) or (None,), Path(output_folder), progress or _silent, given)
-    check = partial(check_files, source) if comparison.job else lambda paths: [check_target(path) for path in paths]
-    check([comparison.sheet, *(file for folder in comparison.fields for file in _result(comparison, folder).files)])
+    for each in comparison.captures if comparison.scene else ():
+        check_replaced(source, Result.from_file(each.radiance, "radiance"), each.job.state)
+    check = partial(check_files, source) if comparison.scene else lambda paths: [check_target(path) for path in paths]
+    check([comparison.sheet, *(file for _, folder, _ in comparison.pictures
+                               for file in _result(comparison, folder).files)])
     return comparison
 
 
@@ -189,21 +230,21 @@ def render_comparison(comparison, progress=None):
     LensError, SceneError, InputError
         The scene is restored exactly.
     """
-    on_progress, captured = progress or _silent, Result.from_file(comparison.radiance, "radiance")
-    start = CAPTURE_SHARE if comparison.job else 0.0
-    if comparison.job:
-        with only_writer(captured.record):
-            run(_capture_steps(comparison, captured), _part(on_progress, 0.0, start))
-    count, results = len(comparison.fields), {}
-    for number, (folder, fields) in enumerate(comparison.fields.items()):
+    on_progress = progress or _silent
+    captured = [Result.from_file(each.radiance, "radiance") for each in comparison.captures]
+    start = CAPTURE_SHARE if comparison.scene else 0.0
+    if comparison.scene:
+        _capture_all(comparison, captured, on_progress)
+    count, results = len(comparison.pictures), {}
+    for number, (each, folder, fields) in enumerate(comparison.pictures):
         part = _part(on_progress, start + (1 - start) * number / count, (1 - start) / count,
                      f"Picture {number + 1} of {count}: ")
-        results[folder] = apply_lens(comparison.radiance, output_folder=comparison.folder / folder, progress=part,
+        results[folder] = apply_lens(each.radiance, output_folder=comparison.folder / folder, progress=part,
                                      **fields)
-    with captured.report.stage("contact sheet"):
+    with captured[0].report.stage("contact sheet"):
         boxes = _write_sheet(comparison, results)
     cells = [cell for row in comparison.rows for cell in row]
-    return ContactSheet(comparison.sheet, tuple(zip(cells, boxes, strict=True)), captured.report,
+    return ContactSheet(comparison.sheet, tuple(zip(cells, boxes, strict=True)), captured[0].report,
                         tuple(_messages(comparison, captured, results)))
 
 
@@ -225,27 +266,66 @@ def _plan_of_file(radiance, lenses, f_numbers, folder, on_progress, given):
               for name, cell in _by_folder(rows).items()}
     for name, _ in _announced(rows, on_progress):
         check_capture(radiance, **fields[name])
-    return Comparison(rows, fields, radiance, folder)
+    stored = stored_radiance(radiance)
+    size_px = round(stored.frame_px[1] * stored.squeeze), stored.frame_px[0]
+    return Comparison(rows, (Capture(radiance, fields, squeeze=stored.squeeze),), folder, size_px)
 
 
 def _plan_of_scene(scene, lenses, f_numbers, folder, on_progress, given):
-    given = given | {"view": CAMERA_VIEW, "output_folder": folder / CAPTURE}
-    check_scene(scene, **given)
+    given = given | {"view": CAMERA_VIEW}
+    with squeezed_frame(scene, 1.0):
+        check_scene(scene, output_folder=folder, **given)
+        height_px, width_px = frame_px(scene)
     if (given.get("depth") or scene.lensfield.value_of("depth")) == TRACED:
         raise InputError("options", "depth", TRACED, "expected auto or off: a traced lens stores no light for others")
     requested = {name: given.pop(name, None) for name in RING_FIELDS}
     rows = _rows(lenses, [scene_rings(scene, **requested | ({} if f_number is None else {"f_number": f_number}))
                           for f_number in f_numbers], scene.camera.data.lens)
-    jobs = {name: job_of_frame(scene, scene.frame_float, **given | {"lens": cell.lens, **ring_fields(cell.rings)})
-            for name, cell in _announced(rows, on_progress)}
-    for job in jobs.values():
+    jobs = {name: _cell_job(scene, cell, folder, given) for name, cell in _announced(rows, on_progress)}
+    cells = _by_folder(rows)
+    captures = tuple(_capture_of(scene, squeeze, {name: (cells[name], job) for name, job in jobs.items()
+                                                  if job.lens.squeeze == squeeze})
+                     for squeeze in sorted({job.lens.squeeze for job in jobs.values()}))
+    return Comparison(rows, captures, folder, (width_px, height_px), scene)
+
+
+def _cell_job(scene, cell, folder, given):
+    """The job that would capture the scene for a picture alone."""
+    squeeze = squeeze_of(cell.lens)
+    with squeezed_frame(scene, squeeze):
+        job = job_of_frame(scene, scene.frame_float, **given | {
+            "lens": cell.lens, "output_folder": folder / _capture_name(squeeze), **ring_fields(cell.rings)})
         check_job(scene, job)
-    fields = {name: {"lens": cell.lens, "view": CAMERA_VIEW, "options": jobs[name].options, "stray": jobs[name].stray,
-                     "iris": jobs[name].iris, "lens_quality": jobs[name].lens_quality or jobs[name].spectral.tier,
-                     "depth": OFF if jobs[name].depth == OFF else AUTO, **ring_fields(cell.rings)}
-              for name, cell in _by_folder(rows).items()}
-    radiance = Result.of(scene, folder / CAPTURE, scene.frame_current).radiance
-    return Comparison(rows, fields, radiance, folder, scene, _shared_job(scene, list(jobs.values())))
+    return job
+
+
+def _capture_name(squeeze):
+    return CAPTURE if squeeze == 1 else f"{CAPTURE}_{squeeze:.4g}x"
+
+
+def _capture_of(scene, squeeze, jobs):
+    """The Capture for lenses of a squeeze: dict of folder to (Cell, Job)."""
+    fields = {name: {"lens": cell.lens, "view": CAMERA_VIEW, "options": job.options, "stray": job.stray,
+                     "iris": job.iris, "lens_quality": job.lens_quality or job.spectral.tier, "look": job.look,
+                     "view_settings": job.view_settings, "depth": OFF if job.depth == OFF else AUTO,
+                     **ring_fields(cell.rings)} for name, (cell, job) in jobs.items()}
+    with squeezed_frame(scene, squeeze):
+        job = _shared_job(scene, [job for _, job in jobs.values()])
+    return Capture(Result.of(scene, job.output_folder, scene.frame_current).radiance, fields, job, squeeze)
+
+
+@contextmanager
+def squeezed_frame(scene, squeeze):
+    """Within the block, the scene's frame has pixels `squeeze` times as wide as tall, and as many fewer columns."""
+    render = scene.render
+    with Journal() as journal:
+        rows, columns = frame_px(scene)
+        columns *= pixel_aspect(scene) / squeeze
+        for name, value in {"resolution_x": max(1, round(columns)), "resolution_y": rows,
+                            "resolution_percentage": 100, "pixel_aspect_x": max(1.0, squeeze),
+                            "pixel_aspect_y": max(1.0, 1 / squeeze)}.items():
+            journal.set(render, name, value)
+        yield
 
 
 def _rows(lenses, rings, focal_mm):
@@ -286,20 +366,46 @@ def _shared_job(scene, jobs):
                    others=tuple(job.lens for job in others))
 
 
-def _capture_steps(comparison, result):
-    captured = yield from capture(comparison.scene, comparison.job, result, 1.0)
+def _capture_all(comparison, results, on_progress):
+    """Capture the scene for the lenses of each squeeze."""
+    share = CAPTURE_SHARE / len(results)
+    for number, (each, result) in enumerate(zip(comparison.captures, results, strict=True)):
+        with only_writer(result.record), squeezed_frame(comparison.scene, each.squeeze):
+            run(_capture_steps(comparison.scene, each.job, result), _part(on_progress, share * number, share))
+
+
+def _capture_steps(scene, job, result):
+    captured = yield from capture(scene, job, result, 1.0)
     discard(result.record)  # the files that it describes are about to change
-    yield Work(lambda _: write_radiance(captured, result.radiance), "Writing radiance", 1.0)
+    attributes = attributes_of(scene, job)
+    yield Work(lambda _: write_radiance(captured, result.radiance, attributes), "Writing radiance", 1.0)
 
 
 def _write_sheet(comparison, results):
     """Write the sheet, with the same exposure for all pictures; returns the boxes of the cells."""
     pictures = {name: _rec709(result.lens_image) for name, result in results.items()}
-    exposure = auto_exposure(np.concatenate(list(pictures.values())))
-    pixels = {name: srgb_pixels(picture, exposure) for name, picture in pictures.items()}
+    exposure = auto_exposure(np.concatenate([picture.reshape(-1, 1, 3) for picture in pictures.values()]))
+    look = look_for(_first_request(comparison))
+    pixels = {name: _unsqueezed(pixels_of(picture, exposure, look), comparison.size_px)
+              for name, picture in pictures.items()}
     boxes = write_contact_sheet([[pixels[cell.folder] for cell in row] for row in comparison.rows],
                                 [[cell.label for cell in row] for row in comparison.rows], comparison.sheet)
     return [box for row in boxes for box in row]
+
+
+def _unsqueezed(pixels, size_px):
+    """A picture with the squeeze undone: of this width and height."""
+    if pixels.shape[1::-1] == tuple(size_px):
+        return pixels
+    from PIL import Image
+
+    return np.asarray(Image.fromarray(pixels).resize(size_px, Image.Resampling.LANCZOS))
+
+
+def _first_request(comparison):
+    """The request of the first picture; all have one look."""
+    capture, _, fields = comparison.pictures[0]
+    return with_stored_look(RenderRequest(**fields), capture.radiance)
 
 
 def _rec709(path):
@@ -309,12 +415,12 @@ def _rec709(path):
 
 def _messages(comparison, captured, results):
     """The file, the time, the plan and the remarks: generator of lines."""
-    seconds = sum(sum(result.report.stages.values()) for result in (captured, *results.values()))
+    seconds = sum(sum(result.report.stages.values()) for result in (*captured, *results.values()))
     yield f"{comparison.sheet} in {seconds:.1f} s"
-    scene = captured.report.scene
-    yield scene.scene_plan if scene else f"from the light in {comparison.radiance}"
+    scenes = [result.report.scene for result in captured if result.report.scene]
+    yield from dict.fromkeys(scene.scene_plan for scene in scenes) or [f"from the light in {comparison.radiance}"]
     yield from comparison.words
-    yield from captured.report.remarks()
+    yield from dict.fromkeys(remark for result in captured for remark in result.report.remarks())
     yield from dict.fromkeys(f"{_title(cell.lens)}: {remark}" for name, cell in _by_folder(comparison.rows).items()
                              for remark in results[name].report.remarks())
 

@@ -20,6 +20,7 @@ from ...engine.runtime.locks import Busy, only_writer
 from ...engine.runtime.values import json_value
 from .light import read_pass
 from .record import recorded_fields
+from .result import stem_of
 from .steps import Work
 
 LEFT_FREE = 3  # in units of the radiance's size: disk space for the frame's own files
@@ -128,7 +129,7 @@ def passes_folder(scene, folder, frame):
 
 
 def _name(scene, frame):
-    return f"{bpy.path.clean_name(scene.name)}_{frame:04d}_passes"
+    return f"{stem_of(scene)}_{frame:04d}_passes"
 
 
 def remove_passes(scene, folder, frame):
@@ -143,7 +144,7 @@ def passes_left(scene, folder):
         hidden = hidden_folder(folder)
     except InputError:  # a link, which the render itself has reported
         return []
-    folders = matching(hidden, f"{bpy.path.clean_name(scene.name)}_*_passes")
+    folders = matching(hidden, f"{stem_of(scene)}_*_passes")
     counts = {stored: len(matching(stored, "*/[!.]*.exr")) for stored in folders}
     return [f"{count} finished part{'s' * (count > 1)} of passes stored in {stored}: the next render continues "
             "from there unless the file changes" for stored, count in counts.items() if count]

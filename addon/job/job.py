@@ -15,11 +15,14 @@ from ...engine.runtime.files import temporary_root
 from ...engine.spectral.wavelength_choice import REFERENCE
 from ...request import BY_SCENE, ON, RING_FIELDS, RenderRequest
 from ..scene.linked import stated_path
+from ..scene.look import look_of, to_text
 from ..scene.rings import scene_iris, scene_lens
 from ..scene.trust import check_output
 from ..shading.assigned import LOADERS
 from .photo import chosen_camera
 from .record import picture_settings
+
+_folders = {}  # of the .blend files that open ones are copies of, by the copies' paths
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,9 +82,7 @@ def job_of(scene, quality=None, **given):
     InputError
         The lens, or a value of the settings, is not valid.
     """
-    request = scene.lensfield.to_request(**given)
-    if not request.lens:
-        raise InputError("camera settings", "lens file", "empty", "choose a prescription or a lens package")
+    request = requested(scene, **given)
     rings = {name: getattr(request, name) for name in RING_FIELDS}
     iris = scene_iris(scene, request.lens, request.iris, **rings)
     quality = quality or request.lens_quality or request.spectral.tier
@@ -89,10 +90,25 @@ def job_of(scene, quality=None, **given):
                                       **rings)
     decided = {"lens": lens, "camera": chosen_camera(request), "iris": iris,
                "wavelengths_nm": np.array(request.wavelengths_nm),
-               "denoise": ON if denoises(scene, request) else OFF}
+               "denoise": ON if denoises(scene, request) else OFF,
+               "view_settings": request.view_settings or to_text(look_of(scene))}
     return Job(**vars(request) | decided, frame=scene.frame_current, subframe=scene.frame_subframe,
                clamp=request.spectral.tier != REFERENCE, settings=picture_settings(scene), lens_warning=warning,
                ring_words=words)
+
+
+def requested(scene, **given):
+    """The RenderRequest of the scene's settings except for the given fields.
+
+    Raises
+    ------
+    InputError
+        A value is not valid, or no lens is chosen.
+    """
+    request = scene.lensfield.to_request(**given)
+    if not request.lens:
+        raise InputError("camera settings", "lens file", "empty", "choose a prescription or a lens package")
+    return request
 
 
 def denoises(scene, request):
@@ -138,6 +154,12 @@ def check_output_folder(scene):
         check_output(bpy.path.abspath(_native(folder)))
 
 
+def blend_path():
+    """The path of the open .blend, or of the one that it is a copy of; None until it is saved."""
+    path = Path(bpy.data.filepath)
+    return _folders.get(path, path.parent) / path.name if bpy.data.filepath else None
+
+
 def set_blend_folder(folder):
     """Resolve relative paths from `folder`, where the .blend that this one is a copy of is stored.
 
@@ -148,6 +170,7 @@ def set_blend_folder(folder):
     ----------
     folder : path
     """
+    _folders[Path(bpy.data.filepath)] = Path(folder)
     paths = [*((scene, "output_folder") for scene in bpy.data.scenes),
              *((camera, field) for camera in bpy.data.cameras for field in ("lens_file", "body_file"))]
     for block, field in paths:

@@ -58,12 +58,12 @@ class OneCapture:
             scene_remarks=(*_remarks(scene, job), *self._captured.remarks, *self._captured.scale_remarks(job.lens))))
         return self._captured
 
-    def write_radiance(self, captured, path):
+    def write_radiance(self, captured, path, attributes):
         """Write the radiance once, by `pictures.write_radiance`; later frames link to that file, or copy it."""
         if self._file and self._file.is_file():
             link_or_copy(self._file, path)
         else:
-            write_radiance(captured, path)
+            write_radiance(captured, path, attributes)
             self._file = path
 
 

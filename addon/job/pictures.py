@@ -9,32 +9,36 @@ from ...engine.field.frame_planes import nearest_samples, pinhole_view, relative
 from ...engine.field.stmap import distort_map, undistort_map
 from ...engine.image.irradiance import irradiance_per_radiance
 from ...engine.inspection.curves import reference_nm
-from ...engine.pictures.preview import to_rec709, write_png
+from ...engine.pictures.preview import to_rec709
 from ...engine.pictures.spectral_exr import write_exr, write_plane_exr, write_rgb_exr
 from ...engine.runtime.files import stamp_of
 from ...engine.spectral.colour import REC709_LUMINANCE, rec709_weights
+from .shown import write_shown
 
 REGION = "region"  # the channel of Blender's render region
 _written = {}  # by path: the lens and frame that it is for, and its stamp
 ALPHA_WAVELENGTHS = 3  # out of the job's: blur differs between wavelengths, but alpha is a single number
 
 
-def write_radiance(captured, path):
+def write_radiance(captured, path, attributes):
     """Write the radiance, with the capture's depth, alpha, region, layers and sources outside it: the input for another
-    lens."""
+    lens; and further attributes, dict of str."""
     planes = {"Z": captured.depth_m, "A": captured.alpha, REGION: captured.region}
     write_exr(captured.radiance, path, {name: plane for name, plane in planes.items() if plane is not None},
-              captured.layers, outside=captured.outside)
+              captured.layers, outside=captured.outside, attributes=attributes)
 
 
-def write_irradiance(irradiance, stray, result):
-    """Write an irradiance with the stray light in it, and the latter for compositors: black for None."""
-    write_exr(irradiance, result.irradiance, stray=stray)
+def write_irradiance(irradiance, stray, result, attributes=None):
+    """Write an irradiance with the stray light in it, and the latter for compositors: black for None.
+
+    A film without a radiance file states its `attributes` (dict of str) here.
+    """
+    write_exr(irradiance, result.irradiance, stray=stray, attributes=attributes)
     shown = np.zeros((*irradiance.frame_px, 3), np.float32) if stray is None else to_rec709(stray)
     write_rgb_exr(shown, result.stray)
 
 
-def write_pictures(captured, irradiance, after, exposure, light_exposure, lens, options, iris, result):
+def write_pictures(captured, irradiance, after, exposure, light_exposure, look, lens, options, iris, result):
     """Write the lens image and its planes; and PNGs of the frame through a perfect pinhole and through the lens, which
     have the same exposure unless the latter is a camera's.
 
@@ -45,7 +49,9 @@ def write_pictures(captured, irradiance, after, exposure, light_exposure, lens, 
     after : array (row, column, 3)
         The lens image, or its developed picture, in linear Rec. 709.
     exposure, light_exposure : float
-        Of the lens image's PNG, and of the pinhole's.
+        Exposures in sRGB of the PNGs of the lens image and of the pinhole picture.
+    look : Look or None
+        Of both; None for sRGB.
     lens : Lens
     options : Options
     iris : Iris or None
@@ -60,17 +66,17 @@ def write_pictures(captured, irradiance, after, exposure, light_exposure, lens, 
     write_plane_exr(nearest_samples(captured.depth_m, lens, captured.radiance.grid, nm), result.depth)
     _write_lens_planes(lens, frame, result)
     before = pinhole_view(np.moveaxis(to_rec709(captured.radiance), -1, 0), lens, captured.radiance.grid)
-    write_png(captured.cut_picture(np.moveaxis(before, 0, -1)), result.before, light_exposure)
-    write_png(after, result.after, exposure)
+    write_shown(captured.cut_picture(np.moveaxis(before, 0, -1)), result.before, light_exposure, look)
+    write_shown(after, result.after, exposure, look)
 
 
-def write_film_pictures(film, irradiance, picture, exposure, _, lens, result):
+def write_film_pictures(film, irradiance, picture, exposure, _, look, lens, result):
     """Write the lens image and its planes, for a film that was rendered through the lens itself.
 
     Parameters
     ----------
     film : Captured
-    irradiance, picture, exposure, lens, result
+    irradiance, picture, exposure, look, lens, result
         As in `write_pictures`.
     """
     frame, picture = irradiance.grid, film.cut_picture(picture)
@@ -78,7 +84,7 @@ def write_film_pictures(film, irradiance, picture, exposure, _, lens, result):
     write_rgb_exr(picture, result.lens_image, film.cut(alpha))
     write_plane_exr(film.depth_m, result.depth)
     _write_lens_planes(lens, frame, result)
-    write_png(picture, result.after, exposure)
+    write_shown(picture, result.after, exposure, look)
 
 
 def _write_lens_planes(lens, frame, result):

@@ -10,6 +10,7 @@ from ...engine.depth.depth_range import AUTO
 from ...engine.depth.slabs import SlabPlan
 from ...engine.runtime.errors import InputError
 from ...engine.runtime.files import nearest_existing
+from ..scene.compositor import fingerprint_now
 from ..scene.depth import visible_depth_mm
 from ..scene.render_state import go_to_frame, stand_in_camera, turn_on_layer
 from ..scene.requirements import check_scene
@@ -20,6 +21,7 @@ from ..shading.repeated import tinting_objects
 from .emitters import emitters_of
 from .empty_frame import empty_reasons
 from .job import check_output_folder, job_of
+from .origin import check_replaced
 from .photo import camera_words
 from .radiance import job_grid, room_for_capture
 from .remarks import Remark, colour_remarks, depth_remarks, scale_remarks, scene_remarks, unlayered_remarks
@@ -115,4 +117,6 @@ def _check_files(scene, job):
     if not folder.is_dir() or not os.access(folder, os.W_OK):
         raise InputError(job.output_folder, "folder", "not writable", f"{folder} is not a folder with write permission")
     if folder == job.output_folder:
-        check_files(scene, Result.of(scene, job.output_folder, job.frame).files)
+        result = Result.of(scene, job.output_folder, job.frame)
+        check_files(scene, result.files)
+        check_replaced(scene, result, fingerprint_now(scene))

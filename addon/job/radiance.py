@@ -19,7 +19,6 @@ from ...engine.depth.depth_range import (
 from ...engine.field.overscan import columns_for_blur
 from ...engine.image.layers import Layer, LayeredRadiance
 from ...engine.image.pixel_grid import PixelGrid
-from ...engine.pictures.preview import auto_exposure, to_rec709, write_png
 from ...engine.plan.options import DEFAULT_ACCURACY, ON
 from ...engine.runtime.files import temporary_folder
 from ...engine.runtime.memory import check_room, taken_bytes
@@ -60,6 +59,7 @@ from .sampled_passes import (
     shares_noise,
 )
 from .scene_plan import plan_scene
+from .shown import write_growing
 from .sky import map_steps
 from .slabs import cut_steps, finer_region, looked_at, single_slab
 from .steps import RenderPass, Work
@@ -464,7 +464,7 @@ def light_steps(ready, sampled, capture_px, slabs, share, journal):
             fraction += step
         if job.picture:
             complete = turn == len(plan.bands)
-            yield Work(lambda _, complete=complete: _show(complete, plan, lights, capture_px, job.picture),
+            yield Work(lambda _, complete=complete: _show(complete, ready, lights, capture_px),
                        "Updating the picture", fraction)
     return [light for light in lights if not light.is_spare(lights)]
 
@@ -528,14 +528,12 @@ def _placed(planes, region, grid):
     return padded
 
 
-def _show(complete, plan, lights, capture_px, path):
-    """Write a PNG of the frame after a pass, as the capture shows it: grey until all wavelengths are rendered."""
+def _show(complete, ready, lights, capture_px):
+    """Write a PNG of the frame after a pass, as the capture shows it."""
     layers = [Layer(light.cube, light.alpha, light.depth_m * M_TO_MM, tuple(side.start for side in light.slab.region))
               for light in lights if not light.is_spare(lights)]
-    layered = LayeredRadiance(layers, plan.choice.output_nm, capture_px)
-    radiance = layered.cropped(layered.sampling.grid.overscan_px).flat()
-    picture = to_rec709(radiance) if complete else np.stack([radiance.cube.mean(axis=0)] * 3, axis=-1)
-    write_png(picture, path, auto_exposure(picture))
+    layered = LayeredRadiance(layers, ready.plan.choice.output_nm, capture_px, exposure=ready.exposure)
+    write_growing(layered.cropped(layered.sampling.grid.overscan_px).flat(), complete, ready.job)
 
 
 def _facts(ready, lights, captured, samples):

@@ -14,37 +14,51 @@ from ...engine.depth.depth_range import AUTO, OFF, blur_px, focus_in_capture
 from ...engine.depth.iris import opening
 from ...engine.field.field_map import field_map
 from ...engine.field.overscan import CAMERA_VIEW, LENS_VIEW
+from ...engine.image.extension import extended_image, extended_layers, extended_plane
 from ...engine.image.layers import covered
 from ...engine.lens.formats import format_mm
 from ...engine.lens.pinhole import fitting_pitch_um
 from ...engine.library import clamped_rings, fits_all_frames, has_rings, iris_is_visible, pinhole_of, prescription_of
-from ...engine.pictures.spectral_exr import read_header, read_parts, read_sources, read_with_layers, read_with_planes
+from ...engine.pictures.spectral_exr import (
+    read_attribute,
+    read_header,
+    read_parts,
+    read_sources,
+    read_with_layers,
+    read_with_planes,
+)
 from ...engine.plan.options import DEFAULT_ACCURACY
 from ...engine.plan.plan_cache import cached_plan
 from ...engine.prescription.coatings import coating_of
 from ...engine.prescription.tolerances import copy_of
 from ...engine.rays.rings import Rings, resized_rings
 from ...engine.runtime.errors import absence
-from ...engine.runtime.files import check_target, discard, file_status
+from ...engine.runtime.files import check_target, discard, file_status, link_or_copy, stamp_of
 from ...engine.simulation.report_parts import FileFacts
 from ...request import CAMERA, CAMERA_FIELDS, RING_FIELDS, RenderRequest
 from ..scene.camera import captured_region, frame_px, sensor_warning, shift_warning, size_warning
+from ..scene.compositor import laid_fingerprint, shown_folder
 from ..scene.lens_cache import lens_on_sensor, load_lens, scaled_lens
+from ..scene.look import look_of
+from ..scene.look import to_text as look_text
 from ..scene.rings import ring_fields, rings_for, scene_iris
 from .job import check_output_folder, folder_for
+from .origin import origin_of, stored_origin
 from .photo import check_photo, chosen_camera
 from .pictures import REGION
 from .radiance import Captured
 from .remarks import ROUND_BLUR
 from .render import lens_steps, run
 from .result import Result
+from .shown import LOOK
 from .slabs import finer_region
 from .steps import Work
 
 APPLIED_DEPTHS = AUTO, OFF
 APPLIED_FIELDS = ("lens", "output_folder", "options", "stray", "view", *RING_FIELDS, "iris", "lens_quality",
-                  "depth", *CAMERA_FIELDS)
+                  "depth", "look", "view_settings", *CAMERA_FIELDS)
 STANDARD = "standard"  # quality
+MOST_MISSING = 0.02  # of the frame's longer side: overscan that is made up by repeating edges
 SAME = 0.005  # relative difference in sensor size up to which a lens counts as having its own view
 
 
@@ -56,12 +70,13 @@ def apply_lens(radiance, *, progress=None, **given):
     Parameters
     ----------
     radiance : path
-        Such as Scene_0001_radiance.exr, from `render_through_lens`.
+        Such as shot_Scene_0001_radiance.exr, from `render_through_lens`.
     progress : callable (fraction, label), optional
     given : by name
         Fields of a `RenderRequest`: `lens`, and optionally `output_folder` (by default the radiance's), `options`,
         `stray`, `view`, `focus`, `f_number`, `focused_wide_open`, `tilt_deg`, `copy`, `copy_grade`, `coating`, `iris`,
-        `lens_quality`, `depth`, and a camera's.
+        `lens_quality`, `depth`, `look`, `view_settings` (by default from the file), and the fields of a
+        camera.
 
     Returns
     -------
@@ -83,13 +98,18 @@ def apply_lens(radiance, *, progress=None, **given):
 def saved_radiance(scene):
     """The radiance file of a scene's render, for its current frame and by its settings.
 
+    If the scene or its .blend had another name at the render, a link of the current name is created.
+
     Raises
     ------
     InputError
-        The file does not exist, or the scene's resolution has changed since.
+        The file does not exist, another scene was rendered into it, or the scene's resolution has changed since.
     """
     check_output_folder(scene)
     path = Result.of(scene, folder_for(scene), scene.frame_current).radiance
+    if not file_status(path):
+        _link_renamed(scene, path)
+    _check_origin(scene, path)
     if not file_status(path):
         raise InputError(path, "radiance file", absence(path), "render through the lens first")
     (left, top), (right, bottom) = read_parts(path, header_only=True)[0][0]["displayWindow"]
@@ -100,11 +120,35 @@ def saved_radiance(scene):
     return path
 
 
+def _link_renamed(scene, path):
+    """Link the newest radiance of this scene and frame, rendered under another name, to a path, if there is one."""
+    here, shown_in = origin_of(scene, path.parent), shown_folder(scene)
+    folders, name = {path.parent, *map(Path, filter(None, [shown_in]))}, f"*_{scene.frame_current:04d}_radiance.exr"
+    for other in sorted((each for folder in folders for each in folder.glob(name)), key=stamp_of, reverse=True):
+        if (stored := stored_origin(other)) and here.is_of(stored):
+            link_or_copy(other, path)
+            return
+
+
+def _check_origin(scene, path):
+    """Raise an InputError if the light of a file is of another scene, or of another .blend."""
+    stored = stored_origin(path)
+    if stored and not origin_of(scene, path.parent).is_of(stored):
+        raise InputError(path, "radiance file", f"rendered from {stored}", "render through the lens first")
+
+
+def rendered_state(scene, radiance):
+    """The scene's fingerprint from the render of a radiance file."""
+    stored = stored_origin(radiance)
+    return stored.state if stored else laid_fingerprint(scene)
+
+
 def applied_fields(scene, request):
     """The fields of a scene's request for `apply_lens`, with its camera's focus, f-stop and iris; with layers of depth
     unless depth is off."""
     return {"lens": request.lens, "view": request.view, "options": request.options, "stray": request.stray,
-            "lens_quality": request.spectral.tier, "depth": OFF if request.depth == OFF else AUTO,
+            "lens_quality": request.spectral.tier, "look": request.look,
+            "view_settings": look_text(look_of(scene)), "depth": OFF if request.depth == OFF else AUTO,
             "iris": scene_iris(scene, request.lens), **{name: getattr(request, name) for name in CAMERA_FIELDS},
             **ring_fields(rings_for(scene, request.lens))}
 
@@ -113,6 +157,7 @@ def _steps(path, request):
     if request.depth not in APPLIED_DEPTHS:
         raise InputError("options", "depth", request.depth, f"expected {' or '.join(APPLIED_DEPTHS)}")
     request = replace(request, view=request.view_on_sensor, camera=chosen_camera(request))
+    request = with_stored_look(request, path)
     lens, iris, rings = request.lens, request.iris, requested_rings(request)
     result = replace(Result.from_file(path, "radiance", request.output_folder), radiance=path)
     result.report.files["radiance"] = str(path)
@@ -139,6 +184,11 @@ def _steps(path, request):
     result.report.add(_facts(lens, captured, warning, result))
     result.report.write(result.record)
     return result
+
+
+def with_stored_look(request, path):
+    """A request with the look that a radiance file states, unless it has one."""
+    return request if request.view_settings else replace(request, view_settings=read_attribute(path, LOOK))
 
 
 def check_capture(radiance, **given):
@@ -239,9 +289,12 @@ def _fitted(lens, captured, view):
     fitted, radiance = _fit(lens, captured.radiance, view)
     if view == CAMERA_VIEW:
         factor = captured.radiance.focal_mm / lens.capture_focal_length_mm
-        return fitted, captured, size_warning(lens, fitted, factor)
-    layers = captured.layers and _fit(lens, captured.layers, view)[1]
-    return fitted, replace(captured, radiance=radiance, layers=layers), _sensor_warning(lens, radiance, view)
+        warning = size_warning(lens, fitted, factor)
+    else:
+        layers = captured.layers and _fit(lens, captured.layers, view)[1]
+        captured, warning = replace(captured, radiance=radiance, layers=layers), _sensor_warning(lens, radiance, view)
+    captured, repeated = _extended(fitted, captured)
+    return fitted, captured, "; ".join(filter(None, (warning, repeated)))
 
 
 def _fit(lens, light, view):
@@ -267,14 +320,36 @@ def _sensor_warning(lens, radiance, view):
 
 
 def _check_overscan(lens, stored, request, path):
-    """Raise an ImageError if the capture's overscan is too small, so that part of a lens's frame would stay black."""
+    """Raise an ImageError if the capture's overscan is so much too small that a large part of a lens's frame would
+    lack light."""
     lens, radiance = _fit(lens, stored, request.view)
     grid = radiance.grid
     needed = field_map(lens).overscan_px(grid, radiance.wavelengths_nm, 0)
-    if _exceeds(needed, grid.overscan_px):
+    if max(_missing(needed, grid)) > max(1, round(MOST_MISSING * max(grid.frame_px))):
         raise ImageError(path, "overscan", "{1} x {0} px".format(*grid.overscan_px),
                          "{name} needs {1} x {0} px beyond the frame: render again through it".format(
                              *needed, name=lens.name))
+
+
+def _missing(needed_px, grid):
+    """The rows and columns that overscan lacks on each side."""
+    return tuple(max(0, needed - available) for needed, available in zip(needed_px, grid.overscan_px, strict=True))
+
+
+def _extended(lens, captured):
+    """A Captured with the overscan that a lens needs, and a line about the pixels that were repeated for it."""
+    radiance, layers = captured.radiance, captured.layers
+    needed = field_map(lens).overscan_px(radiance.grid, radiance.wavelengths_nm, 0)
+    missing = _missing(needed, radiance.grid)
+    if not any(missing):
+        return captured, ""
+    if layers and any(margin := _missing(needed, layers.grid.on_sensor())):
+        layers = extended_layers(layers, margin)
+    depth_m, alpha, region = (plane if plane is None else extended_plane(plane, missing)
+                              for plane in (captured.depth_m, captured.alpha, captured.region))
+    return replace(captured, radiance=extended_image(radiance, missing), layers=layers, depth_m=depth_m, alpha=alpha,
+                   region=region), (f"{lens.name} shows {max(missing)} px more beyond the frame than was captured: the "
+                                    "edge is repeated there; render again for the scene's own light")
 
 
 def _lacking(lens, stored, request):

@@ -10,7 +10,7 @@ from ...engine.image.spectral_image import IRRADIANCE
 from ...engine.runtime.files import discard
 from ...engine.runtime.locks import only_writer
 from ...engine.simulation.lens_image import lens_image
-from ..scene.compositor import fingerprint_anew, lay_into_compositor
+from ..scene.compositor import fingerprint_anew, key_of, lay_into_compositor
 from ..scene.errors import SceneError
 from ..scene.render_state import go_to_frame
 from ..scene.requirements import check_scene
@@ -18,12 +18,14 @@ from ..scene.undo import Journal
 from ..scene.watch import samples_watched
 from .finished_passes import remove_passes
 from .job import check_output_folder, job_of
+from .origin import attribute_of, check_replaced, origin_of
 from .photo import shown_picture, take_photo
 from .pictures import write_film_pictures, write_irradiance, write_pictures, write_radiance
 from .radiance import capture
 from .record import write_record
 from .result import PINHOLE_FILES, Result
 from .scene_plan import check_job
+from .shown import LOOK, look_for
 from .steps import RenderPass, Work
 
 RENDER_SHARE = 0.85  # of the progress bar; the rest is the engine's and the files'
@@ -37,7 +39,7 @@ def shared_cache():
     return ChannelCache()
 
 
-def render_through_lens(scene, *, frame=None, progress=None, **given):
+def render_through_lens(scene, *, frame=None, overwrite=False, progress=None, **given):
     """Render a scene multispectrally and put it through a lens: the complete main job in one call.
 
     Data that depend only on the lens and the pixel grid are cached for the next call, up to a memory limit, until the
@@ -48,6 +50,8 @@ def render_through_lens(scene, *, frame=None, progress=None, **given):
     scene : bpy.types.Scene
     frame : int, optional
         By default the scene's current frame, or its place between two.
+    overwrite : bool
+        Whether the files of another .blend or scene may be replaced.
     progress : callable (fraction, label), optional
     given : by name
         Fields of a `RenderRequest`. All others are as in the scene's Lensfield settings at that frame, except
@@ -66,7 +70,10 @@ def render_through_lens(scene, *, frame=None, progress=None, **given):
     """
     given["state"] = given.get("state") or fingerprint_anew(scene)
     job = job_of_frame(scene, scene.frame_float if frame is None else frame, **given)
-    with only_writer(Result.of(scene, job.output_folder, job.frame).record):
+    result = Result.of(scene, job.output_folder, job.frame)
+    if not overwrite:
+        check_replaced(scene, result, job.state)
+    with only_writer(result.record):
         return run(render_steps(scene, job), progress)
 
 
@@ -125,10 +132,11 @@ def render_steps(scene, job, one=None):
     with report.stage("multispectral render"):
         captured = yield from capture_by(scene, job, result, RENDER_SHARE)
     discard(result.record)  # the files that it describes are about to change
+    attributes = attributes_of(scene, job)
     if job.traced:
-        yield from _film_steps(captured, job, result)
+        yield from _film_steps(captured, job, result, attributes)
     else:
-        yield Work(_timed(report, "write radiance", lambda _: write_by(captured, result.radiance)),
+        yield Work(_timed(report, "write radiance", lambda _: write_by(captured, result.radiance, attributes)),
                    "Writing radiance", RENDER_SHARE)
         yield from lens_steps(captured, job.lens, job, job.iris, result, RENDER_SHARE + 0.02)
     write_record(job, result)
@@ -137,6 +145,13 @@ def render_steps(scene, job, one=None):
     if job.to_compositor:
         lay_into_compositor(scene, result.lens_image, fingerprint=job.state)
     return result
+
+
+def attributes_of(scene, job):
+    """What a file of the scene's light states about it: dict of str."""
+    if job.to_compositor:
+        key_of(scene)
+    return attribute_of(origin_of(scene, job.output_folder, job.state)) | {LOOK: job.view_settings}
 
 
 def lens_steps(captured, lens, request, iris, result, fraction):
@@ -156,7 +171,7 @@ def lens_steps(captured, lens, request, iris, result, fraction):
                                                          result))
 
 
-def _film_steps(film, job, result):
+def _film_steps(film, job, result, attributes):
     """Steps that write the files of a film Captured through the lens itself."""
     lens = job.lens
     irradiance = replace(film.radiance, cube=film.cut(film.radiance.cube), quantity=IRRADIANCE, lens_name=lens.name,
@@ -165,14 +180,14 @@ def _film_steps(film, job, result):
         discard(getattr(result, name))
         del result.report.files[name]
     yield from _file_steps(irradiance, None, lens, job, result,
-                           lambda *shown: write_film_pictures(film, irradiance, *shown, lens, result))
+                           lambda *shown: write_film_pictures(film, irradiance, *shown, lens, result), attributes)
 
 
-def _file_steps(irradiance, stray, lens, request, result, write_its_pictures):
+def _file_steps(irradiance, stray, lens, request, result, write_its_pictures, attributes=None):
     """Steps that write an irradiance and its stray light, take a picture with the request's camera, and write what
     pictures show."""
     report = result.report
-    yield Work(_timed(report, "write irradiance", lambda _: write_irradiance(irradiance, stray, result)),
+    yield Work(_timed(report, "write irradiance", lambda _: write_irradiance(irradiance, stray, result, attributes)),
                "Writing irradiance", WRITING)
     raw = None
     if request.camera:
@@ -180,7 +195,8 @@ def _file_steps(irradiance, stray, lens, request, result, write_its_pictures):
                          "Taking the picture", 0.97)
     if raw is None or not request.dng:
         discard(result.raw)  # an earlier render may have left one
-    yield Work(_timed(report, "write pictures", lambda _: write_its_pictures(*shown_picture(request, irradiance, raw))),
+    yield Work(_timed(report, "write pictures", lambda _: write_its_pictures(*shown_picture(request, irradiance, raw),
+                                                                                    look_for(request))),
                "Writing pictures", 0.98)
 
 

@@ -12,6 +12,8 @@ from ...engine.runtime.errors import InputError
 FRAME_FILES = {"radiance": "radiance.exr", "irradiance": "irradiance.exr", "lens_image": "lens_image.exr",
                "stray": "stray_light.exr", "depth": "depth.exr", "before": "before.png", "after": "after.png",
                "record": "report.json"}
+UNSAVED = "unsaved"  # in the place of the name of a .blend
+MOST_NAME_BYTES = 120  # of a .blend's name in file names, which systems limit to 255 bytes
 RAW_END = "raw.dng"  # of a file that only frames with a camera have, if the user wants it
 PINHOLE_FILES = "radiance", "before"
 """The FRAME_FILES that a traced lens does not write: they show the view of a pinhole."""
@@ -62,7 +64,7 @@ class Result:
     @classmethod
     def of(cls, scene, folder, frame):
         """The Result of a frame of a scene in this folder; its report names the files."""
-        return cls.called(bpy.path.clean_name(scene.name), folder, frame)
+        return cls.called(stem_of(scene), folder, frame)
 
     @classmethod
     def called(cls, stem, folder, frame):
@@ -86,7 +88,7 @@ class Result:
         result = parts and cls.called(parts[1], path.parent if folder is None else Path(folder), int(parts[2]))
         if not result or getattr(result, name).name != path.name:
             raise InputError(path, "file", "not named like a rendered frame",
-                             f"expected a name such as Scene_0001_{FRAME_FILES[name]}")
+                             f"expected a name such as shot_Scene_0001_{FRAME_FILES[name]}")
         return result
 
     @property
@@ -110,6 +112,13 @@ class Result:
         scene, file = self.report.scene, self.report.file
         source = scene.scene_plan if scene else f"from the light in {file.radiance}"
         return [f"{self.lens_image} in {seconds:.1f} s", source, *self.report.remarks()]
+
+
+def stem_of(scene):
+    """The start of all file names of a scene: the names of the .blend and the scene."""
+    blend = Path(bpy.data.filepath).stem or UNSAVED
+    blend = blend.encode(errors="surrogateescape")[:MOST_NAME_BYTES].decode(errors="ignore")
+    return bpy.path.clean_name(f"{blend}_{scene.name}")
 
 
 def check_next_to_frames(folder, *paths):

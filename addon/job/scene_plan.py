@@ -109,15 +109,21 @@ def check_job(scene, job):
     """Raise an InputError for a request that cannot be met, before anything is changed or rendered."""
     if job.traced:
         check_traceable(job.lens)
-    if not len(job.wavelengths_nm):
-        raise InputError("options", "wavelengths", "empty", "expected at least one")
     for nm in job.wavelengths_nm:
         job.lens.at_wavelength(nm)
+    check_wavelengths(job.wavelengths_nm)
+    check_photo(job, frame_grid(scene, job.lens))
+    check_sources(scene)
+
+
+def check_wavelengths(wavelengths_nm):
+    """Raise an InputError unless there are wavelengths, and the spectra of scenes cover them."""
+    if not len(wavelengths_nm):
+        raise InputError("options", "wavelengths", "empty", "expected at least one")
+    for nm in wavelengths_nm:
         if not BAND_NM[0] <= nm <= BAND_NM[1]:
             raise InputError("options", "wavelength", f"{nm:g} nm",
                              "the colours and lights of a scene cover {:g} to {:g} nm".format(*BAND_NM))
-    check_photo(job, frame_grid(scene, job.lens))
-    check_sources(scene)
 
 
 def plan_scene(scene, job, grid, journal):

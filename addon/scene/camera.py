@@ -7,8 +7,9 @@ import numpy as np
 from mathutils import Euler, Vector
 
 from ...engine.field.field_map import field_map
-from ...engine.field.overscan import CAMERA_VIEW, LENS_VIEW, choose_capture, lens_projection
+from ...engine.field.overscan import CAMERA_VIEW, FARTHEST, FIT_SAMPLES, LENS_VIEW, choose_capture
 from ...engine.image.pixel_grid import PixelGrid
+from ...engine.image.projection import fitted_projection
 from ...engine.image.sampling import Sampling
 from ...engine.inspection.curves import reference_nm
 from ...engine.lens.formats import format_mm
@@ -21,7 +22,7 @@ from .active_camera import camera_data, camera_settings
 from .errors import SceneError
 from .instances import rendered_instances
 from .lens_cache import lens_on_sensor, scaled_lens
-from .lens_facts import lens_facts
+from .lens_facts import DIAGONAL, lens_facts
 from .units import metres_per_unit
 
 BY_RESULT = Options()
@@ -344,23 +345,36 @@ def set_up_capture(camera, lens, capture, journal):
         journal.set(camera, name, value)
 
 
-def match_camera_to_lens(camera, lens, frame):
-    """Give camera data the view of the lens on a frame, a PixelGrid, for framing by the user.
+def match_camera_to_lens(camera, facts, frame):
+    """Give camera data the view of a lens, by its LensFacts, on a frame, a PixelGrid, for framing by the user.
 
     Most lenses become a perspective camera with the correct scale on the axis. A lens that would need more than
     MOST_PLANE times the frame's pixels on a plane becomes a fisheye camera with its own distortion: a rendered viewport
     shows the exact frame. Solid viewports show every camera in perspective; the focal length is set so that their left
     and right edges match the lens's. The camera's Shift stays. The pixels are `frame.squeeze` times as wide as tall.
     """
-    focal_mm, width_mm = lens.capture_focal_length_mm / frame.squeeze, frame.shape_px[1] * frame.pitch_um * 1e-3
-    nm = reference_nm(lens)
-    plane = frame.with_overscan(field_map(lens).overscan_px(frame, [nm], 0))
-    if np.prod(plane.shape_px) <= MOST_PLANE * np.prod(frame.shape_px):
+    focal_mm, half_mm = facts.capture_focal_length_mm / frame.squeeze, _width_mm(frame) / 2
+    if _stretch(facts, frame) ** 2 <= MOST_PLANE:
         _assign(camera, _perspective(focal_mm, frame))
         return
-    edge_mm, _ = field_map(lens).at_wavelength(nm).source_mm(width_mm / 2, 0.0)
-    _assign(camera, _perspective(focal_mm * width_mm / 2 / edge_mm, frame))
-    _assign(camera, _panoramic(focal_mm, replace(frame, projection=lens_projection(lens, frame))))
+    edge_mm = facts.capture_focal_length_mm * np.tan(facts.angle_rad(half_mm))
+    _assign(camera, _perspective(focal_mm * half_mm / edge_mm, frame))
+    _assign(camera, _panoramic(focal_mm, replace(frame, projection=_projection(facts, frame))))
+
+
+def _stretch(facts, frame):
+    """How much larger than the frame the part of a plane is that the lens sees, at the frame's farthest corner."""
+    last_mm = min(frame.farthest_px * frame.pitch_um * 1e-3, facts.last_mm)
+    return facts.capture_focal_length_mm * np.tan(facts.angle_rad(last_mm, DIAGONAL)) / last_mm
+
+
+def _projection(facts, frame):
+    """The panorama that is closest to the distortion of a lens on a frame."""
+    focal_mm = facts.capture_focal_length_mm
+    last_mm = min(frame.farthest_px * frame.pitch_um * 1e-3, facts.last_mm)
+    real_mm = np.linspace(0, last_mm, FIT_SAMPLES)
+    return fitted_projection(real_mm / focal_mm, np.tan(facts.angle_rad(real_mm, DIAGONAL)),
+                             FARTHEST * last_mm / focal_mm)
 
 
 def lens_for_view(scene, lens, view):

@@ -67,8 +67,7 @@ def lay_into_compositor(scene, *image_paths, fingerprint=None):
         _feed(scene, tree, node)
     group, state = node.node_tree, _state(node.node_tree)
     path = _for_blend(scene, image_paths[0])
-    if not state["scene"] or scene.lensfield.compositor_key != state["scene"]:
-        state["scene"] = scene.lensfield.compositor_key = uuid.uuid4().hex
+    state["scene"] = key_of(scene)
     frames = state["frames"] if _image_path(group, new_frames[0]) == path else {}
     of = fingerprint or fingerprint_anew(scene)
     _put(group, frames=frames | {str(frame): of for frame in new_frames}, scene=state["scene"])
@@ -76,6 +75,12 @@ def lay_into_compositor(scene, *image_paths, fingerprint=None):
     group.nodes[DEPTH_IN_UNITS].inputs[1].default_value = 1 / metres_per_unit(scene)
     refresh(scene)
     return node
+
+
+def key_of(scene):
+    """The scene's key, created if necessary, which renaming the scene or its file preserves."""
+    scene.lensfield.compositor_key = scene.lensfield.compositor_key or uuid.uuid4().hex
+    return scene.lensfield.compositor_key
 
 
 def lay_group(scene, mark, name, new_group):
@@ -270,6 +275,12 @@ def picture_folder(scene):
     return os.path.dirname(bpy.path.abspath(_image_path(node.node_tree, 1))) if intact else ""
 
 
+def shown_folder(scene):
+    """The `picture_folder` of a scene; "" if its files may not be accessed."""
+    node, folder = _node(scene), picture_folder(scene)
+    return folder if folder and _may_look(node.node_tree) else ""
+
+
 def _may_look(group):
     """Whether the files of a group may be accessed: those in a trusted folder, or in the .blend's own."""
     folder = os.path.dirname(bpy.path.abspath(_image_path(group, 1)))
@@ -316,7 +327,7 @@ def _stem_and_frame(path):
     match = LENS_IMAGE.fullmatch(Path(path).name)
     if match is None:
         raise SceneError(path, "lens image", "without a frame number",
-                         "expected a name such as Scene_0001_lens_image.exr")
+                         "expected a name such as shot_Scene_0001_lens_image.exr")
     return match[1], int(match[2])
 
 
@@ -559,7 +570,7 @@ def show_file(image, path, name, colours=REC709, source="FILE"):
         space = image.colorspace_settings
         if colours in space.bl_rna.properties["name"].enum_items:  # a custom OCIO configuration may have other names
             space.name = colours
-    image.source, image.filepath = source, path
+    image.source, image.filepath, image.use_view_as_render = source, path, True
     image.reload()
     image.update_tag()  # without it, an open viewer stays stale
     return image

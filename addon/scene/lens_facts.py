@@ -20,6 +20,7 @@ from .lens_cache import identity_of, load_lens
 from .units import M_TO_MM
 
 MOST_FACTS = 64
+DIAGONAL = 2  # of `LensFacts.fields`
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,15 @@ class LensFacts:
     radial: bool
     squeeze: float
 
+    @property
+    def last_mm(self):
+        """Distance from the axis to the end of the field, along the diagonal."""
+        return self.fields[DIAGONAL][-1][0]
+
+    def angle_rad(self, distance_mm, along=0):
+        """Angles to the axis of light at distances from it, along the picture's width, height or DIAGONAL."""
+        return np.interp(distance_mm, *np.transpose(self.fields[along]))
+
     def field_on(self, edges_mm):
         """Angles of view in degrees across and up a picture, and the share of the distance from the axis to its
         farthest corner that the field covers.
@@ -72,8 +82,7 @@ class LensFacts:
             np.degrees(np.sign(edge_mm) * np.interp(abs(edge_mm), *np.transpose(field)))
             for edge_mm, field in zip(edges_mm, (*self.fields[:2], *self.fields[:2]), strict=True))
         farthest_mm = np.hypot(*np.abs(edges_mm).reshape(2, 2).max(axis=0))
-        (end_mm, _) = self.fields[-1][-1]
-        return right - left, upper - lower, min(1.0, end_mm / farthest_mm)
+        return right - left, upper - lower, min(1.0, self.last_mm / farthest_mm)
 
 
 def lens_facts(source: LensSource, rings: Rings = AT_REST, focal_mm: float | None = None) -> LensFacts:
@@ -121,7 +130,7 @@ def _lean_per_m(source, changed, tilt_deg):
 @lru_cache(maxsize=MOST_FACTS)
 def _facts(source, changed, rings, focal_mm):
     if not has_rings(source):
-        return _of_package(load_lens(source))
+        return facts_of(load_lens(source))
     prescription = prescription_of(source)
     if focal_mm is not None:
         rings = resized_rings(prescription, rings, focal_mm)
@@ -150,7 +159,8 @@ def _reach(source, changed):
     return widest.f_number, closest.f_number, closest.focus_mm
 
 
-def _of_package(lens):
+def facts_of(lens):
+    """The LensFacts of a Lens, as of a package."""
     radial = isinstance(lens, RadialLens)
     if radial:
         fields = 3 * (_pairs(lens.real_height_at(reference_nm(lens)), field_angle_rad(lens, lens.heights_mm)),)

@@ -14,6 +14,7 @@ RENDER = {"engine": "CYCLES", "use_border": False, "use_crop_to_border": False, 
 CYCLES = {"film_exposure": 1.0, "pixel_filter_type": "BOX"}
 CLAMPS = "sample_clamp_direct", "sample_clamp_indirect"
 LEAST_THRESHOLD, MIN_SAMPLES, MIN_SAMPLES_POWER = 1e-3, 16, -0.3  # of Cycles' own choices for adaptive sampling
+FIRST_CROSSINGS = 16  # transparent surfaces that every ray crosses
 HALF = 0.5  # of a pixel: protects the region from rounding
 IMAGE = {"media_type": "MULTI_LAYER_IMAGE", "file_format": "OPEN_EXR_MULTILAYER", "color_depth": "32",
          "exr_codec": "NONE",  # files are read only once, and noise compresses badly
@@ -84,13 +85,20 @@ def guard_render_state(scene, job, capture, path, journal):
     for name, value in (RENDER | size | {"filepath": str(path)}).items():
         journal.set(scene.render, name, value)
     glass = scene.cycles.film_transparent_glass and scene.render.film_transparent
-    for name, value in (CYCLES | {"use_denoising": job.denoises, "film_transparent_glass": glass}).items():
+    for name, value in (CYCLES | {"use_denoising": job.denoises, "film_transparent_glass": glass,
+                                  "min_transparent_bounces": _least_crossings(scene.cycles)}).items():
         journal.set(scene.cycles, name, value)
     layer = rendered_layer(scene)
     for name in (p.identifier for p in layer.bl_rna.properties if p.identifier.startswith("use_pass_")):
         journal.set(layer, name, name in ("use_pass_combined", "use_pass_z"))
     _guard_format(scene.render.image_settings, journal)
     set_up_capture(scene.camera.data, job.lens, capture, journal)
+
+
+def _least_crossings(cycles):
+    """Transparent surfaces that no ray ends at by chance: Cycles would record the depth of such a surface, even of a
+    clear one."""
+    return max(cycles.min_transparent_bounces, min(cycles.transparent_max_bounces, FIRST_CROSSINGS))
 
 
 def clamps_of(scene):

@@ -5,7 +5,6 @@ import bpy
 from ..job.animation import frames_of, render_animation
 from . import window_render
 from .flamenco import draw_flamenco
-from .lens_worker import quality_at_hand
 from .operators import LensRender
 
 
@@ -38,8 +37,7 @@ class LENSFIELD_OT_render_animation(LensRender, bpy.types.Operator):
     def start(self, scene):
         """Start rendering the scene's range, and return remarks on what the pictures will lack."""
         return window_render.start(scene, "--frames", "scene", *["--overwrite"] * self.overwrite,
-                                   *["--any-build"] * self.any_build,
-                                   lens_quality=quality_at_hand(scene))
+                                   *["--any-build"] * self.any_build)
 
 
 class LENSFIELD_MT_animation(bpy.types.Menu):

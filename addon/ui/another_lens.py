@@ -2,8 +2,8 @@
 
 import bpy
 
-from ..job.refilter import applied_fields, apply_lens, saved_radiance
-from ..scene.compositor import laid_fingerprint, lay_into_compositor
+from ..job.refilter import applied_fields, apply_lens, rendered_state, saved_radiance
+from ..scene.compositor import lay_into_compositor
 from . import window_render
 from .operators import LensRender
 
@@ -23,9 +23,10 @@ class LENSFIELD_OT_apply_lens(LensRender, bpy.types.Operator):
     def render(self, scene):
         """Apply the lens to the saved radiance, and return the result."""
         request = scene.lensfield.to_request()
-        result = apply_lens(saved_radiance(scene), **applied_fields(scene, request))
+        radiance = saved_radiance(scene)
+        result = apply_lens(radiance, **applied_fields(scene, request))
         if request.to_compositor:
-            lay_into_compositor(scene, result.lens_image, fingerprint=laid_fingerprint(scene))
+            lay_into_compositor(scene, result.lens_image, fingerprint=rendered_state(scene, radiance))
         return result
 
     def start(self, scene):

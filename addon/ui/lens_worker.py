@@ -25,7 +25,6 @@ from .session import session
 TICK_S = 0.2
 AT_ONCE_S = 0.1  # a panel's wait for the lens facts, so that its lines do not flicker while a ring is turned
 STILL_S = 0.4  # time without another request before a lens is baked
-QUICKEST = "preview"
 READING, BAKING = "Reading the lens", "Baking the lens"
 
 _worker = ThreadPoolExecutor(2, "Lensfield lens")  # one may be busy with a dropped request for up to a second
@@ -105,8 +104,8 @@ def requested_lens(scene):
     return request.lens
 
 
-def lens_now(scene, quality=None):
-    """Like `requested_lens`, for operators: blocks until the lens is baked, at the given quality or the scene's.
+def lens_now(scene):
+    """Like `requested_lens`, for operators in background mode: blocks until the lens is baked.
 
     Raises
     ------
@@ -114,17 +113,25 @@ def lens_now(scene, quality=None):
         The lens is not available.
     """
     request = lens_request(scene)
-    name, _, rings, focal_mm, wavelengths_nm, requested_quality = request.question
+    name, _, rings, focal_mm, wavelengths_nm, quality = request.question
     facts = lens_facts(name, rings, focal_mm)
-    return load_lens(name, facts.rings, quality or requested_quality, wavelengths_nm=wavelengths_nm,
+    return load_lens(name, facts.rings, quality, wavelengths_nm=wavelengths_nm,
                      edges_mm=request.frame and request.frame.edges_mm(facts))
 
 
-def quality_at_hand(scene):
-    """The quality of the render if its lens is already baked; otherwise the fastest, for results that do not depend on
-    quality."""
+def facts_now(scene):
+    """The LensFacts of the lens in a scene's settings, which do not need a bake.
+
+    Raises
+    ------
+    InputError
+        The lens is not available.
+    """
     request = lens_request(scene)
-    return request.question[-1] if request.lens else QUICKEST
+    request.known.wait()
+    if request.error:
+        raise request.error.with_traceback(None)
+    return request.facts
 
 
 def forget_requests():

@@ -9,16 +9,16 @@ from ...engine.runtime.errors import InputError, one_line
 from ..job.remarks import ENOUGH_SAMPLES
 from ..job.render import render_through_lens
 from ..scene.active_camera import camera_data, camera_settings, settings_to_edit
-from ..scene.camera import aim_camera, check_camera, frame_grid, lens_for_view, match_camera_to_lens, pixel_aspect
+from ..scene.camera import aim_camera, check_camera, frame_grid, match_camera_to_lens, pixel_aspect, size_for_view
 from ..scene.compositor import show_file
 from ..scene.linked import check_editable
 from . import window_render
 from .areas import fit_picture
-from .lens_worker import lens_now, quality_at_hand
+from .lens_worker import facts_now, lens_now, requested_lens
 from .previews import SHEET_MARK, load_sheet
 from .properties import searched_lens_items
 from .session import session
-from .sheets import draw_sheet, stored_sheet
+from .sheets import draw_sheet, drawn_sheet, stored_sheet
 
 
 def nothing_renders():
@@ -70,7 +70,7 @@ class LENSFIELD_OT_render(LensRender, bpy.types.Operator):
 
     def start(self, scene):
         """Start rendering the current frame, and return remarks on what the picture will lack."""
-        return window_render.start(scene, lens_quality=quality_at_hand(scene))
+        return window_render.start(scene)
 
 
 class LENSFIELD_OT_cancel(bpy.types.Operator):
@@ -115,12 +115,12 @@ class LENSFIELD_OT_match_camera(bpy.types.Operator):
 def _match(scene):
     check_camera(scene)
     check_editable(scene.camera.data)
-    lens, view = lens_now(scene, quality_at_hand(scene)), camera_settings(scene).view_text()
+    facts, view = facts_now(scene), camera_settings(scene).view_text()
     if view != CAMERA_VIEW:
-        lens, _ = lens_for_view(scene, lens, view)
-    if lens.squeeze != 1:
-        scene.render.pixel_aspect_x, scene.render.pixel_aspect_y = max(1.0, lens.squeeze), max(1.0, 1 / lens.squeeze)
-    match_camera_to_lens(scene.camera.data, lens, replace(frame_grid(scene, lens), squeeze=pixel_aspect(scene)))
+        facts = replace(facts, sensor_mm=size_for_view(scene, facts, view)[1])
+    if facts.squeeze != 1:
+        scene.render.pixel_aspect_x, scene.render.pixel_aspect_y = max(1.0, facts.squeeze), max(1.0, 1 / facts.squeeze)
+    match_camera_to_lens(scene.camera.data, facts, replace(frame_grid(scene, facts), squeeze=pixel_aspect(scene)))
 
 
 class LENSFIELD_OT_add_camera(bpy.types.Operator):
@@ -200,7 +200,13 @@ class LENSFIELD_OT_show_picture(bpy.types.Operator):
 
     def execute(self, context):
         path = session.last_render.picture
-        return _present(self, context, path, show_file(bpy.data.images.get(path.name), str(path), path.name))
+        try:
+            image = load_sheet(path) if session.last_render.sheet else show_file(
+                bpy.data.images.get(path.name), str(path), path.name)
+        except InputError as error:
+            self.report({"ERROR"}, one_line(error))
+            return {"CANCELLED"}
+        return _present(self, context, path, image)
 
 
 class LENSFIELD_OT_show_sheet(bpy.types.Operator):
@@ -217,7 +223,10 @@ class LENSFIELD_OT_show_sheet(bpy.types.Operator):
     def execute(self, context):
         try:
             stored = stored_sheet(camera_settings(context.scene).lens_name_or_path())
-            path = stored or draw_sheet(lens_now(context.scene))
+            path = stored or _drawn_sheet(context.scene)
+            if path is None:
+                self.report({"INFO"}, "The lens is being baked: the panel shows its sheet as soon as it is drawn")
+                return {"CANCELLED"}
             image = load_sheet(path)
         except (InputError, OSError, RuntimeError) as error:
             self.report({"ERROR"}, one_line(error))
@@ -225,6 +234,14 @@ class LENSFIELD_OT_show_sheet(bpy.types.Operator):
         if not stored:
             image.pack()  # its file is temporary
         return _present(self, context, path, image)
+
+
+def _drawn_sheet(scene):
+    """The file of the lens sheet; in a window, None until it is drawn."""
+    if bpy.app.background:
+        return draw_sheet(lens_now(scene))
+    lens = requested_lens(scene)
+    return lens and drawn_sheet(lens)
 
 
 def _present(operator, context, path, image):

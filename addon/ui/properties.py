@@ -113,8 +113,8 @@ class LensfieldMaterialSpectra(bpy.types.PropertyGroup):
 
 
 def _lasting_number(name):
-    """The number that identifies a lens in a .blend, whatever its position in the list."""
-    return crc32(name.encode()) >> 1  # Blender's enum numbers have 31 bits
+    """The number that identifies a lens or a camera in a .blend, whatever its position in the list."""
+    return crc32(name.encode()) >> 8  # buttons and pickers pass numbers through floats, which are exact to 24 bits
 
 
 def lens_items(self, context):

@@ -18,23 +18,25 @@ from ...engine.runtime.errors import InputError
 from ..job.animation import frames_of
 from ..job.child import apply_command, compare_command, render_command, save_copy, work_folder
 from ..job.finished_passes import passes_left
-from ..job.job import check_output_folder, job_of
+from ..job.job import check_output_folder, folder_for, requested
 from ..job.named_files import check_named_files
-from ..job.refilter import saved_radiance
-from ..job.scene_plan import check_job
+from ..job.photo import chosen_camera
+from ..job.refilter import rendered_state, saved_radiance
+from ..job.scene_plan import check_wavelengths
 from ..job.session import lost_images
-from ..job.source import window_digest
+from ..job.source import check_sources, window_digest
 from ..scene.compositor import (
     fingerprint_now,
     follow_frames,
     forget_fingerprints,
-    laid_fingerprint,
+    key_of,
     lay_into_compositor,
     lens_image,
     show_file,
 )
 from ..scene.requirements import check_scene
 from .areas import fit_picture, image_areas, image_editors, redraw_panels, tool_in_use
+from .lens_worker import requested_lens
 from .previews import load_sheet
 from .render_display import open_as_render
 from .session import ComparedLens, LastRender, LastSheet, session
@@ -79,8 +81,9 @@ class WindowRender:
         return f"{label}, about {left}" if left else label
 
 
-def start(scene, *frames, lens_quality=None):
-    """Start rendering a scene by its settings, in a separate process.
+def start(scene, *frames):
+    """Start rendering a scene by its settings, in a separate process, which also bakes the lens and checks all that
+    depends on it.
 
     Parameters
     ----------
@@ -88,8 +91,6 @@ def start(scene, *frames, lens_quality=None):
         The window's scene.
     frames : str
         Arguments of `lensfield render` that select other frames than the current one.
-    lens_quality : str, optional
-        Quality of the lens that checks the settings; the quality of the render by default.
 
     Returns
     -------
@@ -104,14 +105,17 @@ def start(scene, *frames, lens_quality=None):
     check_named_files()
     check_output_folder(scene)
     check_scene(scene, frames=frames_of(scene) if frames else ())
-    job = job_of(scene, lens_quality=lens_quality)
-    check_job(scene, job)
+    chosen_camera(request := requested(scene))
+    check_wavelengths(request.wavelengths_nm)
+    check_sources(scene)
+    requested_lens(scene)  # raises an error that is known already
+    key_of(scene)
     bpy.context.view_layer.update()  # so that the fingerprint includes the latest changes
     forget_fingerprints()
     remarks, state_now, source = _lost_remarks(), fingerprint_now(scene), window_digest(scene)
     _follow(scene, lambda folder: render_command(scene, save_copy(folder), *frames,
                                                  picture=Path(folder) / PICTURE, state=state_now, source=source),
-            remarks, state_now, job.output_folder, bool(frames))
+            remarks, state_now, folder_for(scene), bool(frames))
     return remarks
 
 
@@ -125,7 +129,7 @@ def start_again(scene):
     """
     check_named_files()
     radiance = saved_radiance(scene)
-    _follow(scene, lambda folder: apply_command(radiance, scene), [], laid_fingerprint(scene))
+    _follow(scene, lambda folder: apply_command(radiance, scene), [], rendered_state(scene, radiance))
 
 
 def start_comparison(scene, lenses, f_numbers, size, samples):

@@ -65,7 +65,7 @@ def channel_name(wavelength_nm: float) -> str:
 
 def write_exr(image: SpectralImage, path: str | os.PathLike, other_planes: dict[str, np.ndarray] | None = None,
               layered: LayeredRadiance | None = None, outside: Sources | None = None,
-              stray: SpectralImage | None = None) -> None:
+              stray: SpectralImage | None = None, attributes: dict[str, str] | None = None) -> None:
     """Write a spectral image to a file, which appears complete or not at all.
 
     Radiance has the layout's attribute `emissiveUnits`. Irradiance, for which the layout defines no unit, does not.
@@ -89,10 +89,12 @@ def write_exr(image: SpectralImage, path: str | os.PathLike, other_planes: dict[
         Sources of stray light beyond the picture's edges, written as in `stored_sources.py`.
     stray : SpectralImage, optional
         The stray light that the image contains.
+    attributes : dict of str, optional
+        Further attributes of the header, for `read_attribute`.
     """
     planes = _spectral_planes(image.cube, image.wavelengths_nm, path) | _rgb_planes(to_rec709(image))
     planes |= detail_planes(image.detail) | (other_planes or {})
-    parts = [(image.quantity, _header(image) | sources_attribute(outside), planes),
+    parts = [(image.quantity, _header(image) | sources_attribute(outside) | (attributes or {}), planes),
              *(_layer_parts(layered, path) if layered else ())]
     if stray:
         parts.append((STRAY_PART, _header(stray), _spectral_planes(stray.cube, stray.wavelengths_nm, path)
@@ -307,6 +309,11 @@ def read_sources(path: str | os.PathLike) -> Sources | None:
     if len(nm) != len(stated_nm) or np.any(np.abs(stated_nm - nm) > CHANNEL_NM):
         raise ImageError(path, f"wavelengths in {ATTRIBUTE}", stated_nm.tolist(), f"expected the picture's {nm}")
     return replace(sources, wavelengths_nm=np.array(nm))
+
+
+def read_attribute(path: str | os.PathLike, name: str) -> str:
+    """The text of an attribute of a file's header; "" without it."""
+    return str(read_parts(path, header_only=True)[0][0].get(name, ""))
 
 
 def read_stray(path: str | os.PathLike) -> SpectralImage | None:

@@ -31,12 +31,12 @@ def lay(scene, folder, frames=(1,), colour=(5.0, 3.0, 2.0), shape=(36, 48)):
     """Add lens images of a single colour each, times the frame, to the compositor; returns their paths."""
     paths = []
     for frame in frames:
-        paths.append(folder / f"{bpy.path.clean_name(scene.name)}_{frame:04d}_lens_image.exr")
+        paths.append(folder / f"unsaved_{bpy.path.clean_name(scene.name)}_{frame:04d}_lens_image.exr")
         write_rgb_exr(np.full((*shape, 3), np.array(colour) * frame), paths[-1], np.full(shape, 0.5))
         write_plane_exr(np.full(shape, 7.0 * frame), folder / paths[-1].name.replace("lens_image", "depth"))
         write_rgb_exr(np.full((*shape, 3), 0.5 * frame), folder / paths[-1].name.replace("lens_image", "stray_light"))
     for name in ("relative_illumination", "stmap_distort", "stmap_undistort"):
-        write_plane_exr(np.full(shape, 0.25), folder / f"{bpy.path.clean_name(scene.name)}_{name}.exr")
+        write_plane_exr(np.full(shape, 0.25), folder / f"unsaved_{bpy.path.clean_name(scene.name)}_{name}.exr")
     lay_into_compositor(scene, *paths)
     return paths
 

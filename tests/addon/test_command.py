@@ -106,12 +106,12 @@ def test_render_then_filter_agree(blend, tmp_path):
     assert frame["frame"] == 2 and frame["plan"]["section_size"] == 16 and frame["passes"] == 1
     assert frame["energy"]["out_w_per_nm"] == pytest.approx(frame["energy"]["in_w_per_nm"], rel=1e-12)
 
-    radiance = out / "Scene_0002_radiance.exr"
+    radiance = out / "scene_with_space_Scene_0002_radiance.exr"
     completed = lensfield("filter", radiance, "--lens", "edmund-54852", "--section-size", 16,
                           "--output", tmp_path / "again.exr", "--preview", tmp_path / "again.png")
     assert completed.returncode == 0, completed.stderr
     assert completed.stdout.splitlines()[0] == plan
-    again, first = read_exr(tmp_path / "again.exr"), read_exr(out / "Scene_0002_irradiance.exr")
+    again, first = read_exr(tmp_path / "again.exr"), read_exr(out / "scene_with_space_Scene_0002_irradiance.exr")
     assert np.array_equal(again.cube, first.cube)
     assert (tmp_path / "again.png").read_bytes().startswith(b"\x89PNG")
 
@@ -124,17 +124,17 @@ def test_the_command_line_defaults_to_the_scenes_settings(scene, tmp_path):
     blend = tmp_path / "scene.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(blend))
     assert bpy.ops.lensfield.render() == {"FINISHED"}
-    expected = read_exr(tmp_path / "pictures" / "Scene_0001_irradiance.exr")
+    expected = read_exr(tmp_path / "pictures" / "scene_Scene_0001_irradiance.exr")
     completed = lensfield("render", blend, "--output", tmp_path / "same")
     assert completed.returncode == 0, completed.stderr
-    same = read_exr(tmp_path / "same" / "Scene_0001_irradiance.exr")
+    same = read_exr(tmp_path / "same" / "scene_Scene_0001_irradiance.exr")
     assert np.array_equal(same.cube, expected.cube) and same.grid == expected.grid
     completed = lensfield("render", blend, "--wavelengths", "480,640", "--accuracy", "0.1", "--report",
                           tmp_path / "report.json")
     assert completed.returncode == 0, completed.stderr
     report = json.loads((tmp_path / "report.json").read_text())
     assert report["rendered_nm"] == [480, 640] and report["plan"]["method"] != "paper"
-    assert not np.array_equal(read_exr(tmp_path / "pictures" / "Scene_0001_irradiance.exr").cube, expected.cube)
+    assert not np.array_equal(read_exr(tmp_path / "pictures" / "scene_Scene_0001_irradiance.exr").cube, expected.cube)
 
 
 def test_a_copy_elsewhere_finds_files_next_to_the_original(scene, tmp_path):
@@ -154,7 +154,7 @@ def test_a_copy_elsewhere_finds_files_next_to_the_original(scene, tmp_path):
     assert completed.returncode == 1 and "own.npz: lens is missing" in completed.stderr
     completed = lensfield(*arguments, "--blend-folder", tmp_path)
     assert completed.returncode == 0, completed.stderr
-    cube = read_exr(tmp_path / "lensfield" / "Scene_0001_irradiance.exr").cube
+    cube = read_exr(tmp_path / "lensfield" / "copy_Scene_0001_irradiance.exr").cube
     assert cube[1].min() > 100 * cube[0].max()
     assert [path.name for path in elsewhere.iterdir()] == ["copy.blend"]
 
@@ -195,7 +195,7 @@ def processor_s(process):
 @pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_stopped_render_leaves_only_its_depth_samples(blend, tmp_path, stop):
     """During a Cycles pass that would take minutes."""
-    temporary, passes = tmp_path / "temporary", tmp_path / "out" / ".lensfield" / "Scene_0001_passes"
+    temporary, passes = tmp_path / "temporary", tmp_path / "out" / ".lensfield" / "scene_with_space_Scene_0001_passes"
     temporary.mkdir()
     process = subprocess.Popen(
         [sys.executable, "-c", "from lensfield.cli import console; console()", "render", str(blend), "--lens",
@@ -245,7 +245,7 @@ def test_blenders_command_line_runs_the_same_command(blend, tmp_path, monkeypatc
 def test_another_lens_can_be_applied_to_a_saved_picture(blend, tmp_path):
     completed = lensfield("render", blend, "--lens", "tessar-50mm", "--wavelengths", 550, "--output", tmp_path / "out")
     assert completed.returncode == 0, completed.stderr
-    radiance = tmp_path / "out" / "Scene_0001_radiance.exr"
+    radiance = tmp_path / "out" / "scene_with_space_Scene_0001_radiance.exr"
     completed = lensfield("apply", radiance, "--lens", "nikkor-28mm", "--lens-quality", "preview", "--stray", "veil",
                           "--glare-index", 4, "--report", tmp_path / "report.json")
     assert completed.returncode == 0 and "takes a sensor of 18.3 x 13.7 mm" in completed.stdout, completed.stderr
@@ -253,7 +253,7 @@ def test_another_lens_can_be_applied_to_a_saved_picture(blend, tmp_path):
     assert report["radiance"] == str(radiance) and 0.03 < report["stray_light"]["shares"]["veil"] < 0.2
     listed = {line for line in completed.stdout.splitlines() if line.startswith(str(tmp_path))}
     assert listed == {str(path) for path in (tmp_path / "out").iterdir()}, "no raw file without a camera"
-    assert read_exr(tmp_path / "out" / "Scene_0001_irradiance.exr").lens_name == "nikkor-28mm"
+    assert read_exr(tmp_path / "out" / "scene_with_space_Scene_0001_irradiance.exr").lens_name == "nikkor-28mm"
 
 
 def test_one_process_serves_successive_commands(tmp_path):

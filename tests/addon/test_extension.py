@@ -86,7 +86,7 @@ def test_package_installs_enables_and_renders(package, tmp_path):
     completed = subprocess.run([sys.executable, "-c", USE_INSTALLED, package, str(tmp_path / "user"), tmp_path / "out"],
                                capture_output=True, text=True, timeout=LAST_RESORT_S, env=environment, cwd=tmp_path)
     assert completed.returncode == 0 and "installed and used" in completed.stdout, completed.stdout + completed.stderr
-    assert (tmp_path / "out" / "Scene_0001_lens_image.exr").is_file()
+    assert (tmp_path / "out" / "unsaved_Scene_0001_lens_image.exr").is_file()
     plans = tmp_path / "user" / "extensions" / ".user" / "user_default" / "lensfield" / "cache" / "plans"
     assert list(plans.iterdir())
 

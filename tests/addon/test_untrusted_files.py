@@ -351,16 +351,16 @@ def test_one_line_states_the_output_folder(paint, job, tmp_path, capfd):
     bpy.context.scene.lensfield.output_folder = "/"
     status, said = lensfield(capfd, "render", saved(job), *LENS, "--output", tmp_path / "out")
     assert status == 0 and said.count("output: ") == 1 and f"output: {tmp_path / 'out'}\n" in said
-    assert (tmp_path / "out" / "Scene_0001_lens_image.exr").is_file()
+    assert (tmp_path / "out" / "scene_Scene_0001_lens_image.exr").is_file()
 
 
 def test_output_does_not_follow_a_link(paint, job, tmp_path, capfd):
     blend = saved(job)
     (job / "lensfield").mkdir()
-    (job / "lensfield" / "Scene_0001_before.png").symlink_to(tmp_path / "away.png")
+    (job / "lensfield" / "scene_Scene_0001_before.png").symlink_to(tmp_path / "away.png")
     for command in ("lint", "render"):
         status, said = lensfield(capfd, command, blend, *LENS)
-        assert status == 1 and "Scene_0001_before.png: file is a link that leaves its folder: remove it" in said
+        assert status == 1 and "scene_Scene_0001_before.png: file is a link that leaves its folder: remove it" in said
     assert not (tmp_path / "away.png").exists()
 
 
@@ -423,7 +423,7 @@ def test_untrusted_jobs_require_output_and_run_no_scripts(paint, job, tmp_path, 
     status, said = untrusted("render", "--report", tmp_path / "report.json")
     assert status == 1 and "report.json: file is outside --output" in said
     status, said = untrusted("render")
-    assert status == 0 and (tmp_path / "out" / "Scene_0001_lens_image.exr").is_file()
+    assert status == 0 and (tmp_path / "out" / "scene_Scene_0001_lens_image.exr").is_file()
     assert not (tmp_path / "ran").exists()
 
 

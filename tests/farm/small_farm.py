@@ -13,7 +13,7 @@ def passes(folder):
 
 def interrupted(folder):
     """Whether a render of two frames has begun, but not ended. A frame's end deletes its passes."""
-    first, second = (folder / f"Scene_000{number}_report.json" for number in (1, 2))
+    first, second = (folder / f"ein_ende_Scene_000{number}_report.json" for number in (1, 2))
     return bool(passes(folder) or first.exists()) and not second.exists()
 
 

@@ -131,5 +131,5 @@ def test_a_task_with_a_killed_worker_loses_no_frames_and_leaves_no_files(blend, 
     assert completed.returncode == 0, completed.stdout
     assert differing(serial, folder) == []
     saved = [line for line in completed.stdout.splitlines() if "Saved: '" in line]
-    assert saved == [f"Saved: '{folder / f'Scene_{frame:04d}_after.png'}'" for frame in (1, 2)]
+    assert saved == [f"Saved: '{folder / f'ein_ende_Scene_{frame:04d}_after.png'}'" for frame in (1, 2)]
     assert len([line for line in completed.stdout.splitlines() if line.startswith("Time: ")]) == 2

@@ -25,7 +25,8 @@ def capture_radius(capture: PixelGrid, lens: RadialLens) -> CaptureRadius | None
         The capture is squeezed.
     """
     if capture.squeeze != lens.squeeze:
-        raise ImageError("image", "squeeze", capture.squeeze, f"expected {lens.squeeze:g}, as of {lens.name}")
+        raise ImageError("radiance", "squeeze", f"{capture.squeeze:.3g}",
+                         f"{lens.name} is not anamorphic and needs an unsqueezed capture: render again through it")
     lens_focal_mm = lens.capture_focal_length_mm
     focal_mm = capture.focal_mm or lens_focal_mm
 

@@ -47,7 +47,7 @@ def curves(block):
 
 
 def level(folder, frame):
-    cube = read_exr(folder / f"Scene_{frame:04d}_radiance.exr").cube
+    cube = read_exr(folder / f"scene_Scene_{frame:04d}_radiance.exr").cube
     return cube[cube > 0].mean()
 
 
@@ -57,7 +57,7 @@ def rendered_frames(animation):
 
 def files(folder):
     """Names of the files of frames."""
-    return {path.name for path in folder.iterdir()} - {f"Scene_{end}" for end in LENS_FILES.values()}
+    return {path.name for path in folder.iterdir()} - {f"scene_Scene_{end}" for end in LENS_FILES.values()}
 
 
 def test_frames_of_an_animation_equal_single_renders(moving_scene, tmp_path):
@@ -66,7 +66,7 @@ def test_frames_of_an_animation_equal_single_renders(moving_scene, tmp_path):
     assert not differences(before, snapshot())
     assert rendered_frames(animation) == [2, 4, 6] and not animation.earlier
     folder = tmp_path / "lensfield"
-    assert files(folder) == {f"Scene_{frame:04d}_{name}" for frame in (2, 4, 6) for name in NAMES}
+    assert files(folder) == {f"scene_Scene_{frame:04d}_{name}" for frame in (2, 4, 6) for name in NAMES}
     levels = [level(folder, frame) for frame in (2, 4, 6)]
     np.testing.assert_allclose(np.array(levels) / levels[0], (1, 2, 3), rtol=1e-5)
     single = addon.render_through_lens(moving_scene, output_folder=tmp_path / "one", frame=4)
@@ -79,7 +79,7 @@ def test_frames_of_an_animation_equal_single_renders(moving_scene, tmp_path):
 def test_existing_frames_are_not_rendered_again(moving_scene, tmp_path):
     folder = tmp_path / "lensfield"
     addon.render_animation(moving_scene, [2, 4])
-    stamps = {path: path.stat().st_mtime_ns for path in folder.glob("Scene_000[24]*")}
+    stamps = {path: path.stat().st_mtime_ns for path in folder.glob("scene_Scene_000[24]*")}
     animation = addon.render_animation(moving_scene, range(2, 7, 2))
     assert rendered_frames(animation) == [6] and list(animation.earlier) == [2, 4]
     assert {path: path.stat().st_mtime_ns for path in stamps} == stamps
@@ -104,7 +104,7 @@ def built_by(path, build):
 @pytest.mark.parametrize("build", ["0123456789abcdef", None])
 def test_frames_of_another_build_are_rendered_again_or_accepted(moving_scene, tmp_path, build):
     addon.render_animation(moving_scene, [2, 4])
-    record = tmp_path / "lensfield" / "Scene_0002_report.json"
+    record = tmp_path / "lensfield" / "scene_Scene_0002_report.json"
     ours = json.loads(record.read_text())["build"]
     built_by(record, build)
     accepted = addon.render_animation(moving_scene, [2, 4], any_build=True)
@@ -127,12 +127,12 @@ def fill_with_zeros(path):
 
 
 DAMAGES = [
-    *(lambda folder, name=name: (folder / f"Scene_0002_{name}").unlink() for name in NAMES),
-    *(lambda folder, name=name: shorten(folder / f"Scene_0002_{name}") for name in NAMES),
-    *(lambda folder, name=name: fill_with_zeros(folder / f"Scene_0002_{name}") for name in NAMES),
-    *(lambda folder, text=text: (folder / "Scene_0002_report.json").write_text(text)
+    *(lambda folder, name=name: (folder / f"scene_Scene_0002_{name}").unlink() for name in NAMES),
+    *(lambda folder, name=name: shorten(folder / f"scene_Scene_0002_{name}") for name in NAMES),
+    *(lambda folder, name=name: fill_with_zeros(folder / f"scene_Scene_0002_{name}") for name in NAMES),
+    *(lambda folder, text=text: (folder / "scene_Scene_0002_report.json").write_text(text)
       for text in ("[]", "{}", "null", '{"job": 1, "sizes": {}}', "\x00")),
-    lambda folder: (folder / "Scene_0002_report.json").write_bytes(b"\xff\xfe")]
+    lambda folder: (folder / "scene_Scene_0002_report.json").write_bytes(b"\xff\xfe")]
 
 
 def test_damaged_frames_are_rendered_again(moving_scene, tmp_path):
@@ -147,7 +147,7 @@ def test_damaged_frames_are_rendered_again(moving_scene, tmp_path):
 
 
 def test_files_of_the_lens_are_written_once_for_all_frames(moving_scene, tmp_path):
-    paths = [tmp_path / "lensfield" / f"Scene_{name}.exr" for name in LENS_FILES]
+    paths = [tmp_path / "lensfield" / f"scene_Scene_{name}.exr" for name in LENS_FILES]
 
     def written(frame):
         addon.render_animation(moving_scene, [frame], lens_quality="preview")
@@ -294,7 +294,7 @@ def test_an_error_names_its_frame_and_leaves_earlier_frames(moving_scene, tmp_pa
     with pytest.raises(InputError, match="^frame 6: camera 'Camera': clipping is 5000 to 1000: "):
         addon.render_animation(moving_scene)
     assert not differences(before, snapshot())
-    assert files(tmp_path / "lensfield") == {f"Scene_{frame:04d}_{name}" for frame in (2, 4) for name in NAMES}
+    assert files(tmp_path / "lensfield") == {f"scene_Scene_{frame:04d}_{name}" for frame in (2, 4) for name in NAMES}
     assert addon.Animation(moving_scene).pending == [6]
 
 
@@ -311,7 +311,7 @@ def test_a_full_disk_is_reported_with_its_frame_and_leaves_no_partial_files(movi
     monkeypatch.setattr(pictures, "write_png", write_or_fail)
     with pytest.raises(InputError, match="^frame 4: render is stopped: No space left on device$"):
         addon.render_animation(moving_scene)
-    assert "Scene_0004_report.json" not in files(tmp_path / "lensfield")
+    assert "scene_Scene_0004_report.json" not in files(tmp_path / "lensfield")
     assert addon.Animation(moving_scene).pending == [4, 6]
     assert not [name for name in files(tmp_path / "lensfield") if name.startswith(".")]
 
@@ -349,7 +349,7 @@ def test_the_command_resumes_after_it_was_stopped(moving_scene, tmp_path):
     bpy.ops.wm.save_mainfile()
     folder, blend = tmp_path / "lensfield", bpy.data.filepath
     process = subprocess.Popen([*COMMAND, blend, "--frames", "2-200"], stderr=subprocess.PIPE, text=True)
-    wait_until(lambda: (folder / "Scene_0003_report.json").is_file() or process.poll() is not None)
+    wait_until(lambda: (folder / "scene_Scene_0003_report.json").is_file() or process.poll() is not None)
     assert process.poll() is None
     process.send_signal(signal.SIGINT)
     _, stderr = process.communicate(timeout=LAST_RESORT_S)
@@ -358,19 +358,19 @@ def test_the_command_resumes_after_it_was_stopped(moving_scene, tmp_path):
     stored = "".join(f"; finished passes are stored in {path}" for path in caches)
     assert stderr.endswith(f"lensfield: cancelled{stored}\n")
     finished = {name[:10] for name in files(folder) if name.endswith("report.json")}
-    assert {"Scene_0002", "Scene_0003"} <= finished
+    assert {"scene_Scene_0002", "scene_Scene_0003"} <= finished
     assert {name for name in files(folder) if name.startswith(".")} <= {".lensfield"}  # passes of the next frame
     assert not list(folder.glob(".lensfield/*.lock"))
-    stamps = {path: path.stat().st_mtime_ns for path in folder.glob("Scene_000[23]_*")}
+    stamps = {path: path.stat().st_mtime_ns for path in folder.glob("scene_Scene_000[23]_*")}
     last = len(finished) + 2  # which does not exist yet
     result = lensfield(blend, "--frames", f"2-{last}", "--report", tmp_path / "report.json")
     assert result.returncode == 0, result.stderr
     assert {path: path.stat().st_mtime_ns for path in stamps} == stamps
     assert "1 frame in " in result.stdout and f"; {len(finished)} already finished" in result.stdout
     assert [Path(line).name for line in result.stdout.splitlines() if line.startswith(str(folder))] == [
-        f"Scene_{last:04d}_{name}" for name in NAMES] + [f"Scene_{end}" for end in LENS_FILES.values()]
+        f"scene_Scene_{last:04d}_{name}" for name in NAMES] + [f"scene_Scene_{end}" for end in LENS_FILES.values()]
     frames = json.loads((tmp_path / "report.json").read_text())["frames"]
     assert [frame["frame"] for frame in frames] == list(range(2, last + 1))
     result = lensfield(blend, "--frames", "scene")
     assert f"{sum(frame > last for frame in (2, 4, 6))} frame" in result.stdout or "nothing to render" in result.stdout
-    assert result.returncode == 0 and (folder / "Scene_0006_report.json").is_file()
+    assert result.returncode == 0 and (folder / "scene_Scene_0006_report.json").is_file()

@@ -153,7 +153,7 @@ def test_a_child_reports_progress_and_updates_its_picture(coloured_scene, tmp_pa
     labels = list(dict.fromkeys(label for _, label in progress if label))
     passes = (label.partition(":")[0].partition(",")[0] for label in labels if label.startswith("Pass"))
     assert list(dict.fromkeys(passes)) == ["Pass 1 of 2", "Pass 2 of 2"]
-    assert render.status["lens_image"] == str(tmp_path / "out" / "Scene_0001_lens_image.exr")
+    assert render.status["lens_image"] == str(tmp_path / "out" / "unsaved_Scene_0001_lens_image.exr")
     assert len(pictures) == 2
     with Image.open(tmp_path / "picture.png") as picture:
         assert picture.size == (200, 150) and np.ptp(np.array(picture)) > 50

@@ -7,9 +7,9 @@ from PIL import Image
 
 from lensfield import addon
 from lensfield.addon.job import comparison as comparison_module
+from lensfield.addon.scene.look import look_of, shown_pixels
 from lensfield.cli import main
 from lensfield.engine import InputError, Options
-from lensfield.engine.pictures.preview import auto_exposure, srgb_pixels
 from lensfield.engine.pictures.spectral_exr import read_exr, read_parts, read_with_layers
 from lensfield.engine.plan.options import TIER_ACCURACY
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
@@ -18,7 +18,7 @@ from small_scenes import WAVELENGTHS_NM, material, wall
 
 pytestmark = pytest.mark.one_blender
 
-SHARP, FAST, WIDE = "tessar-50mm", "angenieux-50mm", "muller-fisheye-25mm"
+SHARP, FAST, WIDE, ANAMORPHIC = "tessar-50mm", "angenieux-50mm", "muller-fisheye-25mm", "cooke-42mm-2x"
 QUICK = {"wavelengths_nm": WAVELENGTHS_NM, "spectral": SpectralOptions("preview"),
          "options": Options(accuracy=TIER_ACCURACY["preview"])}
 
@@ -49,11 +49,10 @@ def lens_image(folder):
 
 
 def test_each_picture_equals_the_lens_applied_to_the_capture(squares, tmp_path):
-    """Bit for bit, at the actual f-number; and on the sheet at one exposure for all."""
+    """Bit for bit, at the actual f-number; and on the sheet in the look of the scene."""
     comparison, sheet = compared(squares, [SHARP, FAST], [2, 8], tmp_path, **QUICK)
     assert [cell.folder for cell, _ in sheet.cells] == [
         f"{SHARP}_f5.5", f"{SHARP}_f8", f"{FAST}_f2", f"{FAST}_f8"]
-    exposure = auto_exposure(np.concatenate([lens_image(tmp_path / cell.folder) for cell, _ in sheet.cells]))
     shown = Image.open(sheet.path)
     for (cell, box), f_number in zip(sheet.cells, [2, 8] * 2, strict=True):
         applied = addon.apply_lens(comparison.radiance, lens=cell.lens, view="camera", f_number=f_number, focus=1000.0,
@@ -61,7 +60,7 @@ def test_each_picture_equals_the_lens_applied_to_the_capture(squares, tmp_path):
         picture, = (tmp_path / cell.folder).glob("*_irradiance.exr")
         assert np.array_equal(read_exr(applied.irradiance).cube, read_exr(picture).cube)
         assert "border" not in "".join(applied.messages)
-        pixels = srgb_pixels(lens_image(tmp_path / cell.folder), exposure)
+        pixels = shown_pixels(lens_image(tmp_path / cell.folder), look_of(squares))
         assert np.array_equal(np.asarray(shown.crop(box)), pixels)
     assert f"{comparison.sheet} in " in sheet.messages[0] and "1 Cycles render at" in sheet.messages[1]
 
@@ -87,7 +86,7 @@ def test_pictures_have_the_requested_stray_light(squares, tmp_path, capfd, by):
     if by == "scene":
         squares.lensfield.stray_light, squares.lensfield.stray_parts = "PARTS", {"VEIL"}
     squares.lensfield.glare_index = 2.0
-    blend, capture = tmp_path / "scene.blend", tmp_path / "one" / "capture" / "Scene_0001_radiance.exr"
+    blend, capture = tmp_path / "scene.blend", tmp_path / "one" / "capture" / "scene_Scene_0001_radiance.exr"
     bpy.ops.wm.save_as_mainfile(filepath=str(blend))
     given = [] if by == "scene" else ["--stray", "veil", "--glare-index", "2"]
     for source, name, options in ((blend, "one", given), (capture, "two", ["--stray", "veil", "--glare-index", "2"]),
@@ -98,6 +97,25 @@ def test_pictures_have_the_requested_stray_light(squares, tmp_path, capfd, by):
     veils = [read_parts(next((tmp_path / name).glob("*_f*/*_stray_light.exr")))[0][1]["G"]
              for name in ("one", "two", "dark")]
     assert veils[0].min() > 0 and np.array_equal(veils[0], veils[1]) and not veils[2].any()
+
+
+@pytest.mark.parametrize("aspect", [1.0, 2.0])
+def test_an_anamorphic_lens_shows_the_same_view_on_the_sheet(squares, tmp_path, aspect):
+    """With the squeeze undone, also in a scene whose pixels have it; and the scene stays as it was."""
+    render = squares.render
+    render.resolution_x, render.pixel_aspect_x = round(96 / aspect), aspect
+    render.resolution_y, squares.cycles.samples = 72, 64
+    comparison, sheet = compared(squares, [FAST, ANAMORPHIC], [8], tmp_path, **QUICK | {"look": "standard"})
+    assert (render.resolution_x, render.resolution_y, render.pixel_aspect_x) == (round(96 / aspect), 72, aspect)
+    squeezes = [read_exr(each.radiance).squeeze for each in comparison.captures]
+    assert squeezes[0] == 1 and squeezes[1] == pytest.approx(1.98, abs=0.01)
+    assert [(right - left, bottom - top) for _, (left, top, right, bottom) in sheet.cells] == [(96, 72)] * 2
+    shown, places = Image.open(sheet.path).convert("L"), []
+    for _, box in sheet.cells:
+        pixels = np.asarray(shown.crop(box), float)
+        bright = np.argwhere(pixels > (pixels.min() + pixels.max()) / 2)
+        places.append((*bright.mean(axis=0), *bright.std(axis=0)))
+    np.testing.assert_allclose(*places, atol=1.0)
 
 
 def test_layers_are_captured_if_any_lens_needs_them(squares, tmp_path):
@@ -126,7 +144,7 @@ def test_what_a_lens_does_not_have_is_announced_and_shown(squares, tmp_path):
                                 "Zeiss Tessar 50 mm f/5.5: f/2.8: this lens's range is f/5.5 to f/22: set to f/5.5")
     assert [[cell.label for cell in row] for row in comparison.rows] == [
         ["Zeiss Tessar 50 mm f/5.5"] * 2, ["Angénieux 50 mm f/1.1 at f/2", "Angénieux 50 mm f/1.1 at f/2.8"]]
-    assert len(comparison.fields) == 3  # the Tessar's picture is shared
+    assert len(comparison.pictures) == 3  # the Tessar's picture is shared
     squares.camera.data.dof.use_dof = False
     (cell,), = addon.plan_comparison(squares, [FAST], output_folder=tmp_path, **QUICK).rows
     assert cell.label == "Angénieux 50 mm f/1.1" and cell.rings.focus_mm is None  # wide open, at infinity
@@ -142,7 +160,7 @@ def test_requests_that_cannot_be_met_are_refused_before_the_render(squares, tmp_
     refused([SHARP, "no-such-lens"], "no-such-lens: lens is missing")
     refused([SHARP], "depth is traced: expected auto or off: a traced lens stores no light", depth="traced")
     refused([SHARP], "wavelength is 390 nm: the lens data spans 400 to 700 nm", wavelengths_nm=(390.0, 550.0))
-    own = tmp_path / f"{SHARP}_f8" / "Scene_0001_after.png"
+    own = tmp_path / f"{SHARP}_f8" / "unsaved_Scene_0001_after.png"
     own.parent.mkdir()
     own.write_text("mine")
     with pytest.raises(InputError, match="an existing file that Lensfield did not write"):
@@ -157,7 +175,7 @@ def test_the_command_compares_at_the_current_frame(squares, tmp_path, capfd):
                  str(tmp_path / "out"), "--wavelengths", "450,550,650", "--samples", "1",
                  "--report", str(tmp_path / "report.json")]) == 0
     printed = capfd.readouterr().out
-    sheet = tmp_path / "out" / "Scene_0007_contact_sheet.png"
+    sheet = tmp_path / "out" / "scene_Scene_0007_contact_sheet.png"
     assert f"{sheet} in " in printed and sheet.is_file() and (tmp_path / "report.json").is_file()
     assert {path.name for path in sheet.parent.iterdir()} == {
         sheet.name, comparison_module.CAPTURE, f"{SHARP}_f8", f"{FAST}_f8", f"{WIDE}_f8"}

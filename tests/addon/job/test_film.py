@@ -125,5 +125,5 @@ def test_the_report_names_the_files(glowing, tmp_path):
     result.report.write(tmp_path / "report.json")
     named = json.loads((tmp_path / "report.json").read_text())["files"]
     assert set(named.values()) == {str(path) for path in result.files} and all(path.is_file() for path in result.files)
-    assert named["stmap_distort"] == str(tmp_path / "Scene_stmap_distort.exr")
-    assert bpy.path.basename(named["depth"]) == "Scene_0001_depth.exr"
+    assert named["stmap_distort"] == str(tmp_path / "unsaved_Scene_stmap_distort.exr")
+    assert bpy.path.basename(named["depth"]) == "unsaved_Scene_0001_depth.exr"

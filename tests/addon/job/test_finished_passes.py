@@ -114,7 +114,7 @@ def test_a_render_resumes_to_the_same_bytes_with_any_cycles_feature(deep, tmp_pa
 def test_a_render_waits_for_another_process_that_captures_the_same(deep, tmp_path):
     renders = render_to_end(deep, tmp_path / "whole")
     stopped(deep, tmp_path / "one", 6)
-    with another(tmp_path / "one" / "Scene_0001_passes"):
+    with another(tmp_path / "one" / "scene_Scene_0001_passes"):
         steps = render_steps(deep, job_in(deep, tmp_path / "one"))
         assert [next(steps).label for _ in range(2)] == ["Waiting for another process to capture the frame"] * 2
         steps.close()
@@ -161,12 +161,12 @@ def test_passes_are_not_cached_without_a_source_digest_or_disk_space(deep, tmp_p
     assert not passes(tmp_path / "one")
 
 
-@pytest.mark.parametrize("link", [".lensfield", ".lensfield/Scene_0001_passes"])
+@pytest.mark.parametrize("link", [".lensfield", ".lensfield/scene_Scene_0001_passes"])
 def test_links_in_a_foreign_folder_are_not_followed(deep, tmp_path, link):
     stopped(deep, tmp_path / "one", 6)
     digest, names = passes(tmp_path / "one")[0].parent.name, [path.name for path in passes(tmp_path / "one")]
     shutil.rmtree(tmp_path / "one" / ".lensfield")
-    precious = tmp_path / "precious" / "Scene_0001_passes" / digest / "file"
+    precious = tmp_path / "precious" / "scene_Scene_0001_passes" / digest / "file"
     for place in (precious, *(path.with_name("file") for path in (precious.parent, precious.parents[1]))):
         place.parent.mkdir(parents=True, exist_ok=True)
         place.write_text("precious")
@@ -181,7 +181,7 @@ def test_links_in_a_foreign_folder_are_not_followed(deep, tmp_path, link):
         (tmp_path / "one" / link).parent.mkdir(exist_ok=True)
     assert precious.read_text() == "precious" and len(list(target.rglob("file"))) == (3 if link == ".lensfield" else 2)
     for name in names:  # and of single passes
-        cached_pass = tmp_path / "two" / ".lensfield" / "Scene_0001_passes" / digest / name
+        cached_pass = tmp_path / "two" / ".lensfield" / "scene_Scene_0001_passes" / digest / name
         cached_pass.parent.mkdir(parents=True, exist_ok=True)
         cached_pass.symlink_to(precious)
     stopped(deep, tmp_path / "two", 6)
@@ -260,7 +260,7 @@ def test_a_scene_does_not_depend_on_files_of_its_renders(deep, tmp_path):
 def test_a_frame_being_rendered_by_another_process_is_left_to_it(deep, tmp_path):
     result = Result.of(deep, tmp_path, 1)
     with another(result.record):
-        with pytest.raises(Busy, match="Scene_0001_report.json: file is being written by another process: wait"):
+        with pytest.raises(Busy, match="scene_Scene_0001_report.json: file is being written by another process: wait"):
             addon.render_through_lens(deep, output_folder=tmp_path, frame=1, **OPTIONS)
         animation = addon.render_animation(deep, [1, 2], output_folder=tmp_path, **OPTIONS)
         assert list(animation.results) == [2] and animation.elsewhere == [1]
@@ -331,7 +331,7 @@ def test_a_file_left_half_written_by_another_process_is_removed_at_the_end(deep,
     addon.render_animation(deep, [1], output_folder=tmp_path, **OPTIONS)
     ended = subprocess.Popen([sys.executable, "-c", ""])
     ended.wait()
-    left = tmp_path / f"{files.HALF}{files._machine()}-{ended.pid}-Scene_0001_radiance-abc.exr"
+    left = tmp_path / f"{files.HALF}{files._machine()}-{ended.pid}-scene_Scene_0001_radiance-abc.exr"
     left.write_text("half")
     assert list(addon.render_animation(deep, frames, output_folder=tmp_path, **OPTIONS).results) == frames[1:]
     assert not left.exists() and not list(tmp_path.glob(f"{files.HALF}*"))

@@ -97,7 +97,8 @@ def test_one_capture_serves_all_frames(rack, captures, tmp_path):
     assert animation.plan in animation.summary
     results = animation.results.values()
     assert len({os.stat(result.radiance).st_ino for result in results}) == 1
-    assert all((tmp_path / f"Scene_{frame:04d}_{name}").is_file() for frame in FRAMES for name in FRAME_FILES.values())
+    assert all((tmp_path / f"unsaved_Scene_{frame:04d}_{name}").is_file()
+               for frame in FRAMES for name in FRAME_FILES.values())
     near, far = (animation.results[frame].report.scene.depth.near_mm for frame in (1, 5))
     assert near < 1e3 * NEAR_M < far < 1e3 * FAR_M
     assert not addon.Animation(rack, FRAMES, output_folder=tmp_path, **OPTIONS).pending
@@ -212,7 +213,7 @@ def test_the_command_announces_the_single_capture_first(rack, tmp_path):
     output, first, *_ = result.stdout.splitlines()
     assert output == f"output: {tmp_path}"
     assert first == "2 frames from one capture: only focus and f-stop change"
-    assert (tmp_path / "Scene_0001_radiance.exr").samefile(tmp_path / "Scene_0003_radiance.exr")
+    assert (tmp_path / "unsaved_Scene_0001_radiance.exr").samefile(tmp_path / "unsaved_Scene_0003_radiance.exr")
 
 
 def test_one_capture_supports_film_and_region(rack, cut, tmp_path):

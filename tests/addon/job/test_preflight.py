@@ -104,7 +104,7 @@ def a_file_in_the_way(scene, tmp_path):
 
 
 def a_folder_for_a_file(scene, tmp_path):
-    (tmp_path / "out" / "Scene_0001_lens_image.exr").mkdir(parents=True)
+    (tmp_path / "out" / "unsaved_Scene_0001_lens_image.exr").mkdir(parents=True)
 
 
 def linked_camera(scene, tmp_path):

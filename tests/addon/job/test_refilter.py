@@ -10,7 +10,14 @@ import pytest
 from lensfield import addon
 from lensfield.addon.job import refilter
 from lensfield.engine import ImageError, InputError, Options, load_lens
-from lensfield.engine.pictures.spectral_exr import read_exr, read_parts, read_with_planes, write_exr
+from lensfield.engine.field.field_map import field_map
+from lensfield.engine.pictures.spectral_exr import (
+    read_exr,
+    read_parts,
+    read_with_layers,
+    read_with_planes,
+    write_exr,
+)
 from lensfield.engine.runtime import scratch
 from lensfield.engine.stray.options import StrayOptions
 from noise import assert_means
@@ -178,6 +185,31 @@ def test_an_animation_treats_a_frame_with_another_lens_as_pending(window, tmp_pa
     assert addon.Animation(window, [1], **options).pending == [1]
 
 
+@pytest.mark.parametrize("depth", ["auto", "off"])
+def test_a_few_missing_pixels_of_overscan_are_repeated(window, tmp_path, depth):
+    """A capture with one pixel less on each side gives nearly the same picture, and says so."""
+    original = rendered(window, tmp_path, "nikkor-28mm", depth=depth)
+    complete = apply_lens(original.radiance, "nikkor-28mm", tmp_path / "complete", depth=depth)
+    radiance, planes, layers = read_with_layers(original.radiance)
+    needed = field_map(load_lens("nikkor-28mm", quality="preview")).overscan_px(
+        radiance.grid, radiance.wavelengths_nm, 0)
+    margin = [own - least + 1 for own, least in zip(radiance.overscan_px, needed, strict=True)]
+    inside = tuple(slice(rim, n - rim) for rim, n in zip(margin, radiance.grid.shape_px, strict=True))
+    short = replace(radiance, cube=radiance.cube[:, *inside], grid=radiance.grid.cropped(margin),
+                    detail=radiance.detail and radiance.detail.within(*inside))
+    if layers:
+        layers = layers.cropped(np.subtract(layers.grid.on_sensor().overscan_px, short.overscan_px))
+    path = tmp_path / "short_0001_radiance.exr"
+    write_exr(short, path, {"Z": planes["Z"][inside]}, layers)
+    applied = apply_lens(path, "nikkor-28mm", tmp_path / "short", depth=depth)
+    assert any("nikkor-28mm shows 1 px more beyond the frame than was captured" in line for line in applied.messages)
+    assert not any("than was captured" in line for line in complete.messages)
+    (first, second) = (read_exr(result.irradiance).cube for result in (applied, complete))
+    assert first.shape == second.shape and first[:, (0, -1)].min() > 0
+    assert np.abs(first - second)[:, 2:-2, 2:-2].max() < 0.02 * second.max()
+    assert np.abs(first - second).max() < 0.2 * second.max()
+
+
 def test_extra_room_serves_lenses_that_need_more_overscan(window, tmp_path):
     window.render.resolution_x, window.render.resolution_y, window.cycles.samples = 192, 144, 1
     original = rendered(window, tmp_path, "tessar-50mm", room=0.1)
@@ -194,7 +226,7 @@ def test_bad_input_names_the_remedy(window, tmp_path):
     write_exr(replace(image, focal_mm=None), old, {"Z": planes["Z"]})
     for path, words in ((old, "older Lensfield wrote the file: render again"),
                         (tmp_path / "Gone_0001_radiance.exr", "is missing"),
-                        (original.irradiance, "such as Scene_0001_radiance.exr")):
+                        (original.irradiance, "such as unsaved_Scene_0001_radiance.exr")):
         with pytest.raises(InputError, match=words):
             apply_lens(path, "tessar-50mm")
     with pytest.raises(InputError, match="one of lens, camera, phone"):
@@ -202,7 +234,7 @@ def test_bad_input_names_the_remedy(window, tmp_path):
 
 
 def test_fields_that_need_a_scene_are_refused(tmp_path):
-    path = tmp_path / "Scene_0001_radiance.exr"
+    path = tmp_path / "unsaved_Scene_0001_radiance.exr"
     with pytest.raises(TypeError, match="unexpected keyword argument 'denoise'"):
         addon.apply_lens(path, lens="tessar-50mm", denoise="on")
     with pytest.raises(InputError, match="focus is camera: expected a distance"):

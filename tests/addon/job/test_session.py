@@ -87,6 +87,6 @@ def test_a_window_render_shows_unsaved_paint(painted, scene, tmp_path, source):
         follow()
     finally:
         window_render.end()
-    with OpenEXR.File(str(tmp_path / "lensfield" / "Scene_0001_lens_image.exr"), separate_channels=True) as file:
+    with OpenEXR.File(str(tmp_path / "lensfield" / "scene_Scene_0001_lens_image.exr"), separate_channels=True) as file:
         middle = [file.parts[0].channels[name].pixels[17:19, 23:25].mean() for name in "RGB"]
     np.testing.assert_allclose(middle, (0.6, 0.4, 0.2), rtol=0.02)

@@ -105,7 +105,7 @@ def test_slabs_together_equal_a_single_render(deep, cut, tmp_path):
     single, flat, layered = both(deep, tmp_path)
     assert_same_as_single(single, flat)
     assert len(layered.layers) == len(CUT_MM) + 2  # plus the sky
-    assert layered.focal_mm == read_exr(tmp_path / "auto" / "Scene_0001_radiance.exr").focal_mm
+    assert layered.focal_mm == read_exr(tmp_path / "auto" / "unsaved_Scene_0001_radiance.exr").focal_mm
 
 
 @pytest.mark.one_blender
@@ -228,7 +228,7 @@ def transparent_film(scene):
 def test_slabs_work_with_a_render_region(deep, cut, tmp_path):
     render_region(deep)
     single, flat, _ = both(deep, tmp_path)
-    region = read_with_planes(tmp_path / "auto" / "Scene_0001_radiance.exr")[1]["region"]
+    region = read_with_planes(tmp_path / "auto" / "unsaved_Scene_0001_radiance.exr")[1]["region"]
     inside = np.ix_(*(np.flatnonzero((region == 1).any(axis=axis)) for axis in (1, 0)))
     assert_alike(*(cube[:, *inside] for cube in (single, flat)))
 
@@ -382,6 +382,17 @@ def fog(scene):
     scatter, output = (tree.nodes.new(f"ShaderNode{kind}") for kind in ("VolumeScatter", "OutputMaterial"))
     tree.links.new(scatter.outputs[0], output.inputs["Volume"])
     bpy.context.object.data.materials.append(dust)
+
+
+def test_depth_behind_clear_panes_is_that_of_the_wall(scene, tmp_path):
+    """Six tinted panes that let two thirds of the light through; the lens is focused on the wall."""
+    wall(scene, material("Wall", "ShaderNodeEmission")[0], 0.25, 1.0)
+    pane = material("Pane", "ShaderNodeBsdfTransparent", (0.9, 0.6, 0.5))[0]
+    for distance_m in np.linspace(0.05, 0.2, 6):
+        wall(scene, pane, distance_m, 0.02).location.x = 0.01
+    assert scene.cycles.min_transparent_bounces == 0
+    depth_m = read_with_planes(rendered(scene, tmp_path)[0].radiance)[1]["Z"]
+    np.testing.assert_allclose(depth_m, 0.25, rtol=1e-5)
 
 
 @pytest.mark.parametrize("projection, volume_ends_mm, body_ends_mm", [

@@ -92,8 +92,8 @@ def test_a_picture_that_only_the_compositor_uses_is_overwritten(quick_scene):
     addon.render_through_lens(quick_scene, to_compositor=True, **OPTIONS)
 
 
-@pytest.mark.parametrize("name, refused", [("Scene_0001_report.json", True), ("Any_-0012_REPORT.json", True),
-                                           ("Scene_0001_after.png", True), ("report.json", False),
+@pytest.mark.parametrize("name, refused", [("unsaved_Scene_0001_report.json", True), ("Any_-0012_REPORT.json", True),
+                                           ("unsaved_Scene_0001_after.png", True), ("report.json", False),
                                            ("Scene_report.json", False)])
 def test_a_report_cannot_have_the_name_of_a_frame_file(tmp_path, name, refused):
     addon.check_next_to_frames(tmp_path / "elsewhere", tmp_path / name)

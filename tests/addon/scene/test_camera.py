@@ -17,6 +17,7 @@ from lensfield.addon.scene.camera import (
     set_up_capture,
 )
 from lensfield.addon.scene.errors import SceneError
+from lensfield.addon.scene.lens_facts import facts_of
 from lensfield.addon.scene.undo import Journal
 from lensfield.engine import Options, SpectralImage, load_lens, simulate
 from lensfield.engine.depth.depth_range import planar_depth_mm
@@ -261,14 +262,14 @@ def test_a_plane_capture_restores_perspective_after_a_panorama(scene, wide):
 
 
 def test_match_camera_to_a_wide_lens_shows_the_exact_frame(scene, tmp_path):
-    match_camera_to_lens(scene.camera.data, wide_lens(), PixelGrid((240, 320), 150.0))
+    match_camera_to_lens(scene.camera.data, facts_of(wide_lens()), PixelGrid((240, 320), 150.0))
     check_camera(scene)
     beads_around(scene)
     assert_lit_places(shoot(scene, tmp_path, (240, 320)), wide_real_height_mm(), 150.0, atol_px=0.3)
 
 
 def test_match_camera_to_a_wide_lens_gives_solid_viewports_the_same_width(scene):
-    match_camera_to_lens(scene.camera.data, wide_lens(), PixelGrid((240, 320), 150.0))
+    match_camera_to_lens(scene.camera.data, facts_of(wide_lens()), PixelGrid((240, 320), 150.0))
     side_deg = np.interp(24.0, wide_real_height_mm(), wide_angles_deg())
     assert np.degrees(np.arctan(CAMERA_SENSOR_MM / 2 / scene.camera.data.lens)) == pytest.approx(side_deg, abs=0.1)
 

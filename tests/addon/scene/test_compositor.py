@@ -141,8 +141,8 @@ def test_a_missing_file_shows_the_blender_render_and_is_reported(scene, tmp_path
     path, = lay(scene, tmp_path)
     path.unlink()
     assert not shows_lens_image(scene, tmp_path)
-    assert compositor_state(scene) == ("plain render, Scene_0001_lens_image.exr is missing", "ERROR")
-    assert lensfield_nodes(scene)[0].label == "Lensfield: plain render, Scene_0001_lens_image.exr is missing"
+    assert compositor_state(scene) == ("plain render, unsaved_Scene_0001_lens_image.exr is missing", "ERROR")
+    assert lensfield_nodes(scene)[0].label == "Lensfield: plain render, unsaved_Scene_0001_lens_image.exr is m"
 
 
 @pytest.mark.parametrize("state", ["x", "[1]", "[" * 10**5, "5", '{"frames": 5}', '{"frames": {"x": 1, "1e9": 2}}', 5,
@@ -238,7 +238,7 @@ def test_a_lens_image_survives_saving_moving_and_reloading(scene, tmp_path):
     bpy.ops.wm.save_as_mainfile(filepath=str(home / "scene.blend"))
     scene.lensfield.output_folder = "//lensfield/"
     lay(scene, home / "lensfield")
-    assert lens_image(scene).filepath == bpy.path.native_pathsep("//lensfield/Scene_0001_lens_image.exr")
+    assert lens_image(scene).filepath == bpy.path.native_pathsep("//lensfield/unsaved_Scene_0001_lens_image.exr")
     bpy.ops.wm.save_mainfile()
     home.rename(tmp_path / "moved")
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "moved" / "scene.blend"))
@@ -428,11 +428,10 @@ def test_operator_renders_with_the_settings(scene, tmp_path, folder):
     settings.wavelength_list = "500, 600"
     settings.output_folder = str(tmp_path / folder)
     assert bpy.ops.lensfield.render() == {"FINISHED"}
-    assert sorted(path.name for path in (tmp_path / folder).iterdir()) == [
-        "Scene_0001_after.png", "Scene_0001_before.png", "Scene_0001_depth.exr", "Scene_0001_irradiance.exr",
-        "Scene_0001_lens_image.exr", "Scene_0001_radiance.exr", "Scene_0001_report.json",
-        "Scene_0001_stray_light.exr", "Scene_relative_illumination.exr", "Scene_stmap_distort.exr",
-        "Scene_stmap_undistort.exr"]
+    assert sorted(path.name for path in (tmp_path / folder).iterdir()) == [f"unsaved_Scene_{end}" for end in (
+        "0001_after.png", "0001_before.png", "0001_depth.exr", "0001_irradiance.exr", "0001_lens_image.exr",
+        "0001_radiance.exr", "0001_report.json", "0001_stray_light.exr", "relative_illumination.exr",
+        "stmap_distort.exr", "stmap_undistort.exr")]
     assert lensfield_nodes(scene)
 
 

@@ -40,7 +40,7 @@ def notice():
 
 
 def frame_file(tmp_path, frame, end="lens_image.exr"):
-    return tmp_path / "lensfield" / f"Scene_{frame:04d}_{end}"
+    return tmp_path / "lensfield" / f"scene_Scene_{frame:04d}_{end}"
 
 
 def heavy(scene, samples):
@@ -77,8 +77,8 @@ def test_a_cancelled_animation_keeps_its_frames_and_resumes_after_them(moving_sc
     assert bpy.ops.lensfield.cancel() == {"FINISHED"}
     assert notice() == "Cancelled\n2 frames are finished; Render Animation continues with the others"
     left = {path.relative_to(tmp_path / "lensfield").parts[1] for path in tmp_path.rglob("*/.lensfield/**/*")}
-    assert not frame_file(tmp_path, 3).exists() and left <= {"Scene_0003_passes", "Scene_0003_passes.lock",
-                                                             "Scene_0003_report.json.lock"}
+    assert not frame_file(tmp_path, 3).exists() and left <= {"scene_Scene_0003_passes", "scene_Scene_0003_passes.lock",
+                                                             "scene_Scene_0003_report.json.lock"}
     assert not list(tmp_path.rglob(f"{HALF}*"))
     stamps = [frame_file(tmp_path, frame, "report.json").stat().st_mtime_ns for frame in (1, 2)]
     assert lens_image(moving_scene)

@@ -48,7 +48,7 @@ def test_ticked_lenses_are_compared_in_the_background_and_one_is_chosen(lit_scen
     assert bpy.ops.lensfield.compare(lenses=ticks(FAST, SHARP), f_stops={"2", "8"}, **size) == {"FINISHED"}
     assert not differences(before, snapshot())
     assert session.last_render.icon == "INFO", session.last_render.lines
-    path = tmp_path / "lensfield" / COMPARISON / "Scene_0001_contact_sheet.png"
+    path = tmp_path / "lensfield" / COMPARISON / "scene_Scene_0001_contact_sheet.png"
     assert session.last_render.sheet == session.last_sheet.path == path and path.is_file()
     assert [(each.lens, each.f_number) for each in session.last_sheet.lenses] == [
         (FAST, 2.0), (FAST, 8.0), (SHARP, 5.5), (SHARP, 8.0)]

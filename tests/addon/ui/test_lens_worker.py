@@ -10,7 +10,7 @@ from layouts import Layout
 from lenses import make_lens
 from lensfield.addon.scene.lens_cache import load_lens
 from lensfield.addon.scene.lens_facts import lens_facts
-from lensfield.addon.ui import lens_worker
+from lensfield.addon.ui import lens_worker, window_render
 from lensfield.addon.ui.panels import draw_settings
 from lensfield.engine import LensError
 from lensfield.engine.field.field_map import field_map
@@ -181,10 +181,15 @@ def test_a_shift_requests_only_lenses_on_a_grid_again(scene, oven):
     assert lens_worker.lens_request(scene) is not tilted
 
 
-def test_quality_at_hand_rises_once_the_lens_is_baked(scene, oven):
-    assert lens_worker.quality_at_hand(scene) == "preview"
-    oven.opened.set()
-    assert answered(scene) and lens_worker.quality_at_hand(scene) == "standard"
+def test_operators_of_a_window_need_no_bake(scene, tmp_path, oven, monkeypatch):
+    """The oven stays closed: neither a render's start nor a matched camera waits for it."""
+    monkeypatch.setattr(window_render, "window_digest", lambda scene: "")
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    scene.camera.data.lensfield.copy = 3
+    assert bpy.ops.lensfield.match_camera() == {"FINISHED"}
+    window_render.start(scene)
+    window_render.end()
+    assert not oven.opened.is_set() and lens_worker.requested_lens(scene) is None
 
 
 def test_a_lens_package_is_fixed(scene, tmp_path):

@@ -296,7 +296,7 @@ def test_an_unsaved_file_renders_to_a_temporary_folder(lit_scene):
     lit_scene.lensfield.tier, lit_scene.cycles.samples = "PREVIEW", 1
     assert bpy.ops.lensfield.render() == {"FINISHED"}
     assert folder_for(lit_scene) == unsaved_folder() / "lensfield"
-    assert (folder_for(lit_scene) / "Scene_0001_lens_image.exr").is_file()
+    assert (folder_for(lit_scene) / "unsaved_Scene_0001_lens_image.exr").is_file()
 
 
 def test_the_panel_shows_the_last_picture_by_name(lit_scene, monkeypatch, tmp_path):

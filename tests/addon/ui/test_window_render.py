@@ -12,7 +12,7 @@ import pytest
 from layouts import Layout
 from lensfield import addon
 from lensfield.addon.job.source import source_digest
-from lensfield.addon.scene.compositor import lens_image
+from lensfield.addon.scene.compositor import compositor_state, fingerprint_anew, lens_image
 from lensfield.addon.ui import window_render
 from lensfield.addon.ui.panels import draw_settings
 from lensfield.addon.ui.session import session
@@ -71,27 +71,66 @@ def notice():
 def test_a_window_render_matches_a_script_and_changes_only_the_compositor(ready_scene, tmp_path):
     before = snapshot()
     render = start()
-    assert not differences(before, snapshot())
+    assert not [line for line in differences(before, snapshot()) if "compositor_key" not in line]
     follow()
     changed = differences(before, snapshot())
     assert changed and not [line for line in changed if not any(word in line for word in COMPOSITOR)]
-    image = tmp_path / "lensfield" / "Scene_0001_lens_image.exr"
+    image = tmp_path / "lensfield" / "scene_Scene_0001_lens_image.exr"
     assert bpy.path.abspath(lens_image(ready_scene).filepath) == str(image)
     assert str(image) in notice() and "Cycles render" in notice()
     assert not Path(render.folder.name).exists()
-    child_s = read_exr(tmp_path / "lensfield" / "Scene_0001_irradiance.exr").cube
+    child_s = read_exr(tmp_path / "lensfield" / "scene_Scene_0001_irradiance.exr").cube
     ready_scene.lensfield.output_folder = "//script"
     assert bpy.ops.lensfield.render() == {"FINISHED"}
-    assert np.array_equal(child_s, read_exr(tmp_path / "script" / "Scene_0001_irradiance.exr").cube)
+    assert np.array_equal(child_s, read_exr(tmp_path / "script" / "scene_Scene_0001_irradiance.exr").cube)
+
+
+@pytest.mark.one_blender
+def test_files_in_one_folder_have_pictures_of_their_own(ready_scene, tmp_path):
+    """Also after Save As, and a renamed scene keeps its render; none is laid as another's."""
+    assert bpy.ops.lensfield.render() == {"FINISHED"}
+    first = (tmp_path / "lensfield" / "scene_Scene_0001_lens_image.exr").read_bytes()
+    ready_scene.name = "Renamed"
+    assert bpy.ops.lensfield.apply_lens() == {"FINISHED"}
+    assert (tmp_path / "lensfield" / "scene_Renamed_0001_lens_image.exr").read_bytes() == first
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "other.blend"))
+    bpy.data.objects["Wall"].location.z -= 1
+    fingerprint_anew(ready_scene)
+    assert bpy.ops.lensfield.apply_lens() == {"FINISHED"}
+    assert compositor_state(ready_scene)[0] == "plain render, the scene has changed since"
+    assert bpy.ops.lensfield.render() == {"FINISHED"}
+    assert compositor_state(ready_scene)[0] == "lens image"
+    assert (tmp_path / "lensfield" / "other_Renamed_0001_lens_image.exr").read_bytes() != first
+    for name in "Scene", "Renamed":
+        assert (tmp_path / "lensfield" / f"scene_{name}_0001_lens_image.exr").read_bytes() == first
+
+
+@pytest.mark.one_blender
+def test_light_of_another_file_is_neither_applied_nor_replaced(ready_scene, tmp_path):
+    folder = str(tmp_path / "pictures")
+    ready_scene.lensfield.output_folder = folder
+    assert bpy.ops.lensfield.render() == {"FINISHED"}
+    (tmp_path / "elsewhere").mkdir()
+    bpy.data.objects["Wall"].location.z -= 1
+    ready_scene.lensfield.compositor_key = ""
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "elsewhere" / "scene.blend"))
+    refused = r"scene_Scene_0001_radiance.exr: {} is rendered from scene 'Scene' of ../scene.blend: {}"
+    with pytest.raises(RuntimeError, match=refused.format("radiance file", "render through the lens first")):
+        bpy.ops.lensfield.apply_lens()
+    with pytest.raises(RuntimeError, match=refused.format("file", "choose another output folder")):
+        bpy.ops.lensfield.render()
+    with pytest.raises(RuntimeError, match=refused.format("file", "choose another output folder")):
+        bpy.ops.lensfield.render_animation()
+    addon.render_through_lens(ready_scene, overwrite=True)
 
 
 @pytest.mark.one_blender
 def test_another_lens_can_be_applied_in_the_background(ready_scene, tmp_path):
     ready_scene.camera.data.lensfield.lens = "tessar-50mm"
-    with pytest.raises(RuntimeError, match="Scene_0001_radiance.exr: radiance file is missing: render through"):
+    with pytest.raises(RuntimeError, match="scene_Scene_0001_radiance.exr: radiance file is missing: render through"):
         bpy.ops.lensfield.apply_lens()
     assert bpy.ops.lensfield.render() == {"FINISHED"}
-    radiance = tmp_path / "lensfield" / "Scene_0001_radiance.exr"
+    radiance = tmp_path / "lensfield" / "scene_Scene_0001_radiance.exr"
     rendered_ns = radiance.stat().st_mtime_ns
     ready_scene.camera.data.lensfield.lens, ready_scene.camera.data.lensfield.view = "cooke-triplet-50mm", "CAMERA"
     before = snapshot()
@@ -100,10 +139,12 @@ def test_another_lens_can_be_applied_in_the_background(ready_scene, tmp_path):
     follow()
     assert "from the light in" in notice() and "cooke-triplet-50mm scaled" in notice()
     assert radiance.stat().st_mtime_ns == rendered_ns
-    pixels = read_exr(radiance.with_name("Scene_0001_irradiance.exr"))
+    pixels = read_exr(radiance.with_name("scene_Scene_0001_irradiance.exr"))
     assert pixels.lens_name.startswith("cooke-triplet-50mm")
     assert bpy.ops.lensfield.apply_lens() == {"FINISHED"}
-    assert np.array_equal(pixels.cube, read_exr(radiance.with_name("Scene_0001_irradiance.exr")).cube)
+    assert np.array_equal(pixels.cube, read_exr(radiance.with_name("scene_Scene_0001_irradiance.exr")).cube)
+    ready_scene.name = "Renamed"
+    assert bpy.ops.lensfield.apply_lens() == {"FINISHED"}
     ready_scene.render.resolution_x = 60
     with pytest.raises(InputError, match="size is 48 x 36 px: the scene's resolution is now 60 x 36 px: render again"):
         window_render.start_again(ready_scene)
@@ -141,7 +182,7 @@ def test_cancelling_a_saved_file_keeps_its_passes_and_reports_them(endless_scene
     start()
     follow(lambda render: list(tmp_path.glob("lensfield/.lensfield/*/*/[!.]*.exr")))
     assert bpy.ops.lensfield.cancel() == {"FINISHED"}
-    passes = tmp_path / "lensfield" / ".lensfield" / "Scene_0001_passes"
+    passes = tmp_path / "lensfield" / ".lensfield" / "scene_Scene_0001_passes"
     assert notice().startswith("Cancelled\n")
     assert f"stored in {passes}: the next render continues from there unless the file changes" in notice()
     assert not list(passes.parent.glob("*.lock"))
@@ -208,7 +249,7 @@ def test_another_file_can_be_opened_during_a_render(ready_scene, tmp_path):
     follow()
     assert not differences(before, snapshot())
     assert "scene 'Scene' is no longer open" in notice()
-    assert (tmp_path / "lensfield" / "Scene_0001_lens_image.exr").is_file()
+    assert (tmp_path / "lensfield" / "scene_Scene_0001_lens_image.exr").is_file()
 
 
 @pytest.mark.one_blender
@@ -219,7 +260,7 @@ def test_the_scene_can_be_renamed_edited_and_saved_elsewhere(ready_scene, tmp_pa
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "elsewhere.blend"))
     follow()
     path = bpy.path.abspath(lens_image(ready_scene).filepath)
-    assert path == str(tmp_path / "lensfield" / "Scene_0001_lens_image.exr")
+    assert path == str(tmp_path / "lensfield" / "scene_Scene_0001_lens_image.exr")
 
 
 @pytest.mark.one_blender
