@@ -18,7 +18,8 @@ def numbers(items):
 
 
 def test_the_enums_of_lenses_and_cameras_are_among_them():
-    assert {"LensfieldCameraSettings.lens", "LensfieldCameraSettings.body", "LENSFIELD_OT_search_lens.lens"} <= ENUMS.keys()
+    names = {"LensfieldCameraSettings.lens", "LensfieldCameraSettings.body", "LENSFIELD_OT_search_lens.lens"}
+    assert names <= ENUMS.keys()
 
 
 @pytest.mark.parametrize("enum", ENUMS)
