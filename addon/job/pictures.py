@@ -7,7 +7,6 @@ import numpy as np
 from ...engine import ChannelCache, SpectralImage, simulate
 from ...engine.field.frame_planes import nearest_samples, pinhole_view, relative_illumination
 from ...engine.field.stmap import distort_map, undistort_map
-from ...engine.image.irradiance import irradiance_per_radiance
 from ...engine.inspection.curves import reference_nm
 from ...engine.pictures.preview import to_rec709
 from ...engine.pictures.spectral_exr import write_exr, write_plane_exr, write_rgb_exr
@@ -80,7 +79,7 @@ def write_film_pictures(film, irradiance, picture, exposure, _, look, lens, resu
         As in `write_pictures`.
     """
     frame, picture = irradiance.grid, film.cut_picture(picture)
-    alpha = np.ones(frame.shape_px) if film.alpha is None else alpha_on_film(film.alpha, irradiance, lens)
+    alpha = np.ones(frame.shape_px) if film.alpha is None else film.alpha
     write_rgb_exr(picture, result.lens_image, film.cut(alpha))
     write_plane_exr(film.depth_m, result.depth)
     _write_lens_planes(lens, frame, result)
@@ -100,24 +99,6 @@ def _write_once(path, make, write, lens, frame, nm):
     if _written.get(path) != (of, stamp_of(path)):
         write(make(lens, frame, nm), path)
         _written[path] = of, stamp_of(path)
-
-
-def alpha_on_film(alpha, irradiance, lens):
-    """The counterpart of `alpha_through_lens` for a traced lens.
-
-    Cycles weights each ray by its throughput: for an empty scene, 1 - alpha is the irradiance from uniform light.
-
-    Parameters
-    ----------
-    alpha : array (row, column)
-        At the longest of the irradiance's wavelengths.
-    irradiance : SpectralImage
-    lens : Lens
-    """
-    nm, frame = irradiance.wavelengths_nm[-1], irradiance.grid
-    axis = irradiance_per_radiance(lens.at_wavelength(nm).transmittance, lens.f_number_effective)
-    even = axis * relative_illumination(lens, frame, nm)
-    return np.clip(1 - np.divide(1 - alpha, even, out=np.zeros_like(even), where=even > 0), 0, 1)
 
 
 def alpha_through_lens(captured, lens, options, iris=None):

@@ -43,6 +43,7 @@ from ..scene.units import M_TO_MM, metres_per_unit
 from .bands import WAVELENGTHS_PER_PASS
 from .emitters import emitters_in, emitters_of
 from .empty_frame import empty_reasons
+from .film_alpha import alpha_steps
 from .finished_passes import FinishedPasses, alone_with_passes
 from .known_depth import known_depth_m
 from .layering import layered_radiance
@@ -233,6 +234,8 @@ def _captured_steps(ready, share, journal):
     """Steps that render all passes of a scene; returns a GatheredLight for each slab, the passes and a Captured."""
     sampled = _passes(ready, journal)
     lights = yield from light_steps(ready, sampled, ready.capture_px, ready.slabs, share, journal)
+    if ready.job.traced and ready.film:
+        lights[0].alpha = yield from alpha_steps(ready, lights[0], share, journal)
     return lights, sampled, captured_from(ready, lights, ready.grid, ready.capture_px)
 
 
