@@ -73,20 +73,30 @@ class PicturePsfs:
 
     def mixing(self, energy: float, planes: Planes) -> Iterator[float]:
         """Yield the error of PSFs trimmed to this energy, wavelength by wavelength."""
-        for optics, enclosed in zip(self._optics, self._enclosed, strict=True):
-            lost = 0.0 if energy >= 1 else 2 * float(self._by_node(enclosed, lambda light: light.lost(energy)).max())
-            few = lost and self.reach(energy)[0] <= FEW_PX
-            yield min(lost, self._trim_error(optics, energy)) if few else lost
+        for optics, lost in zip(self._optics, self._lost(energy), strict=True):
+            yield min(lost, self._trim_error(optics, energy)) if lost and self._few(energy) else lost
+
+    def _lost(self, energy):
+        """Yield twice the largest light that PSFs lose when trimmed to this energy, wavelength by wavelength."""
+        for enclosed in self._enclosed:
+            yield 0.0 if energy >= 1 else 2 * float(self._by_node(enclosed, lambda light: light.lost(energy)).max())
+
+    def _few(self, energy):
+        """Whether PSFs trimmed to this energy are in a few pixels."""
+        return self.reach(energy)[0] <= FEW_PX
 
     def _trim_error(self, optics, energy):
         """Largest error of trimmed PSFs: of PSFs in a few pixels, much light is missing and in excess in the same
         pixels."""
         rows, columns = (np.unique(axis.indices) for axis in (self._nodes.rows, self._nodes.columns))
+        used, complete = self._trimmed_and_complete(optics, energy)
+        return max(_largest_difference(used.squares(row, columns), complete.squares(row, columns)) for row in rows)
+
+    def _trimmed_and_complete(self, optics, energy):
+        """The NodePsfs trimmed to this energy, and the complete ones."""
         radius_px, _ = self.reach(energy)
-        used = NodePsfs(optics, self._grid.pitch_um, lambda psfs: psfs.trimmed(energy, radius_px))
-        complete, rim = NodePsfs(optics, self._grid.pitch_um), self.full_radius_px - radius_px
-        return max(float(np.abs(np.pad(used.squares(row, columns), ((0, 0), (rim, rim), (rim, rim)))
-                                - complete.squares(row, columns)).sum(axis=(1, 2)).max()) for row in rows)
+        return (NodePsfs(optics, self._grid.pitch_um, lambda psfs: psfs.trimmed(energy, radius_px)),
+                NodePsfs(optics, self._grid.pitch_um))
 
     def mixing_error(self, wavelengths: list[float], steps: int) -> float:
         """Largest error of trimmed PSFs mixed from a table."""
@@ -98,15 +108,14 @@ class PicturePsfs:
 
     def one_psf_error(self, energy: float, planes: Planes, enough: float) -> float:
         """Largest error of the PSF in the middle of the planes for the complete field, or some error above `enough`."""
-        radius_px, worst = self.reach(energy)[0], 0.0
-        nodes = PlaneNodes.of(self._lens, planes.grid)
+        nodes, worst = PlaneNodes.of(self._lens, planes.grid), 0.0
         middle = [np.array([(n - 1) / 2]) for n in planes.grid.shape_px]
-        for optics, trimmed in zip(self._optics, self.mixing(energy, planes), strict=True):
-            psfs = PlacedPsfs(NodePsfs(optics, self._grid.pitch_um, lambda psfs: psfs.trimmed(energy, radius_px)),
-                              0.0, nodes, planes)
+        for optics, lost in zip(self._optics, self._lost(energy), strict=True):
+            psfs, complete = (PlacedPsfs(of, 0.0, nodes, planes) for of in self._trimmed_and_complete(optics, energy))
+            true, lost = (complete, 0.0) if self._few(energy) else (psfs, lost)
             psf, rows = psfs.psfs(*middle)[0], range(nodes.shape[0])
             for row in (rows[-1], *rows[:-1]):  # mostly, the last PSFs differ most
-                worst = max(worst, trimmed + float(np.abs(psfs.row_of_nodes(row) - psf).sum(axis=(1, 2)).max()))
+                worst = max(worst, lost + _largest_difference(psf, true.row_of_nodes(row)))
                 if worst > enough:
                     return worst
         return worst
@@ -124,3 +133,10 @@ class PicturePsfs:
     def _by_node(rows: list[list[tuple[EnclosedLight, float]]], of) -> np.ndarray:
         """A figure of each PSF: array (row, column) of the nodes in the lens data."""
         return np.array([np.concatenate([of(enclosed) for enclosed, _ in batches]) for batches in rows])
+
+
+def _largest_difference(used, true):
+    """Largest sum of |difference| between PSFs (..., row, column) and true ones, which may be wider."""
+    rim = (true.shape[-1] - used.shape[-1]) // 2
+    around = [(0, 0)] * (used.ndim - 2) + [(rim, rim)] * 2
+    return float(np.abs(np.pad(used, around) - true).sum(axis=(-2, -1)).max())

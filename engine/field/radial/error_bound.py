@@ -19,10 +19,11 @@ from ...runtime.threads import thread_pool
 from ..psf_samples import FEW_PX
 from .psf_bank import PsfBank
 
-MISSED, ROUGHLY_MISSED = 1.15, 1.3  # limits of the true worst error over the worst examined; for one PSF
+MISSED, ROUGHLY_MISSED = 1.15, 1.3  # limits of the true worst error over the worst examined; for one wide PSF
 STEPS = 5  # evenly spaced, to examine at each wavelength: errors are largest halfway, and nearly the same in all steps,
 # but larger where rows of samples coincide with the pixels' diagonals: next to the middle step of a quarter turn
 TRIM_AZIMUTHS = 9  # at which PSFs are compared with less trimmed ones
+QUADRANT_AZIMUTHS = 9  # at which one PSF is compared
 PORTION_VALUES = 1 << 20  # of PSFs that are processed together
 
 
@@ -101,15 +102,33 @@ def trim_error(bank: PsfBank, complete: PsfBank) -> np.ndarray:
     return errors
 
 
-def isoplanatic_error(bank: PsfBank, psf: np.ndarray, last_height_mm: float, samples: int, enough: float) -> float:
-    """Largest error of using one trimmed PSF, (row, column), for the complete field, from this number of azimuths; or
-    some error above `enough`."""
-    bank, worst = bank.up_to(last_height_mm), 0.0
-    for part in (bank.last_height, bank):  # mostly, the last PSF differs most, and alone it takes little time
-        for azimuth_rad in np.linspace(0, np.pi / 2, samples):
+def isoplanatic_error(bank: PsfBank, make_complete: Callable[[], PsfBank], psf: np.ndarray, last_height_mm: float,
+                      turns: int, enough: float) -> float:
+    """Largest error of using one trimmed PSF for the complete field, or some error above `enough`.
+
+    Parameters
+    ----------
+    bank : PsfBank
+        Trimmed PSFs.
+    make_complete : callable () -> PsfBank
+        Returns the complete PSFs. It is called for PSFs in a few pixels.
+    psf : array (row, column)
+        The one PSF.
+    last_height_mm : float
+        The largest height that counts.
+    turns : int
+        Quadrants that count: the first one, where rows grow downwards and columns to the right, or all 4.
+    enough : float
+    """
+    worst, few = 0.0, bank.radius_px <= FEW_PX
+    true = (make_complete() if few else bank).up_to(last_height_mm)
+    missed = MISSED if few else ROUGHLY_MISSED
+    psf = np.pad(psf, true.radius_px - bank.radius_px)
+    for part in (true.last_height, true):  # mostly, the last PSF differs most, and alone it takes little time
+        for azimuth_rad in np.linspace(0, np.pi / 2, QUADRANT_AZIMUTHS):
             (psfs,) = part.at_table_heights(np.array([-azimuth_rad]))
-            errors = [np.abs(np.rot90(psfs, turn, axes=(1, 2)) - psf).sum(axis=(1, 2)) for turn in range(4)]
-            worst = max(worst, float((ROUGHLY_MISSED * np.max(errors, axis=0) + 2 * part.lost).max()))
+            errors = [np.abs(np.rot90(psfs, turn, axes=(1, 2)) - psf).sum(axis=(1, 2)) for turn in range(turns)]
+            worst = max(worst, float((missed * np.max(errors, axis=0) + 2 * part.lost).max()))
             if worst > enough:
                 return worst
     return worst

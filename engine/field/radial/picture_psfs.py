@@ -15,7 +15,6 @@ from .error_bound import AzimuthErrors, azimuth_error, isoplanatic_error
 from .psf_bank import PlacedPsfs, PsfBank
 from .uniform_light import unevenness
 
-ISOPLANATIC_SAMPLES = 9  # azimuths to examine
 UNIFORM_WAVELENGTHS = 3  # to examine
 PLACES = 48  # samples along each side of a picture, for the shares of heights
 
@@ -82,10 +81,11 @@ class PicturePsfs:
     def one_psf_error(self, energy: float, planes: Planes, enough: float) -> float:
         """Largest error of the PSF in the middle of the planes for the complete field, or some error above `enough`."""
         worst = 0.0
-        for psfs in self._trimmed(energy, planes):
+        for optics, psfs in zip(self._optics, self._trimmed(energy, planes), strict=True):
             middle = [np.array([(n - 1) / 2]) for n in psfs.planes.grid.shape_px]
-            worst = max(worst, isoplanatic_error(psfs.bank, psfs.psfs(*middle)[0], psfs.last_height_mm(),
-                                                 ISOPLANATIC_SAMPLES, enough))
+            worst = max(worst, isoplanatic_error(psfs.bank, partial(PsfBank.of, optics, self._grid.pitch_um),
+                                                 psfs.psfs(*middle)[0], psfs.last_height_mm(),
+                                                 planes.quarter_turns, enough))
             if worst > enough:
                 break
         return worst

@@ -5,8 +5,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from lenses import gaussian_psf, make_lens
+from lenses import fine_grid_lens, gaussian_psf, make_lens, turned_coma
 from lensfield.engine import InputError, Options, Report, SpectralImage, load_lens, simulate
+from lensfield.engine.blur import OnePsf
+from lensfield.engine.field.field_map import field_map
 from lensfield.engine.field.mirror_symmetry import Planes
 from lensfield.engine.field.radial.distortion import FieldGeometry
 from lensfield.engine.field.radial.error_bound import AzimuthErrors, azimuth_error
@@ -143,6 +145,12 @@ def test_the_bound_is_within_twice_the_worst_point_of_every_bundled_lens(name):
         assert plan.error_bound <= 2 * worst + 0.03 / 12  # as above
 
 
+def few_pixels(lens, width_px):
+    """A dark picture of the sensor in few pixels, so large that the lens is sharper."""
+    rows = round(lens.sensor_mm[1] / lens.sensor_mm[0] * width_px)
+    return SpectralImage(np.zeros((1, rows, width_px)), [550.0], pitch_um=1e3 * lens.sensor_mm[0] / width_px)
+
+
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("accuracy", [0.1, 0.01])
 @pytest.mark.parametrize("width_px", [32, 64, 128])
@@ -150,12 +158,32 @@ def test_the_bound_is_within_twice_the_worst_point_of_every_bundled_lens(name):
 def test_the_bound_is_within_twice_the_worst_point_of_psfs_in_a_few_pixels(name, width_px, accuracy):
     """Much of the light that trimming moves stays in its pixel, from a lens that is sharper than the pixels."""
     lens = varied_lens(name)
-    pitch_um = 1e3 * lens.sensor_mm[0] / width_px
-    radiance = SpectralImage(np.zeros((1, round(lens.sensor_mm[1] / lens.sensor_mm[0] * width_px), width_px)), [550.0],
-                             pitch_um=pitch_um)
+    radiance = few_pixels(lens, width_px)
     plan = make_plan(Options(accuracy=accuracy, method="pixels"), lens, radiance.sampling)
     worst = worst_point(plan, lens, radiance, places=500)
     assert worst <= plan.error_bound <= min(accuracy, 2 * worst)
+
+
+def worst_of_one_psf(plan, lens, radiance):
+    """The largest ||the middle's PSF - PSF true||_1 of the pixels of a plane, which may be a quadrant."""
+    field, planes = field_map(lens).at_wavelength(radiance.wavelengths_nm[0]), plan.planes(radiance.grid)
+    used, true = (field.psfs(part, planes) for part in (plan.trimmed, lambda psfs: psfs))
+    (psf,) = used.psfs(*(np.array([(n - 1) / 2]) for n in planes.grid.shape_px))
+    psfs = true.psfs(*(each.ravel() for each in np.indices(planes.grid.shape_px)))
+    return np.abs(psfs - np.pad(psf, (psfs.shape[-1] - len(psf)) // 2)).sum(axis=(1, 2)).max()
+
+
+@pytest.mark.sample(3)
+@pytest.mark.parametrize("width_px", [8, 12, 16, 24, 32, 48])
+@pytest.mark.parametrize("name", ["apple-phone-4mm", "tessar-50mm", "nikkor-28mm", "cooke-triplet-50mm", "a grid"])
+def test_the_bound_of_one_psf_is_within_twice_the_worst_point(name, width_px):
+    """The lens is sharper than the pixels."""
+    lens = fine_grid_lens(turned_coma) if name == "a grid" else varied_lens(name)
+    radiance = few_pixels(lens, width_px)
+    plan = make_plan(Options(accuracy=0.1), lens, radiance.sampling)
+    if plan.method.name == OnePsf.name:
+        worst = worst_of_one_psf(plan, lens, radiance)
+        assert worst <= plan.error_bound <= min(0.1, 2 * worst)
 
 
 def test_each_height_and_wavelength_is_trimmed_separately():
