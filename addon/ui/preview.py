@@ -23,7 +23,7 @@ from ..job.growing_capture import FINER
 from ..job.named_files import check_named_files, named_files
 from ..job.result import Result
 from ..scene.active_camera import camera_settings
-from ..scene.camera import frame_px, view_tangents
+from ..scene.camera import check_camera, frame_px, view_tangents
 from ..scene.changes import (
     DIFFERENT,
     MAYBE,
@@ -33,6 +33,7 @@ from ..scene.changes import (
     write_changes,
 )
 from ..scene.compositor import show_file
+from ..scene.errors import SceneError
 from ..scene.look import look_of, save_shown
 from ..scene.moves import still_digests, write_moves
 from ..scene.requirements import check_scene
@@ -76,6 +77,8 @@ class Preview:
     stopping: bool = False  # the job has been stopped, and its next pictures are not wanted
     paused: str = ""  # name of the last job, if it has been stopped
     shown: int = 0  # number of the job's last picture that is shown; 0 for none
+    columns_px: int = 0  # of the picture, as captured
+    grown: bool = False  # whether only the frame in the viewport has changed since the picture: it has grown
     started_s: float = 0.0
     copies_s: tuple = ()  # seconds for each of the last two copies
     tangents: tuple = ()  # the `view_tangents` of the captured view
@@ -103,6 +106,11 @@ class Preview:
     def same_scene(self):
         """Whether only the lens, or its focus and f-stop, has changed since the last render."""
         return self.other_s is None
+
+    @property
+    def up_to_date(self):
+        """Whether the picture shows the scene, if there is one."""
+        return self.same_scene and not self.error
 
     @property
     def waiting_for(self):
@@ -173,6 +181,7 @@ def tick():
         switch_off("its process ended unexpectedly ({}); log: {}".format(*preview.child.death()))
         return None
     _note_switches(preview, scene)
+    _note_growth(preview, scene)
     if preview.job:
         _take_in(preview, scene)
     if not preview.job and (shown := _shown_scene(scene)) != scene:
@@ -219,10 +228,10 @@ def _turn_to(preview, scene):
 
 
 def _may_work():
-    """Whether no render or tool is running (Blender does not save while a tool runs), and the file names only trusted
-    files (appended data may name others)."""
+    """Whether no render or tool is running (Blender does not save while a tool runs), the file names only trusted
+    files (appended data may name others), and a viewport that has been turned to the camera shows the frame's size."""
     return (session.render is None and not bpy.app.is_job_running("RENDER")
-            and not tool_in_use() and not named_files())
+            and not tool_in_use() and not named_files() and not session.overlay.turned)
 
 
 def _ask_next(preview, scene):
@@ -346,15 +355,22 @@ def _take_in(preview, scene):
     """Show the job's newest picture, stop the job if it is out of date, and note its end."""
     outcome, current = preview.child.status, preview.same_scene and _shown_scene(scene) == scene
     if current and outcome.get("number", 0) > preview.shown and not preview.stopping:
-        _show(preview, scene, outcome)
+        if not preview.grown or outcome["size_px"][0] >= preview.columns_px:
+            _show(preview, scene, outcome)
+        preview.shown = outcome["number"]
         redraw()
     if "status" in outcome:
         _note_end(preview, scene, outcome)
         redraw()
-    elif not preview.stopping and (not current or preview.by_hand or _lens_is_outdated(preview, scene)
-                                   or not _may_work()):
+    elif not preview.stopping and (not current or preview.by_hand or _is_too_small(preview)
+                                   or _lens_is_outdated(preview, scene) or not _may_work()):
         preview.stopping = True
         preview.child.stop()
+
+
+def _is_too_small(preview):
+    """Whether the frame has grown since the job began, and a picture is shown."""
+    return preview.grown and not preview.fresh and preview.shown > 0
 
 
 def _lens_is_outdated(preview, scene):
@@ -402,7 +418,8 @@ def _show(preview, scene, outcome):
     for editor in () if preview.depth else image_editors():
         if editor.image is None or editor.image.type == "RENDER_RESULT":
             editor.image = image
-    preview.shown, preview.depth = outcome["number"], Result.from_file(path, "lens_image").depth
+    preview.columns_px, preview.error = outcome["size_px"][0], ""
+    preview.depth = Result.from_file(path, "lens_image").depth
     seconds = time.monotonic() - preview.started_s
     preview.facts = _facts(outcome["size_px"], outcome["samples"], seconds, preview.job[1][0])
 
@@ -428,6 +445,7 @@ def look_through_camera(context):
             viewports, key=lambda area: area.width * area.height)
         chosen.spaces.active.region_3d.view_perspective = "CAMERA"
         chosen.spaces.active.overlay.show_overlays = True
+        preview_overlay.await_drawing()
 
 
 def redraw():
@@ -448,12 +466,22 @@ def on_update(scene, depsgraph):
 
 
 def _lens_has_changed(preview):
-    """Whether the lens of the preview's scene, its focus or its f-stop differ from the picture's."""
+    """Whether the lens of the preview's scene, its focus or its f-stop differ from the picture's, in front of a camera
+    that a lens can replace."""
     scene = preview and _scene_of(preview)
     try:
-        return scene is not None and lens_key(scene) != preview.lens
+        return scene is not None and _has_view(scene) and lens_key(scene) != preview.lens
     except InputError:
         return True
+
+
+def _has_view(scene):
+    """Whether a lens can replace the scene's camera."""
+    try:
+        check_camera(scene)
+    except SceneError:
+        return False
+    return True
 
 
 def _counts(update):
@@ -498,10 +526,17 @@ def _note_switches(preview, scene):
     preview.looked_s = time.monotonic()
 
 
+def _note_growth(preview, scene):
+    """Record that the frame has grown in a viewport beyond the size that the child has prepared."""
+    if preview.fresh and preview.prepared and _has_view(scene) and size_px(scene) > preview.prepared[1]:
+        _note(of_lens=True)
+        preview.grown = True
+
+
 def _note(of_lens=False):
     preview = session.preview
     if preview:
-        preview.changed_s = time.monotonic()
+        preview.changed_s, preview.grown = time.monotonic(), False
         preview.other_s = preview.other_s if of_lens else preview.changed_s
 
 

@@ -32,6 +32,11 @@ def end():
     session.overlay = CameraOverlay()
 
 
+def await_drawing():
+    """Note that a viewport has been turned, whose frame is known once it is drawn."""
+    session.overlay.turned = session.overlay.handle is not None
+
+
 def forget_picture():
     """Discard the texture, because the picture has changed."""
     session.overlay.texture = None
@@ -39,21 +44,22 @@ def forget_picture():
 
 def _draw():
     preview, space, view = session.preview, bpy.context.space_data, bpy.context.region_data
+    session.overlay.turned = False
     if (view.view_perspective != "CAMERA" or bpy.context.scene.session_uid != preview.scene_uid
             or space.camera != bpy.context.scene.camera or not space.overlay.show_overlays or not preview.tangents):
         return
-    corners = _corners_px(bpy.context.region, view, space.camera, preview.tangents)
+    corners = _corners_px(bpy.context.region, view, bpy.context.scene, preview.tangents)
     if None in corners:
         return
     if preview_place() == IN_CAMERA:
         _draw_preview(corners, preview)
-    if session.focus_overlay and preview.same_scene:
+    if session.focus_overlay and preview.up_to_date:
         _draw_tints(corners, focus_overlay.focus_tints(bpy.context.scene, preview.depth))
 
 
 def _draw_preview(corners, preview):
     """Draw the preview's picture, unless the scene has changed, and what the first one waits for."""
-    if preview.same_scene and preview.picture.is_file():
+    if preview.up_to_date and preview.picture.is_file():
         if session.overlay.texture is None:
             session.overlay.texture = _texture(_pixels(preview.picture))
         _draw_between(corners, session.overlay.texture)
@@ -95,15 +101,22 @@ def _draw_between(corners, texture):
     draw_texture_2d(texture, (left, bottom), right - left, top - bottom)
 
 
-def frame_corners(camera, tangents):
-    """The lower left and the upper right corner of a camera's frame with these `view_tangents`, in world space."""
-    matrix, (left, lower, right, upper) = camera.matrix_world.normalized(), tangents
-    return [matrix @ Vector((*corner, -1.0)) for corner in ((left, lower), (right, upper))]
+def frame_corners(scene, tangents):
+    """The lower left and the upper right corner of the frame of a scene's camera with these `view_tangents`, in world
+    space. Viewports show panoramic cameras in perspective: their frame is then Blender's."""
+    camera = scene.camera
+    if camera.data.type == "PANO":
+        frame = camera.data.view_frame(scene=scene)
+        corners = [Vector(map(choose, zip(*frame, strict=True))) for choose in (min, max)]
+    else:
+        left, lower, right, upper = tangents
+        corners = Vector((left, lower, -1.0)), Vector((right, upper, -1.0))
+    return [camera.matrix_world.normalized() @ corner for corner in corners]
 
 
-def _corners_px(region, view, camera, tangents):
+def _corners_px(region, view, scene, tangents):
     """The `frame_corners` in a region of a 3D viewport: vectors, or None for a corner behind the view."""
-    return [location_3d_to_region_2d(region, view, corner) for corner in frame_corners(camera, tangents)]
+    return [location_3d_to_region_2d(region, view, corner) for corner in frame_corners(scene, tangents)]
 
 
 def frame_sides_px(scene, tangents):
@@ -112,7 +125,7 @@ def frame_sides_px(scene, tangents):
     for area in areas("VIEW_3D"):
         space, region = area.spaces.active, next(each for each in area.regions if each.type == "WINDOW")
         if space.region_3d.view_perspective == "CAMERA":
-            corners = _corners_px(region, space.region_3d, scene.camera, tangents)
+            corners = _corners_px(region, space.region_3d, scene, tangents)
             if None not in corners:
                 sides.append(round(max(corners[1] - corners[0])))
     return sides

@@ -32,7 +32,7 @@ def draw_preview_status(layout):
         return
     if session.focus_overlay:
         draw_wrapped(layout, focus_overlay.LEGEND, "OVERLAY")
-    if preview_place() == IN_PANEL and preview.picture.is_file():
+    if preview_place() == IN_PANEL and not preview.error and preview.picture.is_file():
         draw_picture(layout, small_picture, preview.picture)
     for line in _status(preview):
         draw_wrapped(layout, line)

@@ -103,11 +103,14 @@ class CameraOverlay:
         Of the preview.
     tints : (array, gpu.types.GPUTexture)
         The last tints of the focus overlay, and their texture.
+    turned : bool
+        Whether a viewport has been turned to the camera and not been drawn since.
     """
 
     handle: Any = None
     texture: Any = None
     tints: tuple[Any, Any] = (None, None)
+    turned: bool = False
 
 
 @dataclass

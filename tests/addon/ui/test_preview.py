@@ -470,5 +470,62 @@ def test_the_preview_ends_with_its_file_scene_child_or_the_add_on(ready_scene):
 def test_the_overlay_covers_the_view_of_the_lens(ready_scene):
     ready_scene.camera.location = 1, 2, 3
     bpy.context.view_layer.update()
-    corners = frame_corners(ready_scene.camera, (-0.4, -0.3, 0.4, 0.3))
+    corners = frame_corners(ready_scene, (-0.4, -0.3, 0.4, 0.3))
     assert np.allclose(corners, [(0.6, 1.7, 2), (1.4, 2.3, 2)])
+
+
+def test_the_overlay_covers_the_frame_that_a_viewport_shows_of_a_panorama(ready_scene):
+    camera = ready_scene.camera
+    camera.location, camera.data.type, camera.data.sensor_fit = (1, 2, 3), "PANO", "HORIZONTAL"
+    camera.data.sensor_width, camera.data.lens, camera.data.shift_x = 36, 24, 0.1
+    bpy.context.view_layer.update()
+    corners = np.array(frame_corners(ready_scene, (-0.4, -0.3, 0.4, 0.3))) - (1, 2, 3)
+    assert np.allclose(corners[:, :2] / -corners[:, 2:], [(-0.6, -0.5625), (0.9, 0.5625)])
+
+
+def test_the_first_picture_waits_until_the_turned_viewport_is_drawn(ready_scene, viewport, monkeypatch):
+    monkeypatch.setattr(session.overlay, "turned", False)
+    monkeypatch.setattr(preview.preview_overlay, "start", lambda: setattr(session.overlay, "handle", object()))
+    monkeypatch.setattr(preview.preview_overlay, "end", lambda: setattr(session.overlay, "handle", None))
+    assert bpy.ops.lensfield.preview() == {"FINISHED"}
+    for _ in range(3):
+        preview.tick()
+        assert not on().job
+    session.overlay.turned = False  # as a drawing does
+    preview.tick()
+    assert on().job
+
+
+def test_a_frame_that_grows_is_rendered_finer_and_never_coarser_meanwhile(ready_scene, monkeypatch):
+    sides, shown_px, show = [96], [], preview._show
+    monkeypatch.setattr(preview, "VIEWPORT_SIDES_PX", (24, 960))
+    monkeypatch.setattr(preview.preview_overlay, "frame_sides_px", lambda *_: sides)
+    monkeypatch.setattr(preview, "_show", lambda *given: (shown_px.append(given[-1]["size_px"][0]), show(*given)))
+    preview.start(ready_scene)
+    follow()
+    copied = copied_ns()
+    assert shown_px[0] == 32 and shown_px[-1] == 96
+    shown_px.clear()
+    sides[:] = [192]
+    preview.tick()
+    assert not on().fresh and on().up_to_date  # the picture stays
+    follow()
+    assert {*shown_px} == {192} and tuple(bpy.data.images[preview.NAME].size) == (192, 144) and copied_ns() == copied
+    sides[:] = [48]
+    preview.tick()
+    assert on().fresh
+
+
+def test_the_picture_is_hidden_while_a_lens_cannot_replace_the_camera(ready_scene):
+    preview.start(ready_scene)
+    follow()
+    for camera_type in ("ORTHO", "PANO"):
+        ready_scene.camera.data.type = camera_type
+        bpy.context.view_layer.update()
+        assert not on().up_to_date
+        follow()
+        assert not on().up_to_date and on().error
+        ready_scene.camera.data.type = "PERSP"
+        bpy.context.view_layer.update()
+        follow()
+        assert on().up_to_date and not on().error
