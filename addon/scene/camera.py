@@ -377,6 +377,27 @@ def _projection(facts, frame):
                              FARTHEST * last_mm / focal_mm)
 
 
+@lru_cache(maxsize=4)
+def _matching_angle_rad(lens, frame):
+    """Half the horizontal angle of view of a panoramic camera that `match_camera_to_lens` has given the lens's."""
+    return _half_angle_rad(_panoramic(lens.capture_focal_length_mm,
+                                      replace(frame, projection=lens_projection(lens, frame))))
+
+
+def _half_angle_rad(settings):
+    """Half the horizontal angle of view of a panoramic camera with these properties, without its Shift."""
+    half_mm = settings["sensor_width"] / 2
+    return -sum(settings[f"fisheye_polynomial_k{power}"] * half_mm**power for power in range(5))
+
+
+def is_panorama_of(lens, camera, frame, tolerance):
+    """Whether panoramic camera data have the angle of view of a lens on a frame, a PixelGrid, within a relative
+    tolerance."""
+    angle_rad = _half_angle_rad({name: getattr(camera, name) for name in camera.bl_rna.properties.keys()
+                                 if name == "sensor_width" or name.startswith("fisheye_polynomial_k")})
+    return abs(angle_rad / _matching_angle_rad(lens, frame) - 1) <= tolerance
+
+
 def lens_for_view(scene, lens, view):
     """The lens for a scene, with its own view or the camera's.
 

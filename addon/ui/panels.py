@@ -20,7 +20,16 @@ from ..job.named_files import FROM_FILE, named_files
 from ..job.remarks import MANY_SAMPLES, SAME_VIEW
 from ..job.result import Result
 from ..scene.active_camera import camera_data, camera_settings
-from ..scene.camera import COMPLETE, frame_grid, frame_px, matching_focal_length_mm, size_for_view
+from ..scene.camera import (
+    COMPLETE,
+    FISHEYE_TYPE,
+    frame_grid,
+    frame_px,
+    is_panorama_of,
+    lens_for_view,
+    matching_focal_length_mm,
+    size_for_view,
+)
 from ..scene.requirements import check_scene
 from ..scene.rings import FEWEST_BLADES
 from .animation import draw_animation
@@ -268,13 +277,18 @@ def _limits(facts, factor, *_):
         yield f"Lens and blur scaled {factor:.3g}\u00d7 to match the camera"
 
 
-def _sees_alike(scene, lens):
-    """Whether the scene's camera has the view of a Lens or LensFacts, within SAME_VIEW; False for cameras without
-    perspective, such as fisheyes."""
-    camera = scene.camera.data
-    if scene.camera.type != "CAMERA" or camera.type != "PERSP":
+def _sees_alike(scene, facts):
+    """Whether the scene's camera has the view of LensFacts, within SAME_VIEW. A fisheye camera may, until the lens is
+    baked."""
+    if scene.camera.type != "CAMERA":
         return False
-    return abs(matching_focal_length_mm(scene, lens) / camera.lens - 1) <= SAME_VIEW
+    camera = scene.camera.data
+    if camera.type != "PANO" or camera.panorama_type != FISHEYE_TYPE:
+        return camera.type == "PERSP" and abs(matching_focal_length_mm(scene, facts) / camera.lens - 1) <= SAME_VIEW
+    if not (lens := lens_request(scene).lens):
+        return True
+    lens, _ = lens_for_view(scene, lens, camera_settings(scene).view_text())
+    return is_panorama_of(lens, camera, frame_grid(scene, lens), SAME_VIEW)
 
 
 def _draw_last(layout):
