@@ -1,9 +1,9 @@
 """Alpha of a transparent film behind a traced lens.
 
 Cycles weights each ray by its throughput, and a film's alpha is 1 minus the sum of the weights of the rays that meet
-nothing. The lens lets only a part of the light through, so the same rays are rendered again without the scene: the share
-of their weights that is missing is the share of the pixel's light that the scene covers. The noise of both is the same,
-and pixels that show nothing have an alpha of exactly 0.
+nothing. The lens lets only a part of the light through, so the same rays are rendered again without the scene: the
+share of their weights that is missing is the share of the pixel's light that the scene covers. The noise of both is the
+same, and pixels that show nothing have an alpha of exactly 0.
 """
 
 from dataclasses import replace

@@ -378,10 +378,10 @@ def _projection(facts, frame):
 
 
 @lru_cache(maxsize=4)
-def _matching_angle_rad(lens, frame):
+def _matching_angle_rad(facts, frame):
     """Half the horizontal angle of view of a panoramic camera that `match_camera_to_lens` has given the lens's."""
-    return _half_angle_rad(_panoramic(lens.capture_focal_length_mm,
-                                      replace(frame, projection=lens_projection(lens, frame))))
+    return _half_angle_rad(_panoramic(facts.capture_focal_length_mm,
+                                      replace(frame, projection=_projection(facts, frame))))
 
 
 def _half_angle_rad(settings):
@@ -390,12 +390,12 @@ def _half_angle_rad(settings):
     return -sum(settings[f"fisheye_polynomial_k{power}"] * half_mm**power for power in range(5))
 
 
-def is_panorama_of(lens, camera, frame, tolerance):
-    """Whether panoramic camera data have the angle of view of a lens on a frame, a PixelGrid, within a relative
-    tolerance."""
+def is_panorama_of(facts, camera, frame, tolerance):
+    """Whether panoramic camera data have the angle of view of a lens, by its LensFacts, on a frame, a PixelGrid, within
+    a relative tolerance."""
     angle_rad = _half_angle_rad({name: getattr(camera, name) for name in camera.bl_rna.properties.keys()
                                  if name == "sensor_width" or name.startswith("fisheye_polynomial_k")})
-    return abs(angle_rad / _matching_angle_rad(lens, frame) - 1) <= tolerance
+    return abs(angle_rad / _matching_angle_rad(facts, frame) - 1) <= tolerance
 
 
 def lens_for_view(scene, lens, view):

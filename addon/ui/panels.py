@@ -26,7 +26,6 @@ from ..scene.camera import (
     frame_grid,
     frame_px,
     is_panorama_of,
-    lens_for_view,
     matching_focal_length_mm,
     size_for_view,
 )
@@ -278,17 +277,13 @@ def _limits(facts, factor, *_):
 
 
 def _sees_alike(scene, facts):
-    """Whether the scene's camera has the view of LensFacts, within SAME_VIEW. A fisheye camera may, until the lens is
-    baked."""
+    """Whether the scene's camera has the view of LensFacts, within SAME_VIEW."""
     if scene.camera.type != "CAMERA":
         return False
     camera = scene.camera.data
     if camera.type != "PANO" or camera.panorama_type != FISHEYE_TYPE:
         return camera.type == "PERSP" and abs(matching_focal_length_mm(scene, facts) / camera.lens - 1) <= SAME_VIEW
-    if not (lens := lens_request(scene).lens):
-        return True
-    lens, _ = lens_for_view(scene, lens, camera_settings(scene).view_text())
-    return is_panorama_of(lens, camera, frame_grid(scene, lens), SAME_VIEW)
+    return is_panorama_of(facts, camera, frame_grid(scene, facts), SAME_VIEW)
 
 
 def _draw_last(layout):
