@@ -16,7 +16,8 @@ from lensfield.request import RenderRequest, to_arguments
 
 VALUES = {"lens": "tessar-50mm", "focus": 812.5, "f_number": 2.8, "wavelengths_nm": (450.0, 550.25, 650.0),
           "room": 0.125, "view_layer": "-Fog, far", "output_folder": Path("/renders"), "picture": Path("/so_far.png"),
-          "state": "abc", "source": "def", "lens_quality": "reference", "focused_wide_open": True,
+          "state": "abc", "source": "def", "view_settings": '{"gamma": 1.0}',
+          "lens_quality": "reference", "focused_wide_open": True,
           "tilt_deg": (4.0, -0.25), "copy": 12,
           "camera": "sony-a7-iv", "iso": 812.5, "shutter_s": 1 / 60, "noise": False, "develop": False, "dng": True}
 ENGINE_VALUES = {"accuracy": 0.05, "section_size": 8, "azimuths": 6, "psf_energy": 0.99, "flat_tolerance": 0.001,

@@ -5,6 +5,8 @@ import os
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+import bpy
+
 from ...engine.pictures.spectral_exr import read_attribute
 from ...engine.runtime.errors import ImageError, InputError
 from ...engine.runtime.files import file_status
@@ -59,6 +61,13 @@ class Origin:
 def origin_of(scene, folder, state=""):
     """The Origin of a scene's light that is stored in a folder."""
     return Origin(_relative(blend_path(), folder), scene.name, scene.lensfield.compositor_key, state)
+
+
+def is_light_of(scene, stored, folder):
+    """Whether light of this Origin in a folder shows a scene: not one that it was copied from in the same file."""
+    here = origin_of(scene, folder)
+    copied_from = stored.file == here.file and stored.scene != here.scene and stored.scene in bpy.data.scenes
+    return here.is_of(stored) and not copied_from
 
 
 def _relative(path, folder):

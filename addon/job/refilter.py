@@ -43,7 +43,7 @@ from ..scene.look import look_of
 from ..scene.look import to_text as look_text
 from ..scene.rings import ring_fields, rings_for, scene_iris
 from .job import check_output_folder, folder_for
-from .origin import origin_of, stored_origin
+from .origin import is_light_of, stored_origin
 from .photo import check_photo, chosen_camera
 from .pictures import REGION
 from .radiance import Captured
@@ -122,10 +122,10 @@ def saved_radiance(scene):
 
 def _link_renamed(scene, path):
     """Link the newest radiance of this scene and frame, rendered under another name, to a path, if there is one."""
-    here, shown_in = origin_of(scene, path.parent), shown_folder(scene)
+    shown_in = shown_folder(scene)
     folders, name = {path.parent, *map(Path, filter(None, [shown_in]))}, f"*_{scene.frame_current:04d}_radiance.exr"
     for other in sorted((each for folder in folders for each in folder.glob(name)), key=stamp_of, reverse=True):
-        if (stored := stored_origin(other)) and here.is_of(stored):
+        if (stored := stored_origin(other)) and is_light_of(scene, stored, path.parent):
             link_or_copy(other, path)
             return
 
@@ -133,7 +133,7 @@ def _link_renamed(scene, path):
 def _check_origin(scene, path):
     """Raise an InputError if the light of a file is of another scene, or of another .blend."""
     stored = stored_origin(path)
-    if stored and not origin_of(scene, path.parent).is_of(stored):
+    if stored and not is_light_of(scene, stored, path.parent):
         raise InputError(path, "radiance file", f"rendered from {stored}", "render through the lens first")
 
 
@@ -157,13 +157,12 @@ def _steps(path, request):
     if request.depth not in APPLIED_DEPTHS:
         raise InputError("options", "depth", request.depth, f"expected {' or '.join(APPLIED_DEPTHS)}")
     request = replace(request, view=request.view_on_sensor, camera=chosen_camera(request))
-    request = with_stored_look(request, path)
     lens, iris, rings = request.lens, request.iris, requested_rings(request)
     result = replace(Result.from_file(path, "radiance", request.output_folder), radiance=path)
     result.report.files["radiance"] = str(path)
     for file in (file for file in result.files if file != path):
         check_target(file)
-    stored, words = stored_radiance(path), ()
+    stored, words, request = stored_radiance(path), (), with_stored_look(request, path)
     if not isinstance(lens, Lens):
         iris = iris if iris_is_visible(lens, rings) else None
         lens, words = yield Work(lambda _: _turned(request, rings, stored), "Baking the lens", 0.0)

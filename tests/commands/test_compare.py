@@ -27,8 +27,8 @@ def test_an_option_of_renders_is_refused_for_a_radiance_file(tmp_path, monkeypat
 
 
 OF_FRAMES = {"--frames", "--overwrite", "--any-build", "--wait", "--scheduler", "--frames-per-task", "--blender"}
-OF_FOLLOWERS = {"--picture", "--scene-state", "--scene-source", "--progress", "--end-with-stdin", "--blend-folder",
-                "--session"}
+OF_FOLLOWERS = {"--picture", "--scene-state", "--scene-source", "--view-settings", "--progress", "--end-with-stdin",
+                "--blend-folder", "--session"}
 OF_CAMERA = {"--camera", "--iso", "--shutter", *(f"--{no}{each}" for no in ("", "no-")
                                                  for each in ("noise", "develop", "dng"))}
 OF_READING = {f"--{name.replace('_', '-')}" for name in NAMES}

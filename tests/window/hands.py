@@ -7,6 +7,7 @@ import json
 import shutil
 import subprocess
 import sys
+import threading
 import time
 from contextlib import contextmanager
 from pathlib import Path
@@ -137,6 +138,31 @@ def turn(f_stop, distance):
     bpy.ops.ed.undo_push(message="Turn Rings")
 
 
+@contextmanager
+def stalls():
+    """Two lists: the times between calls of a timer, in seconds; and the lenses that the window's own thread bakes."""
+    lens_cache, gaps_s, bakes, last = sys.modules[f"{MODULE}.addon.scene.lens_cache"], [], [], [time.monotonic()]
+    bake = lens_cache.library.load_lens
+
+    def noted(*given, **named):
+        if threading.current_thread() is threading.main_thread():
+            bakes.append(given[0])
+        return bake(*given, **named)
+
+    def tick():
+        last.append(time.monotonic())
+        gaps_s.append(last[-1] - last[-2])
+        return 0.005
+
+    lens_cache.library.load_lens = noted
+    bpy.app.timers.register(tick, persistent=True)
+    try:
+        yield gaps_s, bakes
+    finally:
+        bpy.app.timers.unregister(tick)
+        lens_cache.library.load_lens = bake
+
+
 def lens_request():
     """The panel's request for its lens, with the results so far."""
     return sys.modules[f"{MODULE}.addon.ui.lens_worker"].lens_request(bpy.context.scene)
@@ -241,7 +267,8 @@ def render(operator="render"):
 def lens_image_path():
     scene = bpy.context.scene
     folder = Path(bpy.path.abspath(scene.lensfield.output_folder))
-    return folder / f"{scene.name}_{scene.frame_current:04d}_lens_image.exr"
+    name = f"{Path(bpy.data.filepath).stem or 'unsaved'}_{scene.name}"
+    return folder / f"{bpy.path.clean_name(name)}_{scene.frame_current:04d}_lens_image.exr"
 
 
 def render_window():

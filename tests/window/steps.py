@@ -16,6 +16,7 @@ from hands import (
     FOLDER,
     MODULE,
     PACKAGE,
+    SAMPLE,
     adjust,
     alike,
     alive,
@@ -51,6 +52,7 @@ from hands import (
     shoot,
     show_section,
     show_tab,
+    stalls,
     start,
     start_endless,
     trust,
@@ -383,6 +385,89 @@ def preview_from_any_view():
     shoot("in-the-panel")
     assert view.region_3d.view_perspective == "PERSP"
     preferences.preview_place = "CAMERA"  # Blender saves the preferences on exit, for the next steps
+
+
+def no_stalls():
+    """With a lens that takes long to bake, neither a render nor a matched camera bakes it in the window's thread. The
+    log states how long the window stood still."""
+    yield from open_sample(samples=1)
+    bpy.context.preferences.view.render_display_type = "NONE"
+    settings = bpy.context.scene.lensfield
+    for operator in ("render", "match_camera", "apply_lens", "show_sheet"):
+        if operator != "apply_lens":
+            settings.lens, settings.copy = "zeiss-planar-80mm", settings.copy + 1
+        yield from until(lambda: lens_request().facts)
+        yield 1
+        with stalls() as (gaps_s, bakes):
+            yield 2
+            before_s, started_s = max(gaps_s), time.monotonic()
+            with over():
+                getattr(bpy.ops.lensfield, operator)("INVOKE_DEFAULT")
+            taken_s = time.monotonic() - started_s
+            gaps_s.clear()
+            yield 2
+            print(f"{operator}: {taken_s:.3f} s; between calls of a timer at most {before_s:.3f} s before, and "
+                  f"{max(gaps_s):.3f} s after", flush=True)
+        shoot(operator)
+        assert not bakes, (operator, bakes)
+        if operator == "render":
+            settings.copy = 0
+            bpy.ops.lensfield.cancel()
+            yield from render()
+
+
+def one_look():
+    """The scene's look is that of the picture in the window, of its PNG, and of the contact sheet."""
+    yield from open_sample(samples=8, percentage=50)
+    view = bpy.context.scene.view_settings
+    view.view_transform, view.look, view.exposure = "AgX", "AgX - Punchy", 0.5
+    bpy.context.preferences.view.render_display_type = "AREA"
+    yield from render()
+    yield 1
+    shoot("rendered")
+    image = area("IMAGE_EDITOR").spaces.active.image
+    assert image.use_view_as_render and bpy.path.abspath(image.filepath) == str(lens_image_path())
+    shown, saved = FOLDER / "shown.png", lens_image_path().with_name(
+        lens_image_path().name.replace("lens_image.exr", "after.png"))
+    light = bpy.data.images.load(str(lens_image_path()))
+    light.colorspace_settings.name = "Linear Rec.709"
+    light.save_render(str(shown), scene=bpy.context.scene)
+    assert np.abs(pixels(shown) - pixels(saved))[..., :3].max() < 1.5 / 255
+    with over("IMAGE_EDITOR"):
+        assert bpy.ops.lensfield.compare("EXEC_DEFAULT", lenses=[{"name": name, "ticked": True} for name in
+                                                                 (COMPARED_LENSES[0], "cooke-42mm-2x")],
+                                         side_px=320, samples=8) == {"FINISHED"}
+    yield from until(lambda: not rendering())
+    yield 1
+    shoot("compared")
+    assert session().last_sheet and len(session().last_sheet.lenses) == 2, notice()
+
+
+def two_files():
+    """Two files in one folder have pictures of their own; a render survives Save As and a new name of its scene."""
+    yield from open_sample(samples=1)
+    images = {"one": (yield from render())}
+    bpy.context.scene.name = "Renamed"
+    yield from render("apply_lens")
+    assert alike(pixels(lens_image_path()), images["one"]) and node_label() == "Lensfield: lens image"
+    bpy.ops.wm.save_as_mainfile(filepath=str(FOLDER / "two.blend"))
+    yield from render("apply_lens")
+    assert alike(pixels(lens_image_path()), images["one"]) and node_label() == "Lensfield: lens image"
+    raise_vase()
+    bpy.ops.ed.undo_push(message="Raise Vase")
+    yield DRAW_S
+    yield from render("apply_lens")
+    assert node_label() == "Lensfield: plain render, the scene has changed since"
+    images["two"] = yield from render()
+    shoot("two")
+    assert node_label() == "Lensfield: lens image" and not alike(*images.values())
+    bpy.ops.wm.save_mainfile()
+    bpy.ops.wm.open_mainfile(filepath=str(FOLDER / SAMPLE.name))
+    yield 1
+    assert alike(pixels(lens_image_path()), images["one"])
+    yield from render("apply_lens")
+    shoot("one")
+    assert alike(pixels(lens_image_path()), images["one"]) and node_label() == "Lensfield: lens image"
 
 
 def opens_as_f12():

@@ -307,8 +307,8 @@ def test_a_full_disk_is_reported_with_its_frame_and_leaves_no_partial_files(movi
             raise OSError(28, "No space left on device")
         return write(*arguments)
 
-    write = pictures.write_png
-    monkeypatch.setattr(pictures, "write_png", write_or_fail)
+    write = pictures.write_shown
+    monkeypatch.setattr(pictures, "write_shown", write_or_fail)
     with pytest.raises(InputError, match="^frame 4: render is stopped: No space left on device$"):
         addon.render_animation(moving_scene)
     assert "scene_Scene_0004_report.json" not in files(tmp_path / "lensfield")
@@ -323,7 +323,7 @@ def test_a_frame_being_rendered_again_counts_as_missing(moving_scene, monkeypatc
     def stop(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(pictures, "write_png", stop)
+    monkeypatch.setattr(pictures, "write_shown", stop)
     with pytest.raises(KeyboardInterrupt):
         addon.render_animation(moving_scene, [2], overwrite=True)
     assert addon.Animation(moving_scene, [2]).pending == [2]
@@ -357,7 +357,7 @@ def test_the_command_resumes_after_it_was_stopped(moving_scene, tmp_path):
     caches = {path.parents[1] for path in folder.glob(".lensfield/*/*/[!.]*.exr")}
     stored = "".join(f"; finished passes are stored in {path}" for path in caches)
     assert stderr.endswith(f"lensfield: cancelled{stored}\n")
-    finished = {name[:10] for name in files(folder) if name.endswith("report.json")}
+    finished = {name[:16] for name in files(folder) if name.endswith("report.json")}
     assert {"scene_Scene_0002", "scene_Scene_0003"} <= finished
     assert {name for name in files(folder) if name.startswith(".")} <= {".lensfield"}  # passes of the next frame
     assert not list(folder.glob(".lensfield/*.lock"))

@@ -213,7 +213,7 @@ def test_the_command_announces_the_single_capture_first(rack, tmp_path):
     output, first, *_ = result.stdout.splitlines()
     assert output == f"output: {tmp_path}"
     assert first == "2 frames from one capture: only focus and f-stop change"
-    assert (tmp_path / "unsaved_Scene_0001_radiance.exr").samefile(tmp_path / "unsaved_Scene_0003_radiance.exr")
+    assert (tmp_path / "rack_Scene_0001_radiance.exr").samefile(tmp_path / "rack_Scene_0003_radiance.exr")
 
 
 def test_one_capture_supports_film_and_region(rack, cut, tmp_path):

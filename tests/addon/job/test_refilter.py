@@ -226,7 +226,7 @@ def test_bad_input_names_the_remedy(window, tmp_path):
     write_exr(replace(image, focal_mm=None), old, {"Z": planes["Z"]})
     for path, words in ((old, "older Lensfield wrote the file: render again"),
                         (tmp_path / "Gone_0001_radiance.exr", "is missing"),
-                        (original.irradiance, "such as unsaved_Scene_0001_radiance.exr")):
+                        (original.irradiance, "such as shot_Scene_0001_radiance.exr")):
         with pytest.raises(InputError, match=words):
             apply_lens(path, "tessar-50mm")
     with pytest.raises(InputError, match="one of lens, camera, phone"):

@@ -313,7 +313,7 @@ def test_an_unsaved_file_renders_to_a_temporary_folder(lit_scene):
 def test_the_panel_shows_the_last_picture_by_name(lit_scene, monkeypatch, tmp_path):
     lit_scene.lensfield.tier, lit_scene.cycles.samples, lit_scene.lensfield.output_folder = "PREVIEW", 1, str(tmp_path)
     assert bpy.ops.lensfield.render() == {"FINISHED"}
-    path = tmp_path / "Scene_0001_lens_image.exr"
+    path = tmp_path / "unsaved_Scene_0001_lens_image.exr"
     assert not bpy.ops.lensfield.show_picture.poll()
     monkeypatch.setattr(session, "last_render", LastRender("INFO", (f"{path} in 2.0 s",), path))
     assert "lensfield.show_picture" in drawn(lit_scene).shown
