@@ -119,6 +119,14 @@ def lens_now(scene):
                      edges_mm=request.frame and request.frame.edges_mm(facts))
 
 
+def is_baking(scene):
+    """Whether the lens of a scene's settings is not baked yet."""
+    try:
+        return bool(scene.lensfield.lens_text()) and requested_lens(scene) is None
+    except InputError:
+        return False
+
+
 def facts_now(scene):
     """The LensFacts of the lens in a scene's settings, which do not need a bake.
 

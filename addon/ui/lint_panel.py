@@ -8,6 +8,7 @@ from ..scene.active_camera import camera_settings
 from ..scene.rings import rings_for
 from ..shading.lint import counts_text
 from ..shading.node_rules import APPROXIMATED, REJECTED, SEPARATED
+from .lens_worker import is_baking
 from .operators import nothing_renders
 from .session import Check, session
 from .text_wrap import draw_wrapped
@@ -26,6 +27,9 @@ class LENSFIELD_OT_lint(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
+        if not bpy.app.background and is_baking(context.scene):
+            cls.poll_message_set("The lens is being baked: wait for it")
+            return False
         return nothing_renders()
 
     def execute(self, context):

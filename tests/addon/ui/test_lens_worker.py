@@ -189,7 +189,9 @@ def test_operators_of_a_window_need_no_bake(scene, tmp_path, oven, monkeypatch):
     assert bpy.ops.lensfield.match_camera() == {"FINISHED"}
     window_render.start(scene)
     window_render.end()
-    assert not oven.opened.is_set() and lens_worker.requested_lens(scene) is None
+    assert not oven.opened.is_set() and lens_worker.is_baking(scene)
+    oven.opened.set()
+    assert answered(scene) and not lens_worker.is_baking(scene)
 
 
 def test_a_lens_package_is_fixed(scene, tmp_path):
