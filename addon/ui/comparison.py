@@ -16,14 +16,17 @@ from ..scene.camera import frame_px
 from ..scene.linked import check_editable
 from . import window_render
 from .operators import LensRender
+from .previews import lens_picture
 from .properties import lens_title, matching_lenses, offered_lenses
 from .session import session
 
 F_STOPS = "1", "1.4", "2", "2.8", "4", "5.6", "8", "11", "16"
 F_STOPS_TEXT = "F-stops; without any, the camera's if its Depth of Field is on, otherwise each lens's widest"
 SIDE_PX, SAMPLES = 640, 64  # of each picture, the longer side
-COLUMN_WIDTH, ROWS, COLUMNS, MOST_COLUMNS = 300, 30, 3, 4  # of the dialog, which must fit on a screen
-MOST_OFFERED = ROWS * MOST_COLUMNS
+PICTURE, WIDGET_PX = 4, 20  # side of a picture in the dialog, in widgets; and of a widget
+COLUMN_PX, ROW_WIDGETS = 170, PICTURE + 1.4  # of a picture with its title
+FRAME_PX, FRAME_WIDGETS = 150, 15  # of the window that the pictures leave free, at the side and at top and bottom
+MOST_COLUMNS, MOST_ROWS = 8, 6
 LEAST_PX = 4
 CHOOSE = "Click a picture on the contact sheet to choose its lens"
 OUTLINE_PX, OUTLINE = 3.0, (1.0, 0.6, 0.1, 1.0)
@@ -45,6 +48,8 @@ class LENSFIELD_OT_compare(LensRender, bpy.types.Operator):
     lenses: bpy.props.CollectionProperty(type=LensfieldTick)
     search: bpy.props.StringProperty(name="Search", options={"TEXTEDIT_UPDATE", "SKIP_SAVE"},
                                      description="Offer only lenses with these words in their name, maker or character")
+    page: bpy.props.IntProperty(name="Page", default=1, min=1, options={"SKIP_SAVE"},
+                                description="Part of the lenses that is shown")
     f_stops: bpy.props.EnumProperty(
         name="F-Stops", options={"ENUM_FLAG"}, items=[(stop, f"f/{stop}", f"Compare at f/{stop}") for stop in F_STOPS],
         description=F_STOPS_TEXT)
@@ -62,22 +67,27 @@ class LENSFIELD_OT_compare(LensRender, bpy.types.Operator):
             return {"CANCELLED"}
         before = {compared.lens for compared in sheet.lenses} if sheet else {settings.lens}
         self.lenses.clear()
-        for name, *_ in offered_lenses():
-            if name != FROM_FILE or settings.lens == FROM_FILE:
-                lens = self.lenses.add()
-                lens.name, lens.ticked = name, name in before
-        return context.window_manager.invoke_props_dialog(self, width=COLUMN_WIDTH * _columns(self.lenses),
-                                                          confirm_text="Compare")
+        names = [name for name, *_ in offered_lenses() if name != FROM_FILE or settings.lens == FROM_FILE]
+        for name in sorted(names, key=lambda name: name not in before):
+            lens = self.lenses.add()
+            lens.name, lens.ticked = name, name in before
+        columns, _ = _grid(context.window)
+        return context.window_manager.invoke_props_dialog(self, width=COLUMN_PX * columns, confirm_text="Compare")
 
     def draw(self, context):
-        self.layout.prop(self, "search", text="", icon="VIEWZOOM")
-        flow = self.layout.column_flow(columns=_columns(self.lenses), align=True)
-        offered, others = _offered(self.lenses, self.search)
-        for lens in offered:
-            flow.prop(lens, "ticked", text=_offered_title(context.scene, lens.name))
-        if others:
-            self.layout.label(text=f"{others} more: search for them")
-        self.layout.separator()
+        columns, rows = _grid(context.window)
+        shown, pages = _page(self.lenses, self.search, self.page, columns * rows)
+        row = self.layout.row()
+        row.prop(self, "search", text="", icon="VIEWZOOM")
+        if pages > 1:
+            row.prop(self, "page", text=f"Page of {pages}")
+        grid = self.layout.grid_flow(columns=columns, row_major=True, even_columns=True)
+        for lens in shown:
+            cell = grid.column(align=True)
+            cell.template_icon(icon_value=lens_picture(lens.name), scale=PICTURE)
+            cell.prop(lens, "ticked", text=_offered_title(context.scene, lens.name), toggle=True)
+        titles = [_offered_title(context.scene, lens.name) for lens in self.lenses if lens.ticked]
+        self.layout.label(text=f"To compare: {', '.join(titles) or 'none'}")
         self.layout.label(text=F_STOPS_TEXT)
         self.layout.row(align=True).prop(self, "f_stops")
         row = self.layout.row()
@@ -100,17 +110,21 @@ class LENSFIELD_OT_compare(LensRender, bpy.types.Operator):
         return window_render.start_comparison(scene, lenses, stops, _size_px(scene, self.side_px), self.samples)
 
 
-def _columns(lenses):
-    """The number of columns of the dialog: more for a library with many lenses."""
-    return min(max(COLUMNS, -(-len(lenses) // ROWS)), MOST_COLUMNS)
+def _grid(window):
+    """The columns and rows of pictures for which a window has room."""
+    scale = bpy.context.preferences.system.ui_scale
+    columns = int((window.width / scale - FRAME_PX) / COLUMN_PX)
+    rows = int((window.height / scale / WIDGET_PX - FRAME_WIDGETS) / ROW_WIDGETS)
+    return max(1, min(columns, MOST_COLUMNS)), max(1, min(rows, MOST_ROWS))
 
 
-def _offered(lenses, search):
-    """The ticked lenses and those that match a search, and the number of further matches."""
+def _page(lenses, search, page, most):
+    """The lenses on a page, counted from 1, of those that match a search; and the number of pages."""
     names = matching_lenses(search)
-    matches = [lens.name for lens in lenses if lens.name in names and not lens.ticked]
-    shown = matches[:max(0, MOST_OFFERED - sum(lens.ticked for lens in lenses))]
-    return [lens for lens in lenses if lens.ticked or lens.name in shown], len(matches) - len(shown)
+    matches = [lens for lens in lenses if lens.name in names]
+    pages = max(1, -(-len(matches) // most))
+    first = (min(page, pages) - 1) * most
+    return matches[first:first + most], pages
 
 
 def _offered_title(scene, name):

@@ -1,6 +1,7 @@
 """The user's settings: the lens and the body of cameras, the scene's, and spectra of materials, lights and worlds."""
 
 import os
+import unicodedata
 from dataclasses import replace
 from functools import cache, partial
 from math import degrees, isfinite, radians
@@ -124,14 +125,19 @@ def lens_items(self, context):
 
 @cache
 def offered_lenses():
-    """The lenses to choose from, favourites first: list of (identifier, name, description, icon, number)."""
+    """The lenses to choose from, favourites first, by title: list of (identifier, name, description, icon, number)."""
     favourites, lenses = favourite_lenses(), described_lenses()
     bundled = [(name, f"\u2605 {lenses[name].title}" if name in favourites else lenses[name].title,
                 f"{lenses[name].maker}: {', '.join(lenses[name].character)}. {lenses[name].story}",
                 lens_picture(name) or "CAMERA_DATA", _lasting_number(name))
-               for name in sorted(lenses, key=lambda name: name not in favourites)]
+               for name in sorted(lenses, key=lambda name: (name not in favourites, _collated(lenses[name].title)))]
     from_file = FROM_FILE, "From File", OWN_LENS, "FILE_FOLDER", _lasting_number(FROM_FILE)
     return [*bundled, from_file]
+
+
+def _collated(title):
+    """A title as sorted, without accents and case."""
+    return unicodedata.normalize("NFKD", title).encode("ascii", "ignore").decode().casefold()
 
 
 def body_items(self, context):

@@ -48,7 +48,7 @@ class Layout:
     def column(self, **_):
         return Layout(self)
 
-    row = box = split = column_flow = column
+    row = box = split = grid_flow = column
 
     def progress(self, factor, text):
         assert 0 <= factor <= 1

@@ -9,8 +9,8 @@ from layouts import Layout
 from lensfield.addon.job.child import COMPARISON
 from lensfield.addon.ui import comparison, window_render
 from lensfield.addon.ui.panels import draw_settings
+from lensfield.addon.ui.properties import offered_lenses
 from lensfield.addon.ui.session import ComparedLens, LastRender, LastSheet, session
-from lensfield.engine.library import bundled_names
 from small_scenes import light, material, wall
 from snapshot import differences, snapshot
 
@@ -93,11 +93,15 @@ def test_only_the_editor_of_the_sheet_is_clickable_while_its_scene_exists(sheet)
     assert not clickable(session.last_sheet.path) and not bpy.ops.lensfield.choose_compared.poll()
 
 
-def test_the_dialog_lists_lenses_and_stops_and_refuses_none(sheet):
+def test_the_dialog_lists_lenses_and_stops_and_refuses_none(sheet, monkeypatch):
+    monkeypatch.setattr(comparison, "_grid", lambda window: (4, 3))
     layout, settings = Layout(), comparison.LENSFIELD_OT_compare
-    dialog = SimpleNamespace(layout=layout, lenses=[], search="", bl_rna=bpy.ops.lensfield.compare.get_rna_type())
+    lens = SimpleNamespace(name=SHARP, ticked=True, bl_rna=comparison.LensfieldTick.bl_rna)
+    dialog = SimpleNamespace(layout=layout, lenses=[lens], search="", page=1,
+                             bl_rna=bpy.ops.lensfield.compare.get_rna_type())
     settings.draw(dialog, bpy.context)
-    assert {"f_stops", "side_px", "samples"} <= set(layout.shown)
+    assert {"f_stops", "side_px", "samples", "picture", "ticked"} <= set(layout.shown)
+    assert "To compare: Zeiss Tessar 50 mm f/5.5 (1902)" in layout.labels
     with pytest.raises(RuntimeError, match="comparison: lenses is none: tick at least one"):
         bpy.ops.lensfield.compare(lenses=[])
 
@@ -109,20 +113,29 @@ def test_a_picture_has_the_sides_of_the_scene(sheet):
     assert comparison._size_px(sheet, 640) == (640, 4)
 
 
-@pytest.mark.one_blender
-@pytest.mark.parametrize("number, columns, more", [(3, 3, 0), (90, 3, 0), (91, 4, 0), (120, 4, 0), (130, 4, 10)])
-def test_the_dialog_grows_with_the_library_and_states_how_many_lenses_it_lacks(monkeypatch, number, columns, more):
-    lenses = [SimpleNamespace(name=str(n), ticked=n == 2) for n in range(number)]
-    monkeypatch.setattr(comparison, "matching_lenses", lambda search: {lens.name for lens in lenses})
-    shown, lacking = comparison._offered(lenses, "")
-    assert comparison._columns(lenses) == columns and (len(shown) + lacking, lacking) == (number, more)
+@pytest.mark.parametrize("scale", [1.0, 2.0])
+@pytest.mark.parametrize("size_px", [(1280, 720), (1600, 900), (3840, 2160), (300, 200)])
+def test_the_dialog_fits_its_window(size_px, scale, monkeypatch):
+    system = SimpleNamespace(preferences=SimpleNamespace(system=SimpleNamespace(ui_scale=scale)))
+    monkeypatch.setattr(comparison, "bpy", SimpleNamespace(context=system))
+    columns, rows = comparison._grid(SimpleNamespace(width=scale * size_px[0], height=scale * size_px[1]))
+    assert columns >= 1 and rows >= 1
+    if size_px[0] > 300:
+        assert columns * comparison.COLUMN_PX < size_px[0]
+        assert rows * comparison.ROW_WIDGETS + comparison.FRAME_WIDGETS <= size_px[1] / comparison.WIDGET_PX
 
 
-@pytest.mark.one_blender
-def test_a_search_limits_the_offered_lenses_but_never_hides_ticked_ones(monkeypatch):
-    monkeypatch.setattr(comparison, "MOST_OFFERED", 4)
-    lenses = [SimpleNamespace(name=name, ticked=name == SHARP) for name in bundled_names()]
-    shown, more = comparison._offered(lenses, "")
-    assert len(shown) == 4 and more == len(lenses) - 4 and SHARP in [lens.name for lens in shown]
-    shown, more = comparison._offered(lenses, "PETZVAL Kodak")
-    assert [lens.name for lens in shown] == ["kodak-petzval-100mm", SHARP] and more == 0
+def test_pages_together_offer_every_lens_that_matches():
+    lenses = [SimpleNamespace(name=name, ticked=name == SHARP) for name, *_ in offered_lenses()]
+    for search, expected in (("", {lens.name for lens in lenses}), ("PETZVAL Kodak", {"kodak-petzval-100mm"})):
+        _, pages = comparison._page(lenses, search, 1, 20)
+        listed = [lens.name for page in range(pages) for lens in comparison._page(lenses, search, page + 1, 20)[0]]
+        assert {*listed} == expected and len(listed) == len(expected) and pages == -(-len(expected) // 20)
+        assert comparison._page(lenses, search, 99, 20) == comparison._page(lenses, search, pages, 20)
+
+
+def test_lenses_are_sorted_by_title_without_accents_or_case():
+    titles = [title for name, title, *_ in offered_lenses() if name != "FILE"]
+    assert titles[0].startswith("Ang\u00e9nieux") and titles.index("Zeiss Tessar 50 mm f/5.5 (1902)") > len(titles) / 2
+    letters = [title.replace("\u00e9", "e").replace("\u00fc", "u").casefold() for title in titles]
+    assert letters == sorted(letters)
