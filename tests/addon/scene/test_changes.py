@@ -88,6 +88,12 @@ def zoom(scene):
     camera.lens, camera.clip_end, camera.dof.use_dof, camera.dof.aperture_fstop = 33.3, 70.0, True, 1.7
 
 
+def move_and_change_the_lens(scene):
+    """The lens is no value of the camera to be sent, though a change of its file is announced as one of the camera."""
+    scene.camera.data.lensfield.lens_file = "own.toml"
+    block("objects", "Wall").location.x = 0.2
+
+
 def brighten(scene):
     lamp = block("lights", "Light")
     lamp.energy, lamp.color, lamp.spot_size = 33.0, (1, 0.5, 0.25), 1.0
@@ -119,8 +125,8 @@ def move_keyed(scene):
     block("objects", "Wall.001").location = 7, 0.5, -1
 
 
-CHANGES = [move, turn_by_quaternion, put_back_in_parent, move_parent_and_camera, zoom, brighten, paint_anew, hide,
-           hide_in_renders, another_frame, move_keyed]
+CHANGES = [move, turn_by_quaternion, put_back_in_parent, move_parent_and_camera, zoom, move_and_change_the_lens,
+           brighten, paint_anew, hide, hide_in_renders, another_frame, move_keyed]
 
 
 @pytest.mark.parametrize("change", CHANGES)

@@ -4,6 +4,7 @@ import os
 import shutil
 import signal
 from pathlib import Path
+from types import SimpleNamespace
 
 import bpy
 import numpy as np
@@ -246,6 +247,17 @@ def test_another_lens_in_the_camera_view_needs_no_render(ready_scene):
         bpy.context.view_layer.update()
         follow()
         assert copied_ns() == rendered_ns and not on().error and lens_title(lens) in shown()
+
+
+@pytest.mark.one_blender
+@pytest.mark.parametrize("shading, same_scene", [(False, True), (True, False)])
+def test_a_setting_of_the_lens_is_told_from_a_view_by_its_announcement(endless, ready_scene, shading, same_scene):
+    """Blender announces Lensfield's settings of a camera as changes of its geometry, and its own also as shading."""
+    ready_scene.camera.data.lensfield.coating = "NONE"
+    announced = SimpleNamespace(id=ready_scene.camera.data, is_updated_transform=True, is_updated_geometry=True,
+                                is_updated_shading=shading)
+    preview.on_update(ready_scene, SimpleNamespace(updates=[announced]))
+    assert on().same_scene == same_scene
 
 
 @pytest.mark.one_blender
