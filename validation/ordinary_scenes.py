@@ -21,7 +21,7 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 SEED = int(os.environ.get("SEED", 0)) % 2**20
@@ -127,7 +127,7 @@ def outcome_of(name, folder, columns, samples):
     scene, started = ORDINARY[name], time.process_time()
     path = saved(scene, folder, columns, samples)
     try:
-        status, words, comparisons, remarks = _compared(scene, path, folder)
+        status, words, comparisons, remarks = _compared(scene, path, folder, samples)
     except InputError as error:
         as_expected = scene.refused and scene.refused in str(error)
         status, words, comparisons, remarks = REFUSED if as_expected else FAILED, str(error), {}, []
@@ -150,8 +150,9 @@ def saved(scene, folder, columns, samples):
     return path
 
 
-def _compared(scene, path, folder):
+def _compared(scene, path, folder, samples):
     """Status, words, comparisons and remarks of a scene."""
+    from scene_measure import Marks
     from scene_pictures import lens_picture, marks_px
 
     if scene.refused:
@@ -159,8 +160,8 @@ def _compared(scene, path, folder):
         return FAILED, f"not refused: expected {scene.refused!r}", {}, []
     marks, comparisons, remarks, shown = marks_px(path), {}, {}, []
     for depth in (SHARP, LAYERS) if scene.layers else (SHARP,):
-        plain, picture = _pictures(scene, path, folder, depth)
-        comparisons[depth] = _comparison(scene, plain, picture, marks, depth)
+        plain, without, picture = _pictures(scene, path, folder, depth)
+        comparisons[depth] = _comparison(scene, plain, picture, Marks(marks, without, samples), depth)
         remarks |= dict.fromkeys(picture.report.remarks())
         shown += [plain[0], picture.picture]
     _show(shown, folder / "pictures.png")
@@ -186,15 +187,16 @@ def _unsaid(scene, remarks):
 
 
 def _pictures(scene, path, folder, depth):
-    """Two plain pictures of a scene, and its LensPicture."""
+    """Two plain pictures of a scene, another without its marks, and its LensPicture."""
     from scene_pictures import WIDE_PX, PlainRender, lens_picture, plain_picture
 
     blur_px, first = (WIDE_PX, 3) if depth == LAYERS else (0.0, 0)
     changes = PlainRender(**scene.plain)
     plain = [plain_picture(path, folder, 1000 * SEED + first + number, blur_px, changes) for number in (0, 1)]
+    without = plain_picture(path, folder, 1000 * SEED + first, blur_px, replace(changes, marks=False))
     picture = lens_picture(path, folder / depth, 1000 * SEED + first + 2, blur_px,
                            "auto" if depth == LAYERS else "off", changes.compositing, **scene.request)
-    return plain, picture
+    return plain, without, picture
 
 
 def _comparison(scene, plain, picture, marks, depth):

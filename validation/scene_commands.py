@@ -19,8 +19,8 @@ from lensfield import cli
 from lensfield.commands.terminal import quiet
 from lensfield.engine.runtime.errors import InputError
 from ordinary_scenes import FOLDER, OF_LAYERS, SEED, saved
-from scene_measure import Limits, compare
-from scene_pictures import marks_px, open_scene, read_picture, registered
+from scene_measure import Limits, Marks, compare
+from scene_pictures import hide_marks, marks_px, open_scene, read_picture, registered
 from scenes import ORDINARY
 
 NAMES = "hdri", "camera_shift", "moving_object", "transparent_film", "collection_instances"
@@ -37,9 +37,11 @@ EQUALS = "frame 2 of an animation", "apply"
 
 def faults_of(name, folder, columns, samples):
     """Put a scene through every command; returns how many of them differ from two renders with different seeds."""
-    path, second = saved_twice(name, folder, columns, samples)
-    marks, frame = marks_px(path), open_scene(path).frame_current
-    rendered = [_render(each, folder / f"render_{number}", frame) for number, each in enumerate((path, second))]
+    path, second, unmarked = saved_thrice(name, folder, columns, samples)
+    frame = open_scene(path).frame_current
+    *rendered, without = [_render(each, folder / f"render_{number}", frame)
+                          for number, each in enumerate((path, second, unmarked))]
+    marks = Marks(marks_px(path), without, samples)
     commands = {"frame 2 of an animation": lambda: _animation(path, folder / "animation", frame),
                 "apply": lambda: _apply(folder / "render_0", folder / "apply", frame),
                 "compare": lambda: _compare(path, folder / "compare", frame),
@@ -60,18 +62,20 @@ def _differs(command, picture, rendered, marks):
     return bool(faults)
 
 
-def saved_twice(name, folder, columns, samples):
-    """A scene with Lensfield's settings, as two files with different seeds."""
+def saved_thrice(name, folder, columns, samples):
+    """A scene with Lensfield's settings, as two files with different seeds, and a third whose camera sees no marks."""
     path = saved(ORDINARY[name], folder, columns, samples)
     paths = []
-    for number in (0, 1):
+    for number in (0, 1, 2):
         scene = open_scene(path)
         settings, of_camera = scene.lensfield, scene.camera.data.lensfield
         of_camera.lens, of_camera.view, settings.stray_light = LENS, "CAMERA", "OFF"
         settings.wavelength_first_nm, settings.wavelength_last_nm, settings.wavelength_count = WAVELENGTHS
         dof = scene.camera.data.dof
         dof.use_dof, dof.aperture_fstop, dof.focus_distance = True, F_NUMBER, FOCUS_M
-        scene.cycles.seed = 1000 * SEED + number
+        scene.cycles.seed = 1000 * SEED + number % 2
+        if number == 2:
+            hide_marks(scene)
         paths.append(folder / f"{name}_{number}.blend")
         with quiet(1):
             bpy.ops.wm.save_as_mainfile(filepath=str(paths[-1]))

@@ -1,12 +1,13 @@
 """Compare a picture with two plain renders of the same scene, whose difference shows the noise.
 
-Pictures are float arrays (4, row, column): linear R, G, B, and alpha, row 0 at the top.
+Pictures are float arrays (4, row, column): linear R, G, B, and alpha, row 0 at the top. The light of marks is what a
+picture has in addition to a render without them, so that other things near a mark do not matter.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import maximum_filter, uniform_filter
+from scipy.ndimage import binary_dilation, maximum_filter, uniform_filter
 
 from lensfield.engine.spectral.colour_difference import ciede2000, lab_from_xyz
 
@@ -18,7 +19,9 @@ MOST_OFF_PX = 0.3
 MOST_NOISE = 0.1  # 5 sigma of the mean: more would hide errors
 NOISE_TIMES = 2  # the variance of few pixels is uncertain
 WINDOW_PX = 5
-MARK_SHARE = 0.25  # of a mark's brightest pixel: darker pixels are its surroundings
+MARK_SHARE = 0.25  # of the brightest pixel around: a mark with less light is not visible
+SUPPORT_SHARE, SUPPORT_PX = 0.02, 2  # of a mark's brightest pixel: brighter pixels and those around them are the mark
+MISSING = 0.5  # of a mark's light
 COLOUR_FLOOR = 0.5
 """CIEDE2000 beyond the predicted error: pure colours at 21 wavelengths are off by up to 1 % in a channel."""
 COLOUR_TIMES = 2  # of the predicted error, which 95 % of the possible colours keep, in the worst block
@@ -48,6 +51,25 @@ class Limits:
     detail: float = 0.2
 
 
+@dataclass(frozen=True, eq=False)
+class Marks:
+    """Small lamps whose places and sizes are measured.
+
+    Attributes
+    ----------
+    places_px : dict
+        (row, column) near each, by name.
+    without : array (4, row, column)
+        A plain render in which the camera does not see them.
+    samples : int
+        Of each pixel of the renders: the noise of a mark's edge is that of counting samples.
+    """
+
+    places_px: dict
+    without: np.ndarray
+    samples: int
+
+
 @dataclass(frozen=True)
 class Comparison:
     """How a picture differs from plain renders.
@@ -67,6 +89,8 @@ class Comparison:
     off_px : dict
         For each visible mark, the distance from its place in the plain renders, or the difference of its RMS radius if
         that is larger; inf for a missing one.
+    most_off_px : dict
+        The limit of each: that of all marks, or 5 sigma of noise if that is more.
     noise : float
         5 sigma of noise of the mean luminance, relative to it.
     faults : tuple of str
@@ -80,19 +104,19 @@ class Comparison:
     detail: float
     alpha: float
     off_px: dict
+    most_off_px: dict
     noise: float
     faults: tuple[str, ...]
 
 
-def compare(picture, plain, marks_px, limits=Limits()):
+def compare(picture, plain, marks, limits=Limits()):
     """Compare a picture with two plain renders with different seeds: Comparison.
 
     Parameters
     ----------
     picture : array (4, row, column)
     plain : sequence of two arrays (4, row, column)
-    marks_px : dict
-        (row, column) near each mark, by name.
+    marks : Marks
     limits : Limits
     """
     first, second = plain
@@ -107,13 +131,14 @@ def compare(picture, plain, marks_px, limits=Limits()):
     mean, true_mean, slack_mean = (planes.mean(axis=(1, 2))[:, None, None] for planes in (picture, true, true))
     slack_mean = SIGMAS * _sigma_of_mean(first, second)[:, None, None]
     colour = float(_colour_difference(mean[:3], true_mean[:3], slack_mean[:3], white).max())
-    off_px = {name: off for name, place in marks_px.items() if (off := _off_px(picture, true, place)) is not None}
+    off = _marks_off(picture, first, second, marks)
     worst = np.unravel_index(np.argmax(colours), colours.shape)
     means = tuple(float(m / t) if t > 0 else 1.0 if m == 0 else np.inf
                   for m, t in zip(mean.ravel()[:3], true_mean.ravel()[:3], strict=True))
     of_mean = float(_luminance(slack_mean).item() / max(_luminance(true_mean).item(), 1e-9))
     found = Comparison(means, colour, float(colours.max()), tuple(map(int, worst)), _detail(picture, first, second),
-                       float(np.abs(rest).max()), off_px, of_mean, ())
+                       float(np.abs(rest).max()), {name: found for name, (found, _) in off.items()},
+                       {name: most for name, (_, most) in off.items()}, of_mean, ())
     return _judged(found, limits)
 
 
@@ -133,7 +158,7 @@ def _judged(found, limits):
     if not found.alpha <= ALPHA_OFF + limits.misplaced:
         faults.append(f"alpha off by {found.alpha:.2g}")
     faults += [f"{name} is missing" if off == np.inf else f"{name} off by {off:.2g} px"
-               for name, off in found.off_px.items() if not off <= MOST_OFF_PX]
+               for name, off in found.off_px.items() if not off <= found.most_off_px[name]]
     return Comparison(**vars(found) | {"faults": tuple(faults)})
 
 
@@ -141,7 +166,7 @@ def _of_another_size(picture, plain):
     size, true = ("{2} x {1} px".format(*planes.shape) for planes in (picture, plain))
     nan = float("nan")
     words = f"the picture has {size}, the plain one {true}"
-    return Comparison((nan,) * 3, nan, nan, (0, 0), nan, nan, {}, nan, (words,))
+    return Comparison((nan,) * 3, nan, nan, (0, 0), nan, nan, {}, {}, nan, (words,))
 
 
 def _means(planes):
@@ -202,30 +227,80 @@ def _detail(picture, first, second):
     return float(np.sqrt(np.maximum(excess, 0) / light).max())
 
 
-def _off_px(picture, true, place):
-    """Distance between the centroids of a mark in two pictures, or the difference of its radii if that is larger.
+def _marks_off(picture, first, second, marks):
+    """For each visible mark, by name, its distance and the limit, in px."""
+    windows = {name: _window(place, picture.shape[1:]) for name, place in marks.places_px.items()}
+    without = _luminance(marks.without)
+    light, of_first, of_second = (_luminance(planes) - without for planes in (picture, first, second))
+    brightest = max((np.abs(of_first[window]).max() for window in windows.values() if window), default=0)
+    found = {name: _mark_off(*(plane[window] for plane in (light, of_first, of_second, without)), brightest,
+                             marks.samples) for name, window in windows.items() if window}
+    return {name: off for name, off in found.items() if off}
 
-    It is inf if only one of them shows it, and None if neither does.
+
+def _window(place, shape_px):
+    """Slices of rows and columns around a place; None outside the picture."""
+    window = tuple(slice(max(round(at) - WINDOW_PX, 0), max(round(at) + WINDOW_PX + 1, 0)) for at in place)
+    sides = [len(range(n)[side]) for n, side in zip(shape_px, window, strict=True)]
+    return window if min(sides) >= 3 else None
+
+
+def _mark_off(light, first, second, without, brightest, samples):
+    """Distance between the places of a mark in a picture and in two plain renders, or the difference of its radii if
+    that is larger, and the limit, in px. It is inf if only one of them shows the mark; None if neither does.
+
+    Parameters
+    ----------
+    light, first, second : array (row, column)
+        The mark's light in a window.
+    without : array (row, column)
+        The other light.
+    brightest : float
+        Light of a mark that covers a pixel.
+    samples : int
     """
-    marks = [_mark(_luminance(planes), place) for planes in (picture, true)]
-    if None in marks:
-        return None if marks == [None, None] else np.inf
-    (at, radius), (true_at, true_radius) = marks
-    return float(max(np.hypot(*np.subtract(at, true_at)), abs(radius - true_radius)))
+    true = (first + second) / 2
+    support = _support(true)
+    light = light - without * _tint(light, without, ~support)
+    light, true, first, second = (np.where(support, plane, 0) for plane in (light, true, first, second))
+    covered = np.clip(np.abs(true) / max(brightest, 1e-12), 0, 1)
+    by_count, by_renders = brightest**2 / samples * covered * (1 - covered), (first - second)**2 / 2
+
+    def five_sigma(weight=1.0, least=0.0):
+        """Of a sum over the pixels; at least of one sample."""
+        return SIGMAS * np.sqrt((LENS_NOISE**2 + 0.5) * (least**2 + max(
+            np.sum(weight**2 * variance) for variance in (by_count, by_renders))))
+
+    total, true_total, of_total = light.sum(), true.sum(), five_sigma(least=brightest / samples)
+    if abs(_beyond(total - true_total, of_total)) > MISSING * max(abs(total), abs(true_total)):
+        return np.inf, MOST_OFF_PX
+    least = min(total * np.sign(true_total), abs(true_total))
+    faint = abs(true_total) <= of_total or least < MISSING * abs(true_total)  # as far as noise explains
+    if faint or np.abs(true).max() <= MARK_SHARE * np.max(true + without):
+        return None
+    (at, radius), (true_at, true_radius) = _moments(light), _moments(true)
+    away = np.indices(true.shape) - true_at[:, None, None]
+    of_place = max(five_sigma(along) for along in away) / least
+    of_radius = five_sigma((away**2).sum(axis=0) - true_radius**2) / least / max(radius + true_radius, 1e-6)
+    off = max(np.hypot(*(at - true_at)), abs(radius - true_radius))
+    return float(off), float(max(MOST_OFF_PX, of_place, of_radius))
 
 
-def _mark(luminance, place):
-    """Centroid and RMS radius of light above the surroundings, in a window around a place; None without any."""
-    row, column = (round(at) for at in place)
-    top, left = max(row - WINDOW_PX, 0), max(column - WINDOW_PX, 0)
-    window = luminance[top:max(row + WINDOW_PX + 1, 0), left:max(column + WINDOW_PX + 1, 0)]
-    if min(window.shape) < 3:
-        return None
-    rim = np.concatenate([window[0], window[-1], window[:, 0], window[:, -1]])
-    light = np.maximum(window - max(rim.max(), MARK_SHARE * window.max()), 0)
-    if light.max() <= MARK_SHARE * max(window.max(), 0):  # nothing, or a surface
-        return None
+def _support(light):
+    """The pixels that belong to a mark; all of a window without one."""
+    size = np.abs(light)
+    return binary_dilation(size > SUPPORT_SHARE * size.max(), iterations=SUPPORT_PX) if size.any() else size == 0
+
+
+def _tint(light, without, around):
+    """How much brighter a picture is around a mark, relative to the light there."""
+    other = without[around].sum()
+    return light[around].sum() / other if other > 0 else 0.0
+
+
+def _moments(light):
+    """Centroid and RMS radius."""
     rows, columns = np.indices(light.shape)
     at = np.array([np.sum(rows * light), np.sum(columns * light)]) / light.sum()
-    radius = np.sqrt(np.sum(((rows - at[0]) ** 2 + (columns - at[1]) ** 2) * light) / light.sum())
-    return at + (top, left), radius
+    square = np.sum(((rows - at[0])**2 + (columns - at[1])**2) * light) / light.sum()
+    return at, np.sqrt(max(square, 0))

@@ -37,10 +37,13 @@ class PlainRender:
         Whether the scene's compositor is used.
     view_layer : str
         The only view layer to be rendered; "" to keep the file's choice.
+    marks : bool
+        Whether the camera sees the marks.
     """
 
     compositing: bool = False
     view_layer: str = ""
+    marks: bool = True
 
 
 def plain_picture(path, folder, seed, blur_px=0.0, changes=PlainRender()):
@@ -57,6 +60,8 @@ def plain_picture(path, folder, seed, blur_px=0.0, changes=PlainRender()):
         setattr(render, name, False)  # Lensfield ignores them, and remarks on them
     for layer in scene.view_layers if changes.view_layer else ():
         layer.use = layer.name == changes.view_layer
+    if not changes.marks:
+        hide_marks(scene)
     _set_blur(scene, blur_px)
     return rendered(scene, folder / "plain.exr")
 
@@ -170,6 +175,17 @@ def lens_picture(path, folder, seed, blur_px, depth, compositing=False, **reques
     return LensPicture(shown, result.report)
 
 
+def marks_of(scene):
+    """The marks of a scene: list of objects."""
+    return [each for each in scene.objects if each.name.startswith("Mark")]
+
+
+def hide_marks(scene):
+    """Hide the marks from the camera; their light stays."""
+    for mark in marks_of(scene):
+        mark.visible_camera = False
+
+
 def marks_px(path):
     """Places of the marks in a file's camera, by name: (row, column) in pixels from the upper left."""
     scene = open_scene(path)
@@ -178,7 +194,7 @@ def marks_px(path):
         return {}
     graph = bpy.context.evaluated_depsgraph_get()
     places = {}
-    for mark in (each for each in scene.objects if each.name.startswith("Mark")):
+    for mark in marks_of(scene):
         view = world_to_camera_view(scene, scene.camera.evaluated_get(graph),
                                     mark.evaluated_get(graph).matrix_world.translation)
         places[mark.name] = ((1 - view.y) * rows - 0.5, view.x * columns - 0.5)
