@@ -204,7 +204,7 @@ def _comparison(scene, plain, picture, marks, depth):
 
     facts = picture.report.scene
     colour_error = facts.estimated_colour_error + facts.rgb_difference + scene.colour
-    limits = Limits(colour_error, **(OF_LAYERS if depth == LAYERS else {}))
+    limits = Limits(colour_error, scene.paint, **(OF_LAYERS if depth == LAYERS else {}))
     return compare(picture.picture, plain, marks, limits)
 
 

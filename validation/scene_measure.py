@@ -40,6 +40,8 @@ class Limits:
     ----------
     colour_error : float
         CIEDE2000 that 95 % of the scene's possible colours keep: the predicted one.
+    paint_error : float
+        CIEDE2000 of the colour in the scene that is known to differ most.
     misplaced : float
         Share of the light of a block and of those around it that may be in another.
     detail : float
@@ -47,6 +49,7 @@ class Limits:
     """
 
     colour_error: float = 0.0
+    paint_error: float = 0.0
     misplaced: float = 0.0
     detail: float = 0.2
 
@@ -147,7 +150,7 @@ def _judged(found, limits):
     faults, most = [], limits.colour_error + COLOUR_FLOOR
     if not found.colour <= most:
         faults.append(f"mean colour off by CIEDE2000 {found.colour:.2g} (at most {most:.2g})")
-    most = COLOUR_TIMES * limits.colour_error + COLOUR_FLOOR
+    most = max(COLOUR_TIMES * limits.colour_error, limits.paint_error) + COLOUR_FLOOR
     if not found.worst_colour <= most:
         faults.append(f"block {found.worst_block[0]}, {found.worst_block[1]} off by CIEDE2000 "
                       f"{found.worst_colour:.2g} (at most {most:.2g})")

@@ -18,6 +18,8 @@ from lensfield.addon.scene.camera import frame_px
 from lensfield.addon.scene.units import metres_per_unit
 from lensfield.commands.terminal import quiet
 from lensfield.engine.lens import RadialLens
+from lensfield.engine.spectral.refraction import load_refraction
+from lensfield.engine.spectral.spectra import CHANNEL_NM
 from lensfield.engine.stray.options import StrayOptions
 from scenes.kit import curves_of
 
@@ -63,7 +65,19 @@ def plain_picture(path, folder, seed, blur_px=0.0, changes=PlainRender()):
     if not changes.marks:
         hide_marks(scene)
     _set_blur(scene, blur_px)
-    return rendered(scene, folder / "plain.exr")
+    return _dispersed(scene, folder / "plain.exr")
+
+
+def _dispersed(scene, path):
+    """The same as `rendered`, with the index that glass of an assigned refraction has at each channel's wavelength."""
+    glass = [(material.node_tree.nodes["Principled BSDF"].inputs["IOR"], load_refraction(material.lensfield.refraction))
+             for material in bpy.data.materials if material.lensfield.refraction]
+    planes = []
+    for nm in CHANNEL_NM if glass else ():
+        for socket, refraction in glass:
+            socket.default_value = refraction.n_at(nm)
+        planes.append(rendered(scene, path))
+    return np.stack([*(plane[n] for n, plane in enumerate(planes)), planes[0][3]]) if glass else rendered(scene, path)
 
 
 def set_seed(scene, seed):

@@ -9,6 +9,7 @@ from . import (
     materials,
     motion,
     objects,
+    sets,
     textures,
     units,
     view_layers,
@@ -17,4 +18,4 @@ from . import (
 from .kit import ORDINARY
 
 __all__ = ["ORDINARY", "cameras", "colour_management", "files", "film", "lamps", "materials", "motion", "objects",
-           "textures", "units", "view_layers", "worlds"]
+           "sets", "textures", "units", "view_layers", "worlds"]

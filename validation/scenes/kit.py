@@ -16,6 +16,7 @@ from mathutils import Vector
 SHAPE_PX, SAMPLES = (64, 96), 64  # rows and columns
 FOCUS_M = 1.25
 MARK_WATTS = 8.0  # strength of the marks' emission
+PAINTS = {"Table": (0.5, 0.48, 0.45), "Orange": (0.8, 0.3, 0.06), "Blue": (0.08, 0.2, 0.6), "Green": (0.1, 0.42, 0.12)}
 ORDINARY = {}
 """The scenes by name, in order."""
 
@@ -34,6 +35,8 @@ class Ordinary:
     colour : float
         CIEDE2000 between the scene's spectra and products of red, green and blue, in addition to the predicted error of
         few wavelengths: for lamps and glass whose spectra are not smooth.
+    paint : float
+        The same for the paint that differs most, which may fill a block.
     layers : bool
         Whether it is also compared in layers of depth, with the depth of field of Cycles.
     request : dict
@@ -52,6 +55,7 @@ class Ordinary:
     build: object
     refused: str = ""
     colour: float = 0.0
+    paint: float = 0.0
     layers: bool = True
     request: dict = field(default_factory=dict)
     plain: dict = field(default_factory=dict)
@@ -120,11 +124,11 @@ def set_stage(folder, shape_px=SHAPE_PX, samples=SAMPLES):
     lamp = link(scene, "Key", bpy.data.lights.new("Key", "AREA"), (-0.9, -0.7, 1.1))
     lamp.data.energy, lamp.data.size = 12, 0.3
     look_at(lamp, (0, 0, 0.1))
-    floor = link(scene, "Table", plane(1.6, painted("Table", (0.5, 0.48, 0.45))), (0, 0.4, 0))
-    ball = link(scene, "Ball", sphere(0.13, painted("Orange", (0.8, 0.3, 0.06), 0.35)), (-0.19, 0, 0.13))
-    cube = link(scene, "Cube", box((0.18, 0.18, 0.18), painted("Blue", (0.08, 0.2, 0.6))), (0.2, -0.12, 0.09))
+    floor = link(scene, "Table", plane(1.6, painted("Table", PAINTS["Table"])), (0, 0.4, 0))
+    ball = link(scene, "Ball", sphere(0.13, painted("Orange", PAINTS["Orange"], 0.35)), (-0.19, 0, 0.13))
+    cube = link(scene, "Cube", box((0.18, 0.18, 0.18), painted("Blue", PAINTS["Blue"])), (0.2, -0.12, 0.09))
     cube.rotation_euler.z = radians(25)
-    cone_ = link(scene, "Cone", cone(0.11, 0.3, painted("Green", (0.1, 0.42, 0.12))), (0.1, 0.45, 0))
+    cone_ = link(scene, "Cone", cone(0.11, 0.3, painted("Green", PAINTS["Green"])), (0.1, 0.45, 0))
     for number, place in enumerate(((-0.33, -0.2, 0.3), (0.36, 0.1, 0.27), (0.02, 0.7, 0.36)), 1):
         link(scene, f"Mark {number}", sphere(0.02, glowing(f"Mark {number}", (1, 0.9, 0.8), MARK_WATTS)), place)
     return Stage(scene, Path(folder), camera, lamp, world, floor, ball, cube, cone_)

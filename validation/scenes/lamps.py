@@ -20,6 +20,8 @@ from .kit import (
     sphere,
 )
 
+WARM_BLUE = 9.7
+"""CIEDE2000 between the blue paint's spectrum in the light of 2800 K and the product of red, green and blue."""
 IES = """IESNA:LM-63-2002
 [TEST] narrow downlight
 TILT=NONE
@@ -155,7 +157,7 @@ def portal(stage):
     window.data.cycles.is_portal = True
 
 
-@ordinary(colour=1.5)
+@ordinary(colour=1.5, paint=WARM_BLUE)
 def lamp_temperature(stage):
     """A lamp of 2800 K by its Temperature"""
     _night(stage)
@@ -164,7 +166,7 @@ def lamp_temperature(stage):
         lamp.use_temperature, lamp.temperature = True, 2800
 
 
-@ordinary(colour=1.5)
+@ordinary(colour=1.5, paint=WARM_BLUE)
 def lamp_blackbody(stage):
     """A lamp of 2800 K by a Blackbody node"""
     _night(stage)

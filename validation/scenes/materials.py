@@ -48,7 +48,7 @@ def tinted_frosted_glass(stage):
 
 @ordinary()
 def dispersive_glass(stage):
-    """A prism of N-SF11, which Cycles alone renders without colours"""
+    """A prism of N-SF11, for Cycles alone with an index for each channel"""
     stage.cube.data.materials[0] = prism = painted("Prism", (1, 1, 1), 0.0, Transmission_Weight=1.0)
     prism.lensfield.refraction = "n-sf11"
 
