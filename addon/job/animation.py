@@ -19,7 +19,7 @@ from .job import check_output_folder, folder_for
 from .one_capture import OneCapture
 from .origin import check_replaced
 from .record import read_record
-from .render import job_of_frame, render_steps, run
+from .render import baking, job_of_frame, render_steps, run
 from .result import Result
 
 UNKNOWN = "unknown"  # the build of a frame whose record is older than build identities
@@ -143,7 +143,7 @@ class Animation:
         if not self._apart and self._one is None:
             on_progress(0.0, "Preparing the lens for all frames")
             self._one = OneCapture(self._scene, self._frames, **self._given)
-        job = job_of_frame(self._scene, frame, **self._given)
+        job = job_of_frame(self._scene, frame, baking=baking(on_progress), **self._given)
         one = self._one if self._one and self._one.holds(job) else None
         return run(render_steps(self._scene, job, one), on_progress)
 

@@ -14,6 +14,7 @@ from ...engine.runtime.errors import InputError
 from ...engine.runtime.files import temporary_root
 from ...engine.spectral.wavelength_choice import REFERENCE
 from ...request import BY_SCENE, ON, RING_FIELDS, RenderRequest
+from ..scene.lens_cache import unwatched
 from ..scene.linked import stated_path
 from ..scene.look import look_of, to_text
 from ..scene.rings import scene_iris, scene_lens
@@ -67,7 +68,7 @@ class Job(RenderRequest):
         return self.denoise == ON
 
 
-def job_of(scene, quality=None, **given):
+def job_of(scene, quality=None, baking=unwatched, **given):
     """The Job for the scene's current frame, by its settings except for the given fields of a RenderRequest.
 
     Parameters
@@ -75,6 +76,8 @@ def job_of(scene, quality=None, **given):
     scene : bpy.types.Scene
     quality : str, optional
         Of the lens, as for `load_lens`; by default the request's.
+    baking : callable (fraction, label)
+        Progress of a bake of the lens.
     given : by name
 
     Raises
@@ -87,7 +90,7 @@ def job_of(scene, quality=None, **given):
     iris = scene_iris(scene, request.lens, request.iris, **rings)
     quality = quality or request.lens_quality or request.spectral.tier
     lens, warning, words = scene_lens(scene, request.lens, request.view_on_sensor, quality, request.wavelengths_nm,
-                                      **rings)
+                                      baking, **rings)
     decided = {"lens": lens, "camera": chosen_camera(request), "iris": iris,
                "wavelengths_nm": np.array(request.wavelengths_nm),
                "denoise": ON if denoises(scene, request) else OFF,

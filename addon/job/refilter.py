@@ -165,7 +165,8 @@ def _steps(path, request):
     stored, words, request = stored_radiance(path), (), with_stored_look(request, path)
     if not isinstance(lens, Lens):
         iris = iris if iris_is_visible(lens, rings) else None
-        lens, words = yield Work(lambda _: _turned(request, rings, stored), "Baking the lens", 0.0)
+        lens, words = yield Work(lambda on_progress: _turned(request, rings, stored, on_progress), "Baking the lens",
+                                 0.0, 0.05)
     _check_overscan(lens, stored, request, path)
     lacking = _lacking(lens, stored, request)
     with result.report.stage("read radiance"):
@@ -262,15 +263,15 @@ def rings_in_view(request, radiance):
     return rings
 
 
-def _turned(request, rings, stored):
+def _turned(request, rings, stored, on_progress=lambda fraction: None):
     """The lens of a name or path for the stored radiance, and a line for each setting that it does not have."""
     lens = request.lens
     if not has_rings(lens):
         return load_lens(lens, rings), ()
     rings = rings_in_view(request, stored)
     quality = request.lens_quality or STANDARD
-    baked = load_lens(lens, rings, quality, wavelengths_nm=stored.wavelengths_nm,
-                      edges_mm=edges_on_lens_mm(lens, rings, stored))
+    baked = load_lens(lens, rings, quality, lambda fraction, _: on_progress(fraction), stored.wavelengths_nm,
+                      edges_on_lens_mm(lens, rings, stored))
     return baked, clamped_rings(lens, rings)
 
 

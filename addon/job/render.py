@@ -12,6 +12,7 @@ from ...engine.runtime.locks import only_writer
 from ...engine.simulation.lens_image import lens_image
 from ..scene.compositor import fingerprint_anew, key_of, lay_into_compositor
 from ..scene.errors import SceneError
+from ..scene.lens_cache import unwatched
 from ..scene.render_state import go_to_frame
 from ..scene.requirements import check_scene
 from ..scene.undo import Journal
@@ -69,7 +70,7 @@ def render_through_lens(scene, *, frame=None, overwrite=False, progress=None, **
         The scene is restored exactly.
     """
     given["state"] = given.get("state") or fingerprint_anew(scene)
-    job = job_of_frame(scene, scene.frame_float if frame is None else frame, **given)
+    job = job_of_frame(scene, scene.frame_float if frame is None else frame, baking=baking(progress), **given)
     result = Result.of(scene, job.output_folder, job.frame)
     if not overwrite:
         check_replaced(scene, result, job.state)
@@ -77,14 +78,19 @@ def render_through_lens(scene, *, frame=None, overwrite=False, progress=None, **
         return run(render_steps(scene, job), progress)
 
 
-def job_of_frame(scene, frame, quality=None, **given):
+def job_of_frame(scene, frame, quality=None, baking=unwatched, **given):
     """The `job_of` a frame, by the scene's camera and settings at that frame, except for the given fields."""
     if given.get("output_folder") is None:
         check_output_folder(scene)
     with Journal() as journal:
         go_to_frame(scene, frame, journal)
         check_scene(scene, **given)
-        return job_of(scene, quality, **{"to_compositor": False} | given)
+        return job_of(scene, quality, baking, **{"to_compositor": False} | given)
+
+
+def baking(progress):
+    """The progress function of a bake before a job with this one, which may be None: the job itself has not begun."""
+    return lambda fraction, label: progress and progress(0.0, f"Baking the lens, {fraction:.0%}")
 
 
 def run(steps, progress=None):

@@ -24,8 +24,12 @@ _lenses: dict[tuple, Lens] = {}  # the newest at the end
 _lock = Lock()  # a thread may bake a lens while the window requests another
 
 
+def unwatched(fraction: float, label: str) -> None:
+    """The progress function of work that nobody follows."""
+
+
 def load_lens(source: library.LensSource, rings: Rings = AT_REST, quality: str = "standard",
-              progress: Callable[[float, str], object] = lambda fraction, label: None,
+              progress: Callable[[float, str], object] = unwatched,
               wavelengths_nm: Sequence[float] | np.ndarray | None = None, edges_mm: Edges | None = None) -> Lens:
     """The lens of `library.load_lens`: the same value as before unless the file has changed.
 

@@ -14,7 +14,7 @@ from ...engine.rays.rings import AT_REST, Rings, resized_rings
 from ...engine.runtime.errors import InputError
 from .active_camera import camera_data, camera_settings
 from .camera import lens_for_view, scene_frame
-from .lens_cache import identity_of, load_lens
+from .lens_cache import identity_of, load_lens, unwatched
 from .units import mm_per_unit
 
 CAMERA = "camera"
@@ -103,7 +103,7 @@ def _camera_iris(scene):
                 _as_set(camera.lensfield.iris_roundness))
 
 
-def scene_lens(scene, lens, view, quality, wavelengths_nm=None, **overrides):
+def scene_lens(scene, lens, view, quality, wavelengths_nm=None, baking=unwatched, **overrides):
     """The lens for a scene: with its camera's focus and f-stop, and with its own view or the camera's.
 
     Parameters
@@ -115,6 +115,8 @@ def scene_lens(scene, lens, view, quality, wavelengths_nm=None, **overrides):
         How finely a prescription is baked.
     wavelengths_nm : sequence of float, optional
         Of the picture, as for `load_lens`.
+    baking : callable (fraction, label)
+        Progress of a bake.
     overrides : by name
         Arguments of `scene_rings`.
 
@@ -138,7 +140,7 @@ def scene_lens(scene, lens, view, quality, wavelengths_nm=None, **overrides):
     if view == CAMERA and camera_data(scene):
         rings = resized_rings(prescription_of(lens), rings, scene.camera.data.lens)
     edges_mm = scene_frame(scene, view).edges_mm(pinhole_of(lens, rings)) if scene.camera else None
-    baked = load_lens(lens, rings, quality, wavelengths_nm=wavelengths_nm, edges_mm=edges_mm)
+    baked = load_lens(lens, rings, quality, baking, wavelengths_nm, edges_mm)
     return *lens_for_view(scene, baked, view), clamped_rings(lens, rings)
 
 

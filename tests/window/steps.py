@@ -417,7 +417,7 @@ def no_stalls():
 
 
 def one_look():
-    """The scene's look is that of the picture in the window, of its PNG, and of the contact sheet."""
+    """The window's picture, its PNG and the contact sheet have the look of the scene."""
     yield from open_sample(samples=8, percentage=50)
     view = bpy.context.scene.view_settings
     view.view_transform, view.look, view.exposure = "AgX", "AgX - Punchy", 0.5

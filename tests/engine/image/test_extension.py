@@ -41,8 +41,8 @@ def test_layers_are_extended_only_where_they_reach_the_edge(across):
     near = Layer(ramp((3, 2)), np.full((3, 2), 0.5), np.full((3, 2), 900.0), (0, 4))  # at the upper edge
     extended = extended_layers(LayeredRadiance((near, far), NM, grid, focal_mm=31.0), MARGIN)
     assert extended.grid.shape_px == (9, across * 14) and extended.grid.on_sensor().overscan_px == (3, 5)
-    above, whole = extended.layers
-    assert whole.origin_px == (0, 0) and whole.alpha.shape == extended.grid.shape_px
+    above, far = extended.layers
+    assert far.origin_px == (0, 0) and far.alpha.shape == extended.grid.shape_px
     assert above.origin_px == (0, 4 + 3 * across) and above.alpha.shape == (5, 2)
     np.testing.assert_array_equal(above.cube[:, :2], near.cube[:, :1].repeat(2, axis=1))
     np.testing.assert_array_equal(above.cube[:, 2:], near.cube)

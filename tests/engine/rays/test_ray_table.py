@@ -294,3 +294,14 @@ def test_a_sketch_serves_pixels_of_a_160th_of_the_picture(name):
     light, sketched_light = ((each.weight * np.clip(20 * each.surface_margin + 0.5, 0, 1)).sum(axis=-1)
                              for each in (rays, sketched))
     assert np.allclose(sketched_light, light, rtol=0.03)
+
+
+def test_a_table_ends_where_the_light_of_the_first_wavelength_does():
+    """Small, for a frame beyond its field: at 400 nm, no ray reaches the last light of 700 nm."""
+    design = focused("zeiss-biotar-50mm")
+    small = design.scaled(6.08575 / build_system(design).capture_focal_length_mm)
+    wavelengths_nm = np.linspace(400, 700, 7)
+    table = ray_table(small, wavelengths_nm, sketch=True)
+    end = light_end(build_system(small), (400.0, 700.0))
+    ends = trace_pupil(build_system(small), [end.height_mm], wavelengths_nm, HalfPupil(1, 1))
+    assert table.dark_beyond and table.last_height_mm == ends.chief_height_mm.min()
