@@ -110,8 +110,8 @@ def _tree(number):
     inside = np.hypot(rows, 2 * columns) < 0.45
     leaf = painted(f"Leaf {number}", (1, 1, 1))
     node = node_for(leaf, "ShaderNodeTexImage")
-    node.image = image(f"leaf {number}.png", np.stack([0.15 + 0.2 * number + 0 * rows, 0.4 + 0.2 * rows, 0.05 + 0 * rows,
-                                                       inside], axis=-1))
+    colour = [0.15 + 0.2 * number + 0 * rows, 0.4 + 0.2 * rows, 0.05 + 0 * rows]
+    node.image = image(f"leaf {number}.png", np.stack([*colour, inside], axis=-1))
     leaf.node_tree.links.new(node.outputs["Alpha"], principled(leaf).inputs["Alpha"])
     rng, corners = np.random.default_rng(number), []
     for _ in range(40):
