@@ -124,7 +124,8 @@ def counted(number, shift_px=(0.0, 0.0), visible=1.0, samples=SAMPLES):
 def lamp_faults(picture, samples=SAMPLES, **plain):
     """The faults of the lamp in a picture, against two plain ones."""
     first, second = (counted(number, samples=samples, **plain) for number in (0, 1))
-    found = compare(picture, [first, second], Marks({"Lamp": LAMP, "Whole": WHOLE}, noisy(edge(), 99), samples), Limits(misplaced=1.0))
+    lamps = Marks({"Lamp": LAMP, "Whole": WHOLE}, noisy(edge(), 99), samples)
+    found = compare(picture, [first, second], lamps, Limits(misplaced=1.0))
     return [fault for fault in found.faults if "Lamp" in fault]
 
 
