@@ -59,6 +59,14 @@ def test_detail_makes_in_focus_light_as_sharp_as_the_lens():
     assert sharper_lamps < 0.1 and sharper_mtf < 0.03 and rim < 1.0
 
 
+def test_near_lamps_of_a_fisheye_are_where_counted_rays_land():
+    """Its entrance pupil moves by diameters, and lamps in narrow blur with it; on the axis and at the frame's edge."""
+    printed = subprocess.run([sys.executable, "blurred_lamps.py", "olympus-fisheye-8mm@2000:250"], cwd=BENCHMARKS,
+                             check=True, capture_output=True, text=True).stdout
+    lamps = [[float(cell.rstrip("%")) for cell in line.split()[-2:]] for line in printed.splitlines()[-7:]]
+    assert all(misplaced < 0.1 and abs(radius) < 3 for misplaced, radius in lamps)
+
+
 def test_stars_have_a_spike_for_each_direction_of_the_blades():
     printed = json_output("-c", "import veil_figures as figures; from lensfield.engine import load_lens\n"
                                 "lens = load_lens('edmund-54852')\n"

@@ -21,6 +21,7 @@ from ..runtime.threads import thread_pool
 from .iris import Iris, Opening, opening
 from .levels import layer_arrays
 from .meetings import AREA_ROWS, BESIDE_PX, TILE_PX, areas_of, around_px, plan_meetings, values_of_blocks
+from .parallax import parallax_per_nearness_px
 from .prepared_layer import PreparedLayer, prepare_layers
 
 FAINT = 1e-3  # of a picture's mean radiance
@@ -124,6 +125,8 @@ def _cast(layers, layered, lens, rays, most_rays, most_of_lamps, stop, times, pr
     of_pixels, caster = field.pixel_rays(rays, sensor.on_sensor()), _Caster(lens, field, rays, focal_mm, stop)
     ends = field.pixel_rays(rays, sensor).sample(wavelengths_nm[[0, -1]], focal_mm, SAMPLE_RAYS, stop.reach)
     layers = [layer.near_surfaces(_reach_px(layer, ends)) for layer in layers]
+    layers = [layer.in_place(parallax_per_nearness_px(lens, ends, layered.capture, layer.layer.place,
+                                                      float(wavelengths_nm[0])), lens) for layer in layers]
     per_focal = capture.pitch_um * 1e-3 / focal_mm
     meetings = plan_meetings(layers, ends, sensor,
                              lambda radius_px: capture.projection.shrinkage(radius_px * per_focal), most_rays,

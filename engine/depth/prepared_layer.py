@@ -101,6 +101,20 @@ class PreparedLayer:
         depth[scipy.ndimage.maximum_filter(self.layer.alpha, 2 * reach_px + 1) == 0, 1] = -1
         return replace(self, depth=depth)
 
+    def in_place(self, parallax_px: np.ndarray, lens: Lens) -> "PreparedLayer":
+        """The layer with light out of focus that lands far from where in-focus PSFs put it: blur extends by parallax.
+
+        Parameters
+        ----------
+        parallax_px : array (row, column)
+            From `parallax_per_nearness_px`.
+        lens : Lens
+        """
+        pitch_um, nearness = self.capture.pitch_um, self.depth[..., 0]
+        apart_px = (blur_per_nearness_px(lens, pitch_um) + 2 * parallax_px) * (nearness - self.in_focus)
+        share = np.minimum(self.depth[..., 1], focus_share(apart_px, focus_range_px(lens, pitch_um)))
+        return replace(self, depth=np.stack([nearness, share], axis=-1, dtype=np.float32))
+
     def in_parts(self, region: tuple[slice, slice], times: int, wavelengths: slice,
                  wavelengths_nm: np.ndarray) -> "PreparedLayer":
         """The part in a region of the capture at some of the wavelengths, with each pixel split into `times` x `times`.
