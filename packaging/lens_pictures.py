@@ -10,7 +10,7 @@ once.
 """
 
 import sys
-from dataclasses import replace
+from dataclasses import fields, is_dataclass, replace
 from tempfile import TemporaryDirectory
 
 import numpy as np
@@ -67,7 +67,17 @@ def is_stale(name):
 def mark(name):
     """The JPEG comment: a digest of everything in a prescription that affects the picture."""
     texts = dict.fromkeys(("maker", "story", "source", "notes", "title"), "")
-    return digest_of((EDITION, replace(prescription_of(name), year=None, character=(), **texts))).hex()[:16].encode()
+    figures = stated(replace(prescription_of(name), year=None, character=(), **texts))
+    return digest_of((EDITION, figures)).hex()[:16].encode()
+
+
+def stated(value):
+    """A value with tuples of names and values in place of dataclasses, without the fields that have their defaults:
+    pictures outlast fields that are new."""
+    if is_dataclass(value):
+        return tuple((field.name, stated(getattr(value, field.name))) for field in fields(value)
+                     if field.compare and getattr(value, field.name) != field.default)
+    return tuple(map(stated, value)) if isinstance(value, tuple) else value
 
 
 def focused(name):
