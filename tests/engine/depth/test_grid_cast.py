@@ -78,7 +78,7 @@ def test_a_rotationally_symmetric_lens_is_the_same_by_a_mesh(lenses):
     expected = planes(things, radial, GRID, ray_table(radial.prescription, NM), most_rays=256)
     table = grid_ray_table(radial.prescription, *grid_lens.inverted_ends_mm, grid_lens.mirrored, NM)
     for plane, of_heights in zip(planes(things, grid_lens, GRID, table, most_rays=256), expected, strict=True):
-        assert np.array_equal(plane.sharp, of_heights.sharp)
+        np.testing.assert_allclose(plane.sharp, of_heights.sharp, atol=2e-3)  # parallax by different rays
         np.testing.assert_allclose(plane.blurred, of_heights.blurred, atol=0.015)
         assert np.mean(np.abs(plane.clear - of_heights.clear) > 0.02) < 2e-3  # rays turn with heights: edges of alpha
         assert np.abs(plane.blurred - of_heights.blurred).mean() < 5e-4
