@@ -20,7 +20,7 @@ def settings_to_edit(context):
     Raises
     ------
     SceneError
-        There is no camera, or it is linked from another file.
+        The camera is missing, or linked from another file.
     """
     camera = camera_in(context)
     if camera:
@@ -40,7 +40,7 @@ def camera_settings(scene, camera=None):
     Raises
     ------
     SceneError
-        The scene has no camera.
+        The camera is missing.
     """
     data = _data(camera or scene.camera)
     if data is None:

@@ -32,8 +32,7 @@ def stated_path(block, field, start=None):
     field : str
         Of the settings.
     start : str, optional
-        The folder of this .blend, which // stands for, unless the path comes from a linked .blend; by default the
-        folder that it is in.
+        The folder that // means, unless the path comes from a linked .blend; by default this .blend's.
     """
     text, reference = getattr(block.lensfield, field), getattr(block.override_library, "reference", None)
     inherited = reference and getattr(reference.lensfield, field) == text  # by the library override

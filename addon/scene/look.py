@@ -14,6 +14,8 @@ from ...engine.runtime.files import temporary_folder
 from .errors import SceneError
 from .working_space import REC709
 
+PNG = {"media_type": "IMAGE", "file_format": "PNG", "color_mode": "RGBA", "color_depth": "8",
+       "color_management": "FOLLOW_SCENE"}  # in this order; Blender 5.0 added the first
 WHITE_BALANCE = "use_white_balance", "white_balance_temperature", "white_balance_tint"  # since Blender 4.3
 
 
@@ -100,6 +102,27 @@ def save_shown(image, path, look):
     """Save an image as a scene with this Look shows it, as a PNG of 8 bits."""
     with _scene_with(look) as scene:
         image.save_render(str(path), scene=scene)
+
+
+def save_as_shown(image, path, scene):
+    """Save an image as a scene shows it, as a PNG of 8 bits, without a temporary scene: after the removal of one,
+    Blender announces all objects as changed."""
+    settings, dither = scene.render.image_settings, scene.render.dither_intensity
+    before = {name: getattr(settings, name) for name in PNG if hasattr(settings, name)}
+    try:
+        scene.render.dither_intensity = 0
+        _set(settings, PNG)
+        image.save_render(str(path), scene=scene)
+    finally:
+        _set(settings, before)
+        scene.render.dither_intensity = dither
+
+
+def _set(settings, values):
+    """Set values that differ: setting a file format has side effects."""
+    for name, value in values.items():
+        if getattr(settings, name, value) != value:
+            setattr(settings, name, value)
 
 
 @contextmanager

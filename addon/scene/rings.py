@@ -41,7 +41,7 @@ def scene_rings(scene, focus=None, f_number=None, focused_wide_open=None, tilt_d
     Raises
     ------
     SceneError
-        The scene has no camera.
+        The camera is missing.
     """
     settings, dof = camera_settings(scene), scene.camera.data.dof
     if focus == CAMERA or (focus is None and dof.use_dof):

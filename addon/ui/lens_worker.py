@@ -122,7 +122,7 @@ def lens_now(scene):
 def is_baking(scene):
     """Whether the lens of a scene's settings is not baked yet."""
     try:
-        return bool(scene.lensfield.lens_text()) and requested_lens(scene) is None
+        return bool(camera_settings(scene).lens_text()) and requested_lens(scene) is None
     except InputError:
         return False
 

@@ -43,7 +43,7 @@ def _number_now(name, value):
 
 
 def _converted(scene, old, taken):
-    """Give a scene's old values to its cameras that have none of their own; returns what happened, in words.
+    """Give a scene's old values to its cameras, except those with a lens already; returns what happened, in words.
 
     `taken` has the scenes whose lenses cameras have taken, and gets this one's.
     """
@@ -58,17 +58,17 @@ def _converted(scene, old, taken):
         _give_animation(scene, camera)
     left = [f"{camera.name!r} is linked" if not camera.is_editable else
             f"{camera.name!r} has the lens of scene {taken[camera].name!r}" if camera in taken else
-            f"{camera.name!r} has a lens of its own" for camera in cameras if camera not in fresh]
+            f"{camera.name!r} has a lens already" for camera in cameras if camera not in fresh]
     taken |= dict.fromkeys(fresh, scene)
     if not cameras:
-        return f"{where} has no camera, which would take its lens"
+        return f"{where} lacks a camera to take its lens"
     _forget(scene)
     given = f"the lens now belongs to the camera: given to {', '.join(repr(each.name) for each in fresh) or 'none'}"
     return "; ".join([f"{where}: {given}", *left])
 
 
 def _cameras(scene):
-    """The data of a scene's cameras, including those of markers: list, the active one first."""
+    """The data of all cameras of a scene and its markers: list, the active one first."""
     objects = [scene.camera, *(marker.camera for marker in scene.timeline_markers), *scene.objects]
     return list(dict.fromkeys(each.data for each in objects if each and each.type == "CAMERA"))
 
@@ -119,8 +119,8 @@ _HANDLERS = "load_post", "blend_import_post"
 
 
 def start():
-    """Convert files and appended scenes as they are loaded, until `stop`; and the open file, unless Blender is starting
-    and has none yet."""
+    """Convert files and appended scenes as they are loaded, until `stop`; and the open file, unless Blender is still
+    starting."""
     for name in _HANDLERS:
         getattr(bpy.app.handlers, name).append(give_lenses_to_cameras)
     if hasattr(bpy.data, "scenes"):

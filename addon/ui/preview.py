@@ -34,7 +34,7 @@ from ..scene.changes import (
 )
 from ..scene.compositor import show_file
 from ..scene.errors import SceneError
-from ..scene.look import look_of, save_shown
+from ..scene.look import save_as_shown
 from ..scene.moves import still_digests, write_moves
 from ..scene.requirements import check_scene
 from ..scene.rings import rings_for, scene_iris
@@ -413,7 +413,7 @@ def _show(preview, scene, outcome):
     """Show a picture in the camera's view; show the first one also in image editors with Blender's render."""
     path = Path(outcome["picture"])
     image = show_file(bpy.data.images.get(NAME), str(path), NAME)
-    save_shown(image, preview.picture, look_of(scene))
+    save_as_shown(image, preview.picture, scene)
     preview_overlay.forget_picture()
     for editor in () if preview.depth else image_editors():
         if editor.image is None or editor.image.type == "RENDER_RESULT":

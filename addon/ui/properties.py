@@ -344,13 +344,13 @@ class LensfieldSettings(_Settings, bpy.types.PropertyGroup):
         return parse_wavelengths(self.wavelengths_text())
 
     def to_request(self, **given):
-        """The RenderRequest of these settings and those of the active camera, except for the given fields; None counts
-        as not given.
+        """The RenderRequest of the settings of the scene and of its active camera, except for the given fields; None
+        counts as not given.
 
         Raises
         ------
         InputError
-            There is no camera, the lens's file is not trusted, or the wavelengths are not valid.
+            The camera is missing, the lens's file is not trusted, or the wavelengths are not valid.
         """
         given = {name: value for name, value in given.items() if value is not None}
         for file in (given.get("lens"), given.get("camera")):

@@ -41,7 +41,7 @@ class Setting:
     panel_default : object
         Default of the Blender property, if it differs from the field's.
     owner : str
-        What it describes, whose data-block in Blender has the property: "scene" or "camera".
+        Data-block with the property in Blender: "scene" or "camera".
     option : str or None
         Its option on the command line without the dashes; "" for the field's name, None without an option.
     metavar : str or None

@@ -89,7 +89,7 @@ def zoom(scene):
 
 
 def move_and_change_the_lens(scene):
-    """The lens is no value of the camera to be sent, though a change of its file is announced as one of the camera."""
+    """Blender announces the lens file as a change of the camera, whose values stay as they are."""
     scene.camera.data.lensfield.lens_file = "own.toml"
     block("objects", "Wall").location.x = 0.2
 

@@ -251,7 +251,7 @@ def test_another_lens_in_the_camera_view_needs_no_render(ready_scene):
 
 @pytest.mark.one_blender
 @pytest.mark.parametrize("shading, same_scene", [(False, True), (True, False)])
-def test_a_setting_of_the_lens_is_told_from_a_view_by_its_announcement(endless, ready_scene, shading, same_scene):
+def test_announcements_of_lens_and_view_differ(endless, ready_scene, shading, same_scene):
     """Blender announces Lensfield's settings of a camera as changes of its geometry, and its own also as shading."""
     ready_scene.camera.data.lensfield.coating = "NONE"
     announced = SimpleNamespace(id=ready_scene.camera.data, is_updated_transform=True, is_updated_geometry=True,
