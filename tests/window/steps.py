@@ -826,6 +826,39 @@ def moved_folder():
     assert alike((yield from render_in_blender()), blender_image) and "is missing" in node_label()
 
 
+def cameras():
+    """Each camera has its own lens: in its properties with a menu of presets, and in the sidebar once it is active."""
+    yield from open_sample(samples=1)
+    scene, first = bpy.context.scene, bpy.context.scene.camera
+    second = first.copy()
+    second.data = first.data.copy()
+    scene.collection.objects.link(second)
+    second.data.lensfield.lens = "kodak-petzval-100mm"
+    bpy.context.view_layer.objects.active = second
+    yield 1
+    area("PROPERTIES").spaces.active.context = "DATA"
+    shown = drawn("draw_camera_settings")
+    yield from until(lambda: shown == {"PROPERTIES"})
+    yield DRAW_S
+    shoot("inactive")
+    with over("PROPERTIES"):
+        bpy.ops.wm.call_panel(name="LENSFIELD_PT_camera_presets")
+    yield 1
+    shoot("presets")
+    yield from press("ESC", area("PROPERTIES"))
+    assert lens_request().question[0] == first.data.lensfield.lens
+    scene.camera = second
+    yield from until(lambda: lens_request().question[0] == "kodak-petzval-100mm" and lens_request().facts)
+    yield DRAW_S
+    shoot("active")
+    bpy.ops.ed.undo_push(message="Second Camera")
+    image = yield from render()
+    scene = bpy.context.scene
+    scene.camera = bpy.data.objects["Camera"]
+    other = yield from render()
+    assert not alike(image, other)
+
+
 def two_scenes():
     """Each scene of a file has its own lens, picture and compositor, whichever scene the window shows meanwhile."""
     yield from open_sample(samples=1)
