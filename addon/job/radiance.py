@@ -461,8 +461,7 @@ def light_steps(ready, sampled, capture_px, slabs, share, journal):
         for number, light in enumerate(lights, 1):
             if not light.is_spare(lights):
                 show_slab(scene, light.slab, capture_px, journal)
-                of_slabs = f", slab {number} of {len(lights)}" if cut else ""
-                label = f"Pass {turn} of {len(plan.bands)}{of_slabs}: {_span(band)} nm"
+                label = _label(turn, len(plan.bands), band, f"Layer {number} of {len(lights)}" if cut else "")
                 light.add(index, (yield from sampled.light(index, light, RenderPass(scene, label, fraction, step))))
             fraction += step
         if job.picture:
@@ -577,6 +576,13 @@ def _mask(region, rendered, grid):
     mask[rendered] = 0.5
     mask[_picture_part(region, grid)] = 1
     return mask
+
+
+def _label(turn, passes, band, layer):
+    """The label of a pass, counted from 1, or of a layer of depth in it; a single pass of layers needs no number."""
+    if layer and passes == 1:
+        return layer
+    return f"{', '.join(filter(None, (f'Pass {turn} of {passes}', layer.lower())))}: {_span(band)} nm"
 
 
 def _span(band):

@@ -122,12 +122,21 @@ def saved_radiance(scene):
 
 def _link_renamed(scene, path):
     """Link the newest radiance of this scene and frame, rendered under another name, to a path, if there is one."""
-    shown_in = shown_folder(scene)
-    folders, name = {path.parent, *map(Path, filter(None, [shown_in]))}, f"*_{scene.frame_current:04d}_radiance.exr"
-    for other in sorted((each for folder in folders for each in folder.glob(name)), key=stamp_of, reverse=True):
+    for other in sorted(_radiance_files(scene, path.parent), key=stamp_of, reverse=True):
         if (stored := stored_origin(other)) and is_light_of(scene, stored, path.parent):
             link_or_copy(other, path)
             return
+
+
+def _radiance_files(scene, folder):
+    """The radiance files of a scene's frame under any name, in a folder and in the one that the compositor shows."""
+    for each in {folder, *map(Path, filter(None, [shown_folder(scene)]))}:
+        yield from each.glob(f"*_{scene.frame_current:04d}_radiance.exr")
+
+
+def may_have_radiance(scene):
+    """Whether there is a radiance file that `saved_radiance` may accept."""
+    return any(_radiance_files(scene, folder_for(scene)))
 
 
 def _check_origin(scene, path):

@@ -2,7 +2,7 @@
 
 import bpy
 
-from ..job.refilter import applied_fields, apply_lens, rendered_state, saved_radiance
+from ..job.refilter import applied_fields, apply_lens, may_have_radiance, rendered_state, saved_radiance
 from ..scene.compositor import lay_into_compositor
 from . import window_render
 from .operators import LensRender
@@ -19,6 +19,15 @@ class LENSFIELD_OT_apply_lens(LensRender, bpy.types.Operator):
 
     bl_idname = "lensfield.apply_lens"
     bl_label = "Apply to Last Render"
+
+    @classmethod
+    def poll(cls, context):
+        if not super().poll(context):
+            return False
+        if may_have_radiance(context.scene):
+            return True
+        cls.poll_message_set("Render this frame through the lens first")
+        return False
 
     def render(self, scene):
         """Apply the lens to the saved radiance, and return the result."""

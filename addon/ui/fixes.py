@@ -4,6 +4,7 @@ import bpy
 
 from ...engine.runtime.errors import InputError
 from ..scene.linked import check_editable
+from .plain_words import plain
 from .text_wrap import draw_wrapped
 
 
@@ -58,7 +59,7 @@ class LENSFIELD_OT_fix(bpy.types.Operator):
 
 def draw_refusal(layout, error):
     """Draw why a scene cannot be rendered, and the button that removes the obstacle, if there is one."""
-    draw_wrapped(layout, str(error), "ERROR")
+    draw_wrapped(layout, plain(error), "ERROR")
     if error.field == "camera":
         layout.operator("lensfield.add_camera", icon="CAMERA_DATA")
     elif error.field in FIXES:

@@ -40,6 +40,7 @@ from ..scene.units import metres_per_unit
 from . import lens_view
 from .areas import areas
 from .lens_at_rest import facts_at_rest
+from .plain_words import plain
 from .session import session
 from .text_wrap import draw_wrapped
 
@@ -241,7 +242,7 @@ def _draw():
     try:
         _draw_frame(live, bpy.context.scene, space, view, bpy.context.region)
     except InputError as error:  # of the scene, which the user can mend
-        _report(live, one_line(error))
+        _report(live, plain(error))
     except Exception as error:  # each redraw would fail again
         traceback.print_exc()
         bpy.app.timers.register(partial(end, one_line(error)))
@@ -333,7 +334,7 @@ class LENSFIELD_OT_live(bpy.types.Operator):
         try:
             start(context.scene)
         except (InputError, OSError) as error:
-            self.report({"ERROR"}, one_line(error))
+            self.report({"ERROR"}, plain(error))
             return {"CANCELLED"}
         return {"FINISHED"}
 

@@ -39,6 +39,7 @@ DRAWING_PX = 520  # twice the size, for large screens
 DROPPED_ON = "VIEW_3D", "PROPERTIES", "IMAGE_EDITOR"
 STOPS = "stop", "AS"  # ends of fields in errors about a missing stop
 FROM_THE_FILE, ANGLE, HEIGHT = "FILE", "ANGLE", "HEIGHT"
+ANSWERED = "--which", FOCAL_LENGTH, F_NUMBER  # fields of errors for which the dialog has a question
 OPTICAL_BENCH = ".txt"  # its positions have a default, so no error asks for one
 MOST_OPENED = 32
 
@@ -149,6 +150,10 @@ class LENSFIELD_OT_open_lens(bpy.types.Operator):
         if not has_rings(self.filepath):  # a package states everything
             return self.execute(context)
         self.check(context)
+        lens = opened(self.filepath, reading_options(self))
+        if lens.error and not lens.prescription and lens.error.field not in ANSWERED:
+            self.report({"ERROR"}, one_line(lens.error))
+            return {"CANCELLED"}
         return context.window_manager.invoke_props_dialog(
             self, width=WIDTH_PX, title=os.path.basename(self.filepath), confirm_text="Use Lens")
 

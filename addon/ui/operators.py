@@ -15,6 +15,7 @@ from ..scene.linked import check_editable
 from . import window_render
 from .areas import fit_picture
 from .lens_worker import facts_now, lens_now, requested_lens
+from .plain_words import plain
 from .previews import SHEET_MARK, load_sheet
 from .properties import searched_lens_items
 from .session import session
@@ -50,7 +51,7 @@ class LensRender:
         try:
             remarks = self.start(context.scene)
         except (InputError, OSError) as error:
-            self.report({"ERROR"}, one_line(error))
+            self.report({"ERROR"}, plain(error))
             return {"CANCELLED"}
         for remark in remarks:
             self.report({"WARNING"}, remark)
@@ -107,7 +108,7 @@ class LENSFIELD_OT_match_camera(bpy.types.Operator):
         try:
             _match(context.scene)
         except InputError as error:
-            self.report({"ERROR"}, str(error))
+            self.report({"ERROR"}, plain(error))
             return {"CANCELLED"}
         return {"FINISHED"}
 
@@ -136,7 +137,7 @@ class LENSFIELD_OT_add_camera(bpy.types.Operator):
         try:
             check_editable(scene)
         except InputError as error:
-            self.report({"ERROR"}, str(error))
+            self.report({"ERROR"}, plain(error))
             return {"CANCELLED"}
         data = bpy.data.cameras.new("Camera")
         camera = scene.camera = bpy.data.objects.new("Camera", data)
@@ -146,7 +147,7 @@ class LENSFIELD_OT_add_camera(bpy.types.Operator):
         try:
             _match(scene)
         except InputError as error:
-            self.report({"WARNING"}, str(error))  # the camera is added all the same
+            self.report({"WARNING"}, plain(error))  # the camera is added all the same
         else:
             aim_camera(scene, view.view_rotation if view else None)
         return {"FINISHED"}

@@ -56,6 +56,7 @@ from .trust_panel import draw_named_files
 
 OF_CAMERA = "view", "body", "sheet"  # the parts that need a camera
 LENS_PICTURE, OFFERED_PICTURE = 6, 8  # widgets
+STATUS_LINES = 2
 
 
 def draw_settings(layout, scene):
@@ -70,8 +71,8 @@ def draw_settings(layout, scene):
         _draw_lens(layout, scene, camera)
         _draw_rings(layout, camera)
     _draw_buttons(layout, scene)
-    _draw_status(layout, scene)
-    _draw_notes(layout, scene)
+    refusal = _draw_status(layout, scene)
+    _draw_notes(layout, scene, refusal)
     header, body = layout.panel("lensfield_notice")
     header.label(text="Last Render", icon=session.last_render.icon if session.last_render.lines else "NONE")
     if body:
@@ -154,7 +155,7 @@ def _figures(facts, factor, sensor_mm, _):
 
 
 def _draw_rings(layout, camera):
-    """Draw focus and f-stop, the camera's Depth of Field, which controls lenses with rings; and the tilt."""
+    """Draw focus and f-stop, the camera's Depth of Field, which controls lenses with rings."""
     settings, dof = camera.lensfield, camera.dof
     column = layout.column(align=True)
     column.active = has_rings(settings.lens_name_or_path())
@@ -168,7 +169,6 @@ def _draw_rings(layout, camera):
     distance.active = dof.focus_object is None
     distance.prop(dof, "focus_distance", text="Distance")
     rings.prop(dof, "aperture_fstop", text="F-Stop")
-    column.row().prop(settings, "tilt_deg")
 
 
 def _draw_buttons(layout, scene):
@@ -187,28 +187,31 @@ def _draw_buttons(layout, scene):
 
 def _draw_status(layout, scene):
     """Draw the status: the stage of a running render, the progress of the bake, what a render takes, or why it is
-    refused."""
+    refused; returns the refusal, or None. It has two lines at least, so that what is below rarely moves."""
     if session.render:
         _draw_stage(layout, session.render)
-        return
+        return None
     column = layout.column(align=True)
     try:
         check_scene(scene)
         if not camera_settings(scene).lens_text():
-            column.label(text="Choose a lens, or a lens file", icon="INFO")
-            return
+            draw_wrapped(column, "Choose a lens", "INFO", least_lines=STATUS_LINES)
+            return None
         lens, request = requested_lens(scene), lens_request(scene)
         if lens is None:
             column.progress(factor=request.fraction, text=request.label)
+            column.label()
         else:
-            draw_wrapped(column, plan_text(scene, lens), "TIME")
+            draw_wrapped(column, plan_text(scene, lens), "TIME", least_lines=STATUS_LINES)
     except InputError as error:
         draw_refusal(column, error)
+        return error
+    return None
 
 
-def _draw_notes(layout, scene):
-    """Draw what the user should know before a render."""
-    draw_preview_status(layout)
+def _draw_notes(layout, scene, refusal):
+    """Draw what the user should know before a render, next to a refusal, if any."""
+    draw_preview_status(layout, refusal)
     draw_live_status(layout)
     column = layout.column(align=True)
     if facts := _facts(scene):
@@ -233,7 +236,7 @@ def _draw_view_and_depth(layout, scene):
 
 
 def _draw_view(layout, scene, camera):
-    """Draw a lens's view, its limits, the copy, the coating, and the iris."""
+    """Draw a lens's view, its limits, shift and tilt, the copy, the coating, and the iris."""
     settings, dof = camera.lensfield, camera.dof
     layout.prop(settings, "view")
     if settings.view == "SENSOR":
@@ -243,8 +246,12 @@ def _draw_view(layout, scene, camera):
         view = f"{across_deg:.3g}\u00b0 \u00d7 {up_deg:.3g}\u00b0, crop factor {crop_factor(facts[2]):.3g}"
         for line in (view, *_limits(*facts)):
             draw_wrapped(layout, line)
+    shift = layout.column(align=True)
+    shift.prop(camera, "shift_x")
+    shift.prop(camera, "shift_y", text="Y")
     if not has_rings(settings.lens_name_or_path()):
         return
+    layout.column(align=True).prop(settings, "tilt_deg")
     layout.prop(settings, "focused_wide_open")
     copy = layout.column(align=True)
     copy.prop(settings, "copy")
@@ -315,7 +322,7 @@ def _draw_progress(layout, render):
 
 def _draw_stage(layout, render):
     """Draw the stage of a running render, and the light so far."""
-    draw_wrapped(layout.column(align=True), render.label)
+    draw_wrapped(layout.column(align=True), render.label, least_lines=STATUS_LINES)
     if render.picture.is_file():
         draw_picture(layout, growing_preview, render.picture)
 

@@ -52,7 +52,7 @@ def plan_text(scene, lens):
     memory_mb = light_mb + 1e-6 * detail_bytes(pixels, times) + max(pass_mb, filter_mb + light_mb)  # and irradiance
     memory = f"{memory_mb / 1e3:.1f} GB" if memory_mb >= 1e3 else f"{memory_mb:.0f} MB"
     detail = " with detail" * (plan.known > 1)
-    return f"{text} \u00b7 lens {max(plan.seconds, 0.1):.1f} s{detail} \u00b7 {memory}"
+    return f"{text}, then {max(plan.seconds, 0.1):.1f} s for the lens{detail} \u00b7 {memory} of memory"
 
 
 def _checked(scene):
@@ -69,10 +69,10 @@ def _passes(scene, wavelengths):
     checked = _checked(scene)
     if checked:
         known, slabs = len(checked.plan.bands), checked.slabs
-        return f"{known} pass{'es' * (known > 1)}" + (f" in {slabs.slabs} slabs of depth" if slabs else "")
+        return f"{known} render{'s' * (known > 1)}" + (f" of {slabs.slabs} layers" if slabs else "")
     if tier == "PREVIEW" or most == 1:
-        return "1 pass"
-    return f"{most} or more passes" if tier == "REFERENCE" else f"Up to {most} passes"
+        return "1 render"
+    return f"{most} or more renders" if tier == "REFERENCE" else f"Up to {most} renders"
 
 
 def _planned(options, lens, frame, wavelengths_nm, times):

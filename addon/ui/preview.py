@@ -9,6 +9,7 @@ request once changes have stopped. Of the file, only names and session_uids are 
 
 import tempfile
 import time
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -40,6 +41,7 @@ from ..scene.requirements import check_scene
 from ..scene.rings import rings_for, scene_iris
 from . import focus_overlay, preview_overlay
 from .areas import areas, image_editors, tool_in_use
+from .plain_words import plain
 from .properties import lens_title
 from .session import session
 
@@ -330,8 +332,8 @@ def _ask_pictures(preview, scene, key, what, **files):
 
 
 def _show_error(preview, error):
-    if preview.error != str(error):
-        preview.error = str(error)
+    if preview.error != plain(error):
+        preview.error = plain(error)
         redraw()
 
 
@@ -454,9 +456,24 @@ def redraw():
         area.tag_redraw()
 
 
+@contextmanager
+def unaffected():
+    """Changes within do not affect the preview, though Blender may report all objects as changed: a scene's first
+    compositor does that."""
+    bpy.context.view_layer.update()  # reports the user's changes
+    session.preview_unaffected = True
+    try:
+        yield
+        bpy.context.view_layer.update()
+    finally:
+        session.preview_unaffected = False
+
+
 @persistent
 def on_update(scene, depsgraph):
     """Record the time of a change that affects the render."""
+    if session.preview_unaffected:
+        return
     updates = [update for update in depsgraph.updates if update.id.id_type not in QUIET and _counts(update)]
     preview = session.preview
     if preview and preview.changes is not None:

@@ -2,9 +2,10 @@
 
 import bpy
 
-from ...engine.runtime.errors import InputError, one_line
+from ...engine.runtime.errors import InputError
 from . import focus_overlay
 from .panel_pictures import draw_picture
+from .plain_words import plain
 from .preferences import IN_CAMERA, IN_PANEL, preview_place
 from .preview import is_visible, look_through_camera, redraw, start, switch_off
 from .previews import small_picture
@@ -23,8 +24,9 @@ def draw_preview(layout):
         row.operator("lensfield.focus_overlay", text="", icon="OVERLAY", depress=session.focus_overlay)
 
 
-def draw_preview_status(layout):
-    """Draw the status of the preview: in the panel its picture, its facts, and why it is off, if it failed."""
+def draw_preview_status(layout, refusal=None):
+    """Draw the status of the preview: in the panel its picture, its facts, and why it is off, if it failed. While the
+    panel shows a refusal of the scene, only that counts."""
     preview = session.preview
     if preview is None:
         if session.preview_failure:
@@ -34,7 +36,7 @@ def draw_preview_status(layout):
         draw_wrapped(layout, focus_overlay.LEGEND, "OVERLAY")
     if preview_place() == IN_PANEL and not preview.error and preview.picture.is_file():
         draw_picture(layout, small_picture, preview.picture)
-    for line in _status(preview):
+    for line in () if refusal else _status(preview):
         draw_wrapped(layout, line)
 
 
@@ -45,7 +47,7 @@ def _status(preview):
     yield from preview.facts
     if preview.error:
         yield preview.error
-    if preview.job:
+    elif preview.job:
         yield "Refining" if preview.shown else "Applying the lens" if preview.job[0] == "lens" else "Rendering"
     elif preview.slow and preview.changes is None and not preview.fresh:
         yield f"Out of date: refresh it manually, because copying this file takes {preview.copies_s[-1]:.1f} s"
@@ -65,7 +67,7 @@ class LENSFIELD_OT_preview(bpy.types.Operator):
         try:
             start(context.scene)
         except (InputError, OSError) as error:
-            self.report({"ERROR"}, one_line(error))
+            self.report({"ERROR"}, plain(error))
             return {"CANCELLED"}
         if context.window and preview_place() == IN_CAMERA:
             look_through_camera(context)

@@ -127,6 +127,8 @@ class Session:
         The preview, while it is on.
     preview_failure : str
         Why the preview was switched off; "" if the user did.
+    preview_unaffected : bool
+        Whether a change in progress does not affect the preview.
     focus_overlay : bool
         Whether the focus overlay is on.
     overlay : CameraOverlay
@@ -142,6 +144,7 @@ class Session:
     last_sheet: LastSheet | None = None
     preview: Any = None
     preview_failure: str = ""
+    preview_unaffected: bool = False
     focus_overlay: bool = False
     overlay: CameraOverlay = field(default_factory=CameraOverlay)
     live: Any = None

@@ -11,10 +11,12 @@ LETTERS_PER_WIDGET = 3.2
 PANEL_MARGINS = 3  # widgets, on both sides of a panel together
 
 
-def draw_wrapped(layout, text, icon="NONE", reserved=0, widgets=None):
-    """Draw a text wrapped to a width in widgets, by default the panel's, less two for each button in the same row."""
+def draw_wrapped(layout, text, icon="NONE", reserved=0, widgets=None, least_lines=1):
+    """Draw a text wrapped to a width in widgets, by default the panel's, less two for each button in the same row; with
+    empty lines below it up to the least number of lines."""
     widgets = (widgets or region_widgets()) - PANEL_MARGINS - 2 * (icon != "NONE") - 2 * reserved
-    for index, line in enumerate(wrap(text, max(8, int(widgets * LETTERS_PER_WIDGET)))):
+    lines = wrap(text, max(8, int(widgets * LETTERS_PER_WIDGET)))
+    for index, line in enumerate(lines + [""] * (least_lines - len(lines))):
         layout.label(text=line, icon="BLANK1" if index and icon != "NONE" else icon)
 
 

@@ -37,6 +37,7 @@ from ..scene.compositor import (
 from ..scene.requirements import check_scene
 from .areas import fit_picture, image_areas, image_editors, redraw_panels, tool_in_use
 from .lens_worker import requested_lens
+from .preview import unaffected
 from .previews import load_sheet
 from .render_display import open_as_render
 from .session import ComparedLens, LastRender, LastSheet, session
@@ -51,6 +52,7 @@ class WindowRender:
 
     child: Child
     folder: tempfile.TemporaryDirectory
+    file_name: str
     scene_name: str
     scene_uid: int  # unique until Blender ends
     to_compositor: bool
@@ -73,10 +75,13 @@ class WindowRender:
 
     @property
     def label(self):
-        """The scene, the stage, the elapsed time, and the remaining time if it can be estimated."""
+        """The stage, the elapsed time, and the remaining time if it can be estimated; of another scene than the
+        window's, also its name and its file."""
         now_s = time.monotonic()
-        label = (f"{self.scene_name}: {self.child.status.get('label', 'Starting Blender in the background')}, "
-                 f"{duration(now_s - self.started_s)}")
+        label = f"{self.child.status.get('label', 'Starting Blender in the background')}, "
+        label += duration(now_s - self.started_s)
+        if bpy.context.scene.session_uid != self.scene_uid:
+            label = f"{self.scene_name} of {self.file_name or 'an unsaved file'}: {label}"
         left = time_left(self.fraction, self.child.status_s - self.started_s, now_s - self.child.status_s)
         return f"{label}, about {left}" if left else label
 
@@ -168,7 +173,8 @@ def _follow(scene, command_in, remarks, fingerprint, output_folder=None, animati
     except BaseException:
         folder.cleanup()
         raise
-    session.render = WindowRender(child, folder, scene.name, scene.session_uid, scene.lensfield.to_compositor, remarks,
+    session.render = WindowRender(child, folder, Path(bpy.data.filepath).name, scene.name, scene.session_uid,
+                                  scene.lensfield.to_compositor, remarks,
                                   output_folder, animation, fingerprint, f_stops)
     forget_last()
     bpy.app.timers.register(tick, first_interval=TICK_S, persistent=True)  # also after another file is opened
@@ -278,7 +284,8 @@ def _lay(render):
     first = not render.laid
     render.laid.extend(new)  # before it can fail, so that the next tick does not try again
     try:
-        lay_into_compositor(scene, *map(Path, new), fingerprint=render.fingerprint)
+        with unaffected():
+            lay_into_compositor(scene, *map(Path, new), fingerprint=render.fingerprint)
     except (InputError, RuntimeError) as error:  # Blender raises RuntimeError if, for example, the tree is linked
         remark = f"lens image not added to the compositor: {str(error).strip()}"
         if remark not in render.remarks:

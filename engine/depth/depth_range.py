@@ -54,11 +54,10 @@ class DepthCheck:
     def text(self) -> str:
         """One line for a report."""
         on_axis = " on the axis" if self.leaning else ""
-        outside = (f"{self.outside_fraction:.1%} of the frame is" if self.outside_light is None else
-                   f"{self.outside_fraction:.1%} of the frame and {self.outside_light:.1%} of its light are")
-        return (f"{outside} outside the lens data's depth range, "
-                f"{_metres(self.near_mm)} to {_metres(self.far_mm)}{on_axis}, where defocus blurs by at most "
-                f"{self.blur_um:.3g} um; the scene spans {_metres(self.nearest_mm)} to {_metres(self.farthest_mm)}")
+        of_light = "" if self.outside_light is None else f" and {self.outside_light:.1%} of its light"
+        return (f"In focus: {_metres(self.near_mm)} to {_metres(self.far_mm)}{on_axis}, within {self.blur_um:.3g} um; "
+                f"out of focus: {self.outside_fraction:.1%} of the frame{of_light}; the scene spans "
+                f"{_metres(self.nearest_mm)} to {_metres(self.farthest_mm)}")
 
 
 def sharp_range_mm(lens: Lens, blur_um: float) -> tuple[float, float]:

@@ -78,7 +78,7 @@ def view_of(system: System) -> View:
     landing = view.places_mm(_traced(design.prescription, media, 0.0, 0.0, *slope).position)
     if not error[0] < AIMED:
         raise LensError(prescription.name, "image_pose", prescription.image_pose.tilt_deg,
-                        "no light along its normal gets through the middle of the stop: tilt the sensor less")
+                        "no light reaches the sensor: tilt it less")
     return replace(view, origin_mm=landing[:, 0])
 
 

@@ -217,7 +217,8 @@ def _f_number(prescription, far, requested):
     end = far.f_number if requested < far.f_number else last
     if last == far.f_number:
         return end, (f"f/{requested:.4g}: this lens has only f/{end:.3g}",)
-    return end, (f"f/{requested:.4g}: this lens's range is f/{far.f_number:.3g} to f/{last:.3g}: set to f/{end:.3g}",)
+    limit = "wider than this lens opens" if requested < far.f_number else "narrower than this lens closes"
+    return end, (f"f/{requested:.4g} is {limit}: rendered at f/{end:.3g}",)
 
 
 def _focused_on(lens, far, rings):

@@ -130,7 +130,7 @@ def _check_ends(path, rows):
     another."""
     check_surface_count(path, len(rows) - 2)  # without object and image
     if len(rows) < 3:
-        raise LensError(path, "surfaces", f"{len(rows)}", "expected an object, a lens and an image")
+        raise LensError(path, "surfaces", f"{len(rows)}", "this file contains no lens")
     for number, row in enumerate(rows):
         if not {"CURV", "DISZ"} <= row.keys():
             raise LensError(path, f"surface {number}", "without CURV or DISZ", "the file may be cut off")

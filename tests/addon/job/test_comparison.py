@@ -140,8 +140,8 @@ def test_a_radiance_file_replaces_the_scene(squares, tmp_path):
 
 def test_what_a_lens_does_not_have_is_announced_and_shown(squares, tmp_path):
     comparison = addon.plan_comparison(squares, [SHARP, FAST], [2, 2.8], output_folder=tmp_path, **QUICK)
-    assert comparison.words == ("Zeiss Tessar 50 mm f/5.5: f/2: this lens's range is f/5.5 to f/22: set to f/5.5",
-                                "Zeiss Tessar 50 mm f/5.5: f/2.8: this lens's range is f/5.5 to f/22: set to f/5.5")
+    assert comparison.words == ("Zeiss Tessar 50 mm f/5.5: f/2 is wider than this lens opens: rendered at f/5.5",
+                                "Zeiss Tessar 50 mm f/5.5: f/2.8 is wider than this lens opens: rendered at f/5.5")
     assert [[cell.label for cell in row] for row in comparison.rows] == [
         ["Zeiss Tessar 50 mm f/5.5"] * 2, ["Angénieux 50 mm f/1.1 at f/2", "Angénieux 50 mm f/1.1 at f/2.8"]]
     assert len(comparison.pictures) == 3  # the Tessar's picture is shared

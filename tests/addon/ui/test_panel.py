@@ -154,7 +154,7 @@ def test_a_fisheye_camera_sees_alike_after_it_is_matched(scene):
 
 
 @pytest.mark.parametrize("spoil, label", [
-    (lambda scene: setattr(scene.camera.data, "type", "ORTHO"), "type is ORTHO"),
+    (lambda scene: setattr(scene.camera.data, "type", "ORTHO"), "Orthographic cameras have no lens"),
     (lambda scene: setattr(scene.render, "pixel_aspect_x", 2), "pixel aspect is 2:1"),
     (lambda scene: draw_region(scene.render, 0.5, 0.5), "render region is empty")])
 def test_a_refusal_has_a_button_that_removes_the_obstacle(lit_scene, spoil, label):
@@ -174,7 +174,7 @@ def draw_region(render, left, right):
 def test_the_panel_keeps_its_order_in_every_state(lit_scene):
     """The lens, focus and f-stop, and the buttons come first, before anything that appears or disappears."""
     fixed = ["lens", "lensfield.search_lens", "lensfield.favourite", "lensfield.compare", "use_dof", "focus_object",
-             "focus_distance", "aperture_fstop", "tilt_deg", "lensfield.preview", "lensfield.live", "lensfield.render",
+             "focus_distance", "aperture_fstop", "lensfield.preview", "lensfield.live", "lensfield.render",
              "lensfield.render_animation"]
     assert drawn(lit_scene).shown[:len(fixed)] == fixed
     lit_scene.camera.data.dof.use_dof = True
@@ -227,18 +227,18 @@ def plan_text(scene):
 
 def test_the_plan_line_follows_the_settings(lit_scene):
     lit_scene.lensfield.wavelength_mode, lit_scene.lensfield.wavelength_list = "LIST", "450, 500, 550, 600, 650"
-    assert settled(lit_scene).startswith("Up to 2 passes \u00b7 lens ")
+    assert settled(lit_scene).startswith("Up to 2 renders, then ")
     lit_scene.lensfield.tier = "PREVIEW"
-    assert settled(lit_scene).startswith("1 pass \u00b7 ")
+    assert settled(lit_scene).startswith("1 render, then ")
     lit_scene.lensfield.tier = "REFERENCE"
-    assert settled(lit_scene).startswith("2 or more passes")
+    assert settled(lit_scene).startswith("2 or more renders")
 
 
 def test_the_plan_line_uses_a_check_until_the_settings_change(lit_scene):
     lit_scene.lensfield.tier = "REFERENCE"
     assert bpy.ops.lensfield.lint() == {"FINISHED"}
     count = len(session.check.result.plan.bands)
-    assert plan_text(lit_scene).startswith(f"{count} pass")
+    assert plan_text(lit_scene).startswith(f"{count} render")
     assert "changed since this check" not in panel_text(lit_scene)
     lit_scene.lensfield.wavelength_count = 7
     assert plan_text(lit_scene).startswith("3 or more") and "changed since this check" in panel_text(lit_scene)
@@ -277,7 +277,7 @@ def test_the_plan_line_states_engine_time_and_peak_memory(lit_scene, denoise):
     assert plan == make_plan(Options(accuracy=0.01), lens, Sampling(grid, tuple(settings.wavelengths_nm())))
     pass_mb = 1e-6 * pass_bytes(cube[0].size, 1, denoise == "ON")
     memory_mb = 1e-6 * cube.nbytes + max(pass_mb, plan.memory_mb + 1e-6 * cube.nbytes)
-    assert text.endswith(f" \u00b7 lens {max(plan.seconds, 0.1):.1f} s \u00b7 {memory_mb:.0f} MB")
+    assert text.endswith(f", then {max(plan.seconds, 0.1):.1f} s for the lens \u00b7 {memory_mb:.0f} MB of memory")
 
 
 def test_the_plan_line_counts_detail(lit_scene):

@@ -138,6 +138,22 @@ def test_an_edit_refreshes_the_preview_and_a_selection_does_not(ready_scene):
 
 
 @pytest.mark.one_blender
+def test_the_scenes_first_compositor_does_not_begin_the_preview_anew(ready_scene):
+    preview.start(ready_scene)
+    follow()
+    with preview.unaffected():
+        compositing_tree(ready_scene)
+        ready_scene.update_tag()
+        for obj in ready_scene.objects:
+            obj.update_tag()
+    assert on().fresh and on().up_to_date
+    ready_scene.objects["Wall"].location.x += 0.1
+    with preview.unaffected():
+        ready_scene.update_tag()
+    assert not on().fresh
+
+
+@pytest.mark.one_blender
 def test_changed_values_give_the_picture_of_a_new_copy(ready_scene):
     """A slope in the left half of the picture, with depth of field; and a mesh that is edited afterwards."""
     dof, obj = ready_scene.camera.data.dof, bpy.data.objects["Wall"]
@@ -393,7 +409,7 @@ def test_a_failed_preview_shows_its_error_and_is_retried_after_a_change(ready_sc
     assert not on().error and on().picture.is_file()
     preview.end()
     ready_scene.camera.data.type = "ORTHO"
-    with pytest.raises(RuntimeError, match="type is ORTHO"):
+    with pytest.raises(RuntimeError, match="Orthographic cameras have no lens"):
         bpy.ops.lensfield.preview()
     assert on() is None
 

@@ -127,7 +127,7 @@ def test_light_of_another_file_is_neither_applied_nor_replaced(ready_scene, tmp_
 @pytest.mark.one_blender
 def test_another_lens_can_be_applied_in_the_background(ready_scene, tmp_path):
     ready_scene.camera.data.lensfield.lens = "tessar-50mm"
-    with pytest.raises(RuntimeError, match="scene_Scene_0001_radiance.exr: radiance file is missing: render through"):
+    with pytest.raises(RuntimeError, match="Render this frame through the lens first"):
         bpy.ops.lensfield.apply_lens()
     assert bpy.ops.lensfield.render() == {"FINISHED"}
     radiance = tmp_path / "lensfield" / "scene_Scene_0001_radiance.exr"
@@ -157,7 +157,7 @@ def test_the_panel_shows_the_render_and_its_outcome(endless_scene):
     follow(in_a_pass)
     panel = shown(endless_scene)
     assert {"lensfield.cancel", "lens"} <= set(panel.shown)
-    assert "Scene: Pass 1 of 1" in " ".join(panel.labels)
+    assert "Pass 1 of 1" in " ".join(panel.labels)
     assert bpy.ops.lensfield.cancel() == {"FINISHED"}
     assert "Cancelled" in shown(endless_scene).labels
 
@@ -291,10 +291,12 @@ def test_disabling_the_add_on_ends_its_render(endless_scene):
         addon.register()
 
 
-def test_the_label_shows_the_remaining_time(monkeypatch):
+def test_the_label_shows_the_remaining_time_and_another_file(scene, monkeypatch):
     child = SimpleNamespace(status={"fraction": 0.25, "label": "Pass 1 of 3"}, status_s=30.0)
-    render = window_render.WindowRender(child, None, "Scene", 1, True, [], started_s=10.0)
+    render = window_render.WindowRender(child, None, "hall.blend", "Scene", scene.session_uid, True, [], started_s=10.0)
     monkeypatch.setattr(window_render.time, "monotonic", lambda: 40.0)
-    assert render.label == "Scene: Pass 1 of 3, 30 s, about 50 s left"
+    assert render.label == "Pass 1 of 3, 30 s, about 50 s left"
     child.status = {}
-    assert render.label == "Scene: Starting Blender in the background, 30 s"
+    assert render.label == "Starting Blender in the background, 30 s"
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    assert render.label == "Scene of hall.blend: Starting Blender in the background, 30 s"

@@ -115,7 +115,7 @@ def test_light_outside_the_range_is_counted_without_fireflies():
     lens, depth_mm = thin_lens(50, 10, 1000), np.array([[900.0, 1000.0, 1000.0, np.nan, 5000.0]])
     check = check_depth(depth_mm, lens, 20.0, light=np.array([[2.0, 5.0, np.inf, 9.0, 1.0]]))
     assert check.outside_light == 3 / 8
-    assert check.text.startswith("50.0% of the frame and 37.5% of its light are outside the lens data's depth range")
+    assert "; out of focus: 50.0% of the frame and 37.5% of its light; " in check.text
 
 
 def test_an_empty_background_is_not_out_of_focus():
@@ -139,8 +139,8 @@ def test_the_background_is_in_focus_only_for_a_lens_focused_at_infinity():
 
 def test_the_text_states_fraction_and_distances_in_one_line():
     text = check_depth([[900.0, 1000.0, 1000.0, 1e13]], thin_lens(50, 10, 1000), 20.0).text
-    assert text == ("50.0% of the frame is outside the lens data's depth range, 0.963 m to 1.04 m, where defocus blurs "
-                    "by at most 20 um; the scene spans 0.9 m to infinity")
+    assert text == ("In focus: 0.963 m to 1.04 m, within 20 um; out of focus: 50.0% of the frame; the scene spans "
+                    "0.9 m to infinity")
 
 
 def test_pixels_without_a_depth_do_not_count():
