@@ -22,6 +22,7 @@ from build_evening_chess import (
     M_PER_MM,
     NODES_ARE_OPTIONAL,
     area_lamp,
+    arrange_windows,
     ball,
     box,
     connect_surface,
@@ -494,6 +495,7 @@ def main():
     make_lamps()
     light_sitter()
     make_camera()
+    arrange_windows()
     bpy.context.preferences.filepaths.save_version = 0
     bpy.ops.wm.save_as_mainfile(filepath=str(BLEND_FILE), compress=True)
     lensfield.addon.unregister()  # the 4.5 wheel crashes at exit if classes are still registered
