@@ -379,7 +379,7 @@ def _projection(facts, frame):
 
 @lru_cache(maxsize=4)
 def _matching_angle_rad(facts, frame):
-    """Half the horizontal angle of view of a panoramic camera that `match_camera_to_lens` has given the lens's."""
+    """Half the horizontal angle of view of a panoramic camera that `match_camera_to_lens` has matched to a lens."""
     return _half_angle_rad(_panoramic(facts.capture_focal_length_mm,
                                       replace(frame, projection=_projection(facts, frame))))
 

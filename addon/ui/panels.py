@@ -187,7 +187,7 @@ def _draw_buttons(layout, scene):
 
 def _draw_status(layout, scene):
     """Draw the status: the stage of a running render, the progress of the bake, what a render takes, or why it is
-    refused; returns the refusal, or None. It has two lines at least, so that what is below rarely moves."""
+    refused; returns the refusal, or None. It has at least two lines, so that sections rarely move."""
     if session.render:
         _draw_stage(layout, session.render)
         return None

@@ -103,7 +103,7 @@ def _draw_between(corners, texture):
 
 def frame_corners(scene, tangents):
     """The lower left and the upper right corner of the frame of a scene's camera with these `view_tangents`, in world
-    space. Viewports show panoramic cameras in perspective: their frame is then Blender's."""
+    space. Viewports show panoramic cameras in perspective, in Blender's frame."""
     camera = scene.camera
     if camera.data.type == "PANO":
         frame = camera.data.view_frame(scene=scene)

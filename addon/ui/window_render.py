@@ -75,8 +75,8 @@ class WindowRender:
 
     @property
     def label(self):
-        """The stage, the elapsed time, and the remaining time if it can be estimated; of another scene than the
-        window's, also its name and its file."""
+        """The stage, the elapsed time, and the remaining time if it can be estimated; and the scene and the file, if
+        the window shows another scene."""
         now_s = time.monotonic()
         label = f"{self.child.status.get('label', 'Starting Blender in the background')}, "
         label += duration(now_s - self.started_s)

@@ -9,11 +9,12 @@ import subprocess
 import sys
 import threading
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import bpy
 import numpy as np
+from bpy_extras.view3d_utils import location_3d_to_region_2d
 
 from waiting import LAST_RESORT_S
 
@@ -23,6 +24,10 @@ FOLDER = Path(FOLDER)
 MODULE = "bl_ext.user_default.lensfield"
 SAMPLE = Path(__file__).resolve().parents[2] / "sample_scenes" / "evening_chess.blend"
 DRAW_S = 0.4  # for Blender to draw changes
+PROBE_S, PROBE_PX = 0.02, 9  # of a search for a control, whose height is 20 px
+KEYS = {letter: name for letter, name in zip("0123456789. ", (
+    "ZERO", "ONE", "TWO", "THREE", "FOUR", "FIVE", "SIX", "SEVEN", "EIGHT", "NINE", "PERIOD", "SPACE"), strict=True)}
+"""Blender's names of keys that are not letters."""
 
 
 def report(wrong="", status=0, gone=()):
@@ -63,11 +68,11 @@ def over_region(area, region):
         yield
 
 
-def point(place, across=0.5, up=0.5, window=None):
+def point(place, across=0.5, up=0.5, window=None, wait_s=DRAW_S):
     """Move the mouse over an area or region."""
     x, y = int(place.x + across * place.width), int(place.y + up * place.height)
     (window or main_window()).event_simulate(type="MOUSEMOVE", value="NOTHING", x=x, y=y)
-    yield DRAW_S
+    yield wait_s
     return x, y
 
 
@@ -77,6 +82,87 @@ def press(key, place, window=None, across=0.5, up=0.5, **modifiers):
     for value in ("PRESS", "RELEASE"):
         (window or main_window()).event_simulate(type=key, value=value, x=x, y=y, **modifiers)
     yield DRAW_S
+
+
+def find(control, place, across=0.5, up=0.99):
+    """Move the mouse down a region until it is over a control, named by its operator or its property; returns its
+    height in the region, a fraction. Blender knows the control under the mouse, but not where others are."""
+    for height in range(int(up * place.height), 0, -PROBE_PX):
+        yield from point(place, across, height / place.height, wait_s=PROBE_S)
+        if control in _under_mouse(place):
+            yield DRAW_S  # the answer may be that of the last place
+            if control in _under_mouse(place):
+                return height / place.height
+    raise LookupError(f"{control} is not visible")
+
+
+def _under_mouse(place):
+    """The operator call and the property path of the control under the mouse, as text."""
+    context, window_manager = bpy.context, bpy.context.window_manager
+    with over_region(next(each for each in main_window().screen.areas if place in each.regions[:]), place):
+        window_manager.clipboard = ""
+        with suppress(RuntimeError):  # not over an operator's button
+            bpy.ops.ui.copy_python_command_button()
+        _, path, _ = context.property or (None, "", None)
+    return window_manager.clipboard or path
+
+
+def click(control, place, across=0.5, key="LEFTMOUSE"):
+    """Click a control in a region, or press a key over it."""
+    up = yield from find(control, place, across)
+    yield from press(key, place, across=across, up=up)
+
+
+def drag(control, place, start, end):
+    """Drag the mouse over a control in a region, from one fraction of its width to another."""
+    up = yield from find(control, place, start)
+    for across, value in ((start, "PRESS"), ((start + end) / 2, None), (end, None), (end, "RELEASE")):
+        x, y = yield from point(place, across, up)
+        if value:
+            main_window().event_simulate(type="LEFTMOUSE", value=value, x=x, y=y)
+            yield DRAW_S
+
+
+def open_section(name, place):
+    """Click the headers of the Lensfield panel's sections, from the top, until this one is open."""
+    panels, opened = sys.modules[f"{MODULE}.addon.ui.panels"], set()
+    panels._PARTS = [(part, title, lambda *given, part=part, draw=draw: (opened.add(part), draw(*given)))
+                     for part, title, draw in panels._PARTS]
+    up = yield from find("lensfield.apply_lens", place)
+    while name not in opened:
+        up -= PROBE_PX / place.height
+        assert up > 0, f"no section {name}: {opened}"
+        yield from press("LEFTMOUSE", place, up=up)
+        if opened and name not in opened:
+            yield from press("LEFTMOUSE", place, up=up)  # closes it
+            up -= PROBE_PX / place.height
+            opened.clear()
+
+
+def confirm():
+    """Click the highlighted button of a dialog."""
+    shoot("dialog")
+    path = FOLDER.parent / f"{STEP}-dialog.png"
+    highlighted = np.abs(pixels(path)[..., :3] - ACCENT).max(-1) < 0.02
+    for row in np.flatnonzero(highlighted.sum(1) >= LEAST_BUTTON_PX):  # from the bottom
+        columns = np.flatnonzero(highlighted[row])
+        if np.ptp(columns) < 1.1 * len(columns):  # one button, with gaps for its text at most
+            window = main_window()
+            yield from press("LEFTMOUSE", window, across=columns.mean() / window.width, up=(row + 5) / window.height)
+            return
+    raise LookupError("no highlighted button")
+
+
+def write(text):
+    """Type text."""
+    for letter in text:
+        key = KEYS.get(letter, letter.upper())
+        main_window().event_simulate(type=key, value="PRESS", unicode=letter)
+        main_window().event_simulate(type=key, value="RELEASE")
+        yield 0.1
+
+
+ACCENT, LEAST_BUTTON_PX = np.divide((71, 114, 179), 255), 100  # of highlighted buttons in Blender's theme
 
 
 def shoot(name, place=None):
@@ -205,6 +291,15 @@ def preview_is_fresh():
     return preview.picture.is_file() and preview.fresh and preview.shown > 0 and preview.lens == key
 
 
+def frame_width_px(view):
+    """The width of the camera's frame in a viewport, or of the picture, if that is smaller."""
+    scene, place = bpy.context.scene, region(view)
+    matrix = scene.camera.matrix_world.normalized()
+    across = [location_3d_to_region_2d(place, view.spaces.active.region_3d, matrix @ corner).x
+              for corner in scene.camera.data.view_frame(scene=scene)]
+    return round(min(max(across) - min(across), scene.render.resolution_x * scene.render.resolution_percentage // 100))
+
+
 def session():
     return sys.modules[f"{MODULE}.addon.ui.session"].session
 
@@ -224,7 +319,7 @@ def notice():
 
 def in_a_pass():
     assert rendering(), notice()
-    return "Pass" in progress() and rendering().fraction > 0
+    return progress().startswith(("Pass", "Layer")) and rendering().fraction > 0
 
 
 def child():
@@ -269,6 +364,14 @@ def lens_image_path():
     folder = Path(bpy.path.abspath(scene.lensfield.output_folder))
     name = f"{Path(bpy.data.filepath).stem or 'unsaved'}_{scene.name}"
     return folder / f"{bpy.path.clean_name(name)}_{scene.frame_current:04d}_lens_image.exr"
+
+
+def place_on_sheet(compared, place):
+    """The middle of a picture on the contact sheet that a region of an Image Editor shows, in fractions of it."""
+    left, top, right, bottom = compared.box
+    width, height = area("IMAGE_EDITOR").spaces.active.image.size
+    across, up = place.view2d.view_to_region((left + right) / 2 / width, 1 - (top + bottom) / 2 / height, clip=False)
+    return across / place.width, up / place.height
 
 
 def render_window():

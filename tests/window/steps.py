@@ -23,8 +23,13 @@ from hands import (
     area,
     child,
     choose_petzval,
+    click,
     close_other_windows,
+    confirm,
+    drag,
     drawn,
+    find,
+    frame_width_px,
     in_a_pass,
     lens_image_path,
     lens_request,
@@ -34,9 +39,11 @@ from hands import (
     node_label,
     notice,
     open_sample,
+    open_section,
     over,
     over_region,
     pixels,
+    place_on_sheet,
     point,
     press,
     preview_is_fresh,
@@ -58,6 +65,7 @@ from hands import (
     trust,
     turn,
     until,
+    write,
 )
 
 LIVE_LENSES = ("olympus-fisheye-8mm", "muller-fisheye-25mm", "zeiss-hologon-15mm", "zeiss-flektogon-20mm",
@@ -65,6 +73,9 @@ LIVE_LENSES = ("olympus-fisheye-8mm", "muller-fisheye-25mm", "zeiss-hologon-15mm
                "kodak-petzval-100mm", "nikkor-z-135mm-plena", "canon-fd-500mm-f4.5", "cooke-42mm-2x")
 LIVE_TILTED, LIVE_TILT_DEG = "zeiss-biotar-50mm", (1.5, -1.0)
 COMPARED_LENSES = "edmund-54852", "zeiss-biotar-50mm"
+PICTURE_PX = 100  # from the lens's name up to its picture
+STAR = 0.83  # of the panel's width
+SECOND_LENS = 0.175, 0.655  # its title in the dialog that compares lenses, in fractions of the window
 DOT_LENS = """# A Cooke triplet, without its field
 name: Triplet 50mm f/5
 focal_length: 50.00
@@ -209,11 +220,9 @@ def compare():
     editor = area("IMAGE_EDITOR")
     assert bpy.path.abspath(editor.spaces.active.image.filepath) == str(sheet.path) and len(sheet.lenses) == 4
     place, compared = region(editor), sheet.lenses[2]
-    left, top, right, bottom = compared.box
-    width, height = editor.spaces.active.image.size
-    across, up = place.view2d.view_to_region((left + right) / 2 / width, 1 - (top + bottom) / 2 / height, clip=False)
+    across, up = place_on_sheet(compared, place)
     before = bpy.context.scene.camera.data.lensfield.lens
-    yield from press("LEFTMOUSE", place, across=across / place.width, up=up / place.height)
+    yield from press("LEFTMOUSE", place, across=across, up=up)
     yield 0.5
     shoot("chosen")
     scene = bpy.context.scene
@@ -1031,3 +1040,172 @@ def after_a_kill():
     """The next Blender removes the files that the killed one left."""
     assert not os.path.exists((FOLDER.parent / "left").read_text())
     yield 0
+
+
+def click_lens():
+    """With the mouse: a lens by its picture, by its name, as a favourite, and its rings."""
+    yield from open_sample()
+    view = area("VIEW_3D")
+    panel, camera, chosen = region(view, "UI"), bpy.context.scene.camera.data, []
+    for across, up in ((0.25, 0.37), (0.6, 0.58), (0.9, 0.15)):
+        name = yield from find("lensfield.search_lens", panel)
+        yield from press("LEFTMOUSE", panel, up=name + PICTURE_PX / panel.height)
+        yield 1  # for the pictures
+        shoot(f"picker-{len(chosen)}")
+        yield from press("LEFTMOUSE", main_window(), across=across, up=up)
+        chosen.append(camera.lensfield.lens)
+        yield from until(lambda: lens_request().facts)
+        shoot(f"picked-{len(chosen)}")
+    assert len({*chosen}) == 3 and "" not in chosen, chosen
+    yield from click("lensfield.search_lens", panel)
+    yield from write("petzval")
+    yield 1
+    shoot("search")
+    yield from press("RET", panel)
+    assert camera.lensfield.lens == "kodak-petzval-100mm", camera.lensfield.lens
+    preferences = bpy.context.preferences.addons[MODULE].preferences
+    for favourites in ("kodak-petzval-100mm", ""):
+        yield from click("lensfield.favourite", panel, across=STAR)
+        assert preferences.favourite_lenses == favourites
+        shoot(f"star-{bool(favourites)}")
+    dof = camera.dof
+    yield from click("dof.use_dof", panel)
+    assert dof.use_dof
+    before = dof.focus_distance
+    yield from drag("dof.focus_distance", panel, 0.7, 0.8)
+    assert dof.focus_distance != before
+    yield from click("dof.aperture_fstop", panel, 0.7, "RET")  # edits the number under the mouse
+    yield from press("A", panel, ctrl=True)
+    yield from write("4.5")
+    yield from press("RET", panel)
+    assert abs(dof.aperture_fstop - 4.5) < 1e-6
+    yield from until(lambda: lens_request().facts and lens_request().facts.f_number == 4.5)
+    shoot("rings")
+
+
+def click_pictures():
+    """With the mouse: the preview, the live view, a render, another lens applied to it, and both opened."""
+    yield from open_sample()
+    view = area("VIEW_3D")
+    panel = region(view, "UI")
+    yield from click("lensfield.preview", panel, across=0.25)
+    yield from until(preview_is_fresh)
+    yield DRAW_S
+    shoot("preview")
+    yield from click("lensfield.preview", panel, across=0.15)
+    assert not preview_under_way()
+    yield from click("lensfield.live", panel, across=0.7)
+    yield from until(lambda: session().live.shown)
+    yield DRAW_S
+    shoot("live")
+    yield from click("lensfield.live", panel, across=0.7)
+    assert not session().live
+    yield from click("lensfield.render", panel)
+    shoot("under-way")
+    yield from until(lambda: not rendering())
+    yield 1
+    shoot("rendered")
+    close_other_windows()
+    first = pixels(lens_image_path())
+    settings = bpy.context.scene.camera.data.lensfield
+    settings.view, settings.lens = "CAMERA", "tessar-50mm"
+    yield DRAW_S
+    yield from click("lensfield.apply_lens", panel)
+    yield from until(lambda: not rendering())
+    yield 1
+    shoot("applied")
+    close_other_windows()
+    assert not alike(pixels(lens_image_path()), first)
+
+
+def click_camera():
+    """With the mouse: the section of the camera, a camera from its list, and its exposure."""
+    yield from open_sample()
+    panel, settings = region(area("VIEW_3D"), "UI"), bpy.context.scene.camera.data.lensfield
+    yield from open_section("body", panel)
+    yield from click("lensfield.body", panel, across=0.7)
+    yield 0.5
+    shoot("list")
+    yield from press("DOWN_ARROW", panel)
+    yield from press("RET", panel)
+    assert settings.body not in ("", "NONE"), settings.body
+    yield DRAW_S
+    shoot("section")
+
+
+def click_own_lens():
+    """With the mouse: the dialog of a lens file."""
+    yield from open_sample()
+    path = FOLDER / "own_lens.lens"
+    path.write_text(DOT_LENS)
+    yield from point(area("VIEW_3D"), 0.3, 0.6)
+    with over():
+        bpy.ops.lensfield.open_lens("INVOKE_DEFAULT", filepath=str(path))
+    yield 2  # for the drawing
+    yield from confirm()
+    settings = bpy.context.scene.camera.data.lensfield
+    assert (settings.lens, settings.lens_file) == ("FILE", "//lenses/own_lens.toml")
+    yield from until(lambda: lens_request().facts)
+    shoot("used")
+
+
+def preview_fills_frame():
+    """The first preview is as fine as the camera's frame in the viewport, and finer after zooming in; a camera that a
+    lens cannot replace hides it; a fisheye camera's covers the frame."""
+    yield from open_sample(samples=1, percentage=100)
+    view, scene = area("VIEW_3D"), bpy.context.scene
+    view.spaces.active.region_3d.view_perspective = "PERSP"
+    yield DRAW_S
+    yield from click("lensfield.preview", region(view, "UI"), across=0.25)
+    yield from until(lambda: preview_is_fresh() and not preview_under_way().job)
+    yield DRAW_S
+    shoot("first")
+    first = preview_under_way().columns_px
+    assert first == frame_width_px(view), (first, frame_width_px(view))
+    yield from press("WHEELUPMOUSE", region(view), across=0.3)
+    yield from until(lambda: preview_under_way().columns_px > first and not preview_under_way().job)
+    yield DRAW_S
+    shoot("zoomed")
+    assert preview_under_way().columns_px == frame_width_px(view)
+    for kind in ("ORTHO", "PANO"):
+        scene.camera.data.type = kind
+        yield DRAW_S
+        shoot(kind.lower())
+        assert not preview_under_way().up_to_date
+    scene.camera.data.type = "PERSP"
+    yield from until(lambda: preview_is_fresh() and preview_under_way().up_to_date)
+    scene.camera.data.lensfield.lens = "olympus-fisheye-8mm"
+    yield from until(lambda: lens_request().lens)
+    with over():
+        assert bpy.ops.lensfield.match_camera() == {"FINISHED"}
+    yield DRAW_S
+    yield from until(lambda: preview_is_fresh() and preview_under_way().up_to_date and not preview_under_way().job)
+    yield DRAW_S
+    shoot("fisheye")
+    yield from start("preview")
+
+
+def click_compare():
+    """With the mouse: the dialog that compares lenses, a second lens in it, and a picture of the contact sheet."""
+    yield from open_sample(samples=1)
+    bpy.context.preferences.view.render_display_type = "SCREEN"
+    scene = bpy.context.scene
+    yield from click("lensfield.compare", region(area("VIEW_3D"), "UI"))
+    yield 1
+    shoot("offered")
+    across, up = SECOND_LENS
+    yield from press("LEFTMOUSE", main_window(), across=across, up=up)
+    yield from confirm()
+    yield from until(lambda: not rendering())
+    yield 1
+    shoot("sheet")
+    lenses = session().last_sheet.lenses
+    assert len(lenses) == 2, lenses
+    other = next(each for each in lenses if each.lens != scene.camera.data.lensfield.lens)
+    place = region(area("IMAGE_EDITOR"))
+    across, up = place_on_sheet(other, place)
+    yield from press("LEFTMOUSE", place, across=across, up=up)
+    yield 0.5
+    shoot("chosen")
+    assert scene.camera.data.lensfield.lens == other.lens
+    bpy.context.preferences.view.render_display_type = "WINDOW"  # Blender saves the preferences on exit

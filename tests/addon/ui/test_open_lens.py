@@ -62,13 +62,13 @@ def test_an_incomplete_file_is_refused_and_the_scene_keeps_its_lens(saved, tmp_p
 
 
 def test_a_file_without_a_lens_opens_no_dialog(saved, tmp_path):
-    before = saved.lensfield.lens
+    before = saved.camera.data.lensfield.lens
     one_surface = ZEMAX[:ZEMAX.index("SURF 1")]
     for path, message in ((write(tmp_path, "one.zmx", one_surface), "this file contains no lens"),
                           (write(tmp_path, "text.toml", "not a lens"), "text.toml")):
         with pytest.raises(RuntimeError, match=message):
             bpy.ops.lensfield.open_lens("INVOKE_DEFAULT", filepath=path)
-    assert saved.lensfield.lens == before
+    assert saved.camera.data.lensfield.lens == before
 
 
 def test_answers_are_stored_with_the_lens_next_to_the_blend(saved, tmp_path):
