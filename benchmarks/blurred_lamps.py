@@ -99,7 +99,7 @@ def lit_share(ends, middle, side):
     return np.diff(np.clip(ends, middle - side / 2, middle + side / 2)) / np.diff(ends)
 
 
-def seen(rays, at_mm, stop, depth_mm):
+def sources_of(rays, at_mm, stop, depth_mm):
     """The tangents at a depth of points whose light lands at places of the upright picture, and the SensorRays."""
     traced = rays.rays(0, -at_mm, stop)
     return traced.entrance_mm / depth_mm - tangents(traced), traced
@@ -115,16 +115,16 @@ def landings_mm(scene, rays, lamp):
     middle = scene.places[:, lamp, None]
     wanted, at_mm = scene.tangents(*middle), np.repeat(scene.landed_mm[:, lamp, None], RAYS, axis=1)
     for _ in range(NEWTON_STEPS):
-        there, traced = seen(rays, at_mm, stop, scene.depth_mm)
-        slopes = [(seen(rays, at_mm + step, stop, scene.depth_mm)[0] - there) / STEP_MM
+        source, traced = sources_of(rays, at_mm, stop, scene.depth_mm)
+        slopes = [(sources_of(rays, at_mm + step, stop, scene.depth_mm)[0] - source) / STEP_MM
                   for step in STEP_MM * np.eye(2)[..., None]]
         per_tangent = np.linalg.inv(np.stack(slopes, axis=1).transpose(2, 0, 1))
-        at_mm = rays.inside(at_mm + np.einsum("rij,jr->ir", per_tangent, wanted - there), WITHIN)
+        at_mm = rays.inside(at_mm + np.einsum("rij,jr->ir", per_tangent, wanted - source), WITHIN)
     shift, turns = np.random.default_rng(6).random((2, RAYS, 1)), qmc.Sobol(2, seed=2).random(IN_LAMP).T[:, None]
     around = middle[..., None] + scene.side_px * ((shift + turns) % 1 - 0.5)
     spread_mm = np.einsum("rij,jrn->irn", per_tangent, scene.tangents(*around) - wanted[..., None])
-    found = (traced.margin > 0) & (np.abs(wanted - there).max(axis=0) < FOUND)
-    light = np.where(found, traced.weight * np.abs(np.linalg.det(per_tangent)), 0)
+    lands = (traced.margin > 0) & (np.abs(wanted - source).max(axis=0) < FOUND)
+    light = np.where(lands, traced.weight * np.abs(np.linalg.det(per_tangent)), 0)
     return (at_mm[..., None] + spread_mm).reshape(2, -1), np.repeat(light, IN_LAMP)
 
 

@@ -1,8 +1,7 @@
 """Parallax: how far an out-of-focus image moves from where the same direction's light lands in focus.
 
-The pinhole of a capture is in the middle of the entrance pupil on the axis. The pupil of oblique light is elsewhere:
-that of a fisheye moves by several diameters. Near things are then seen in other directions, at places that in-focus
-light does not know.
+The pinhole of a capture is in the middle of the entrance pupil on the axis. The pupil of oblique light is elsewhere: a
+fisheye's moves by several diameters. Near things are then seen in other directions than things in focus.
 """
 
 import numpy as np
@@ -18,7 +17,7 @@ STEP_PX = 0.1  # in the capture, for the change on the sensor
 
 def parallax_per_nearness_px(lens: Lens, rays: RaySample, capture: PixelGrid, place: tuple[slice, slice],
                              wavelength_nm: float) -> np.ndarray:
-    """Distance on the sensor by which an image moves with its inverse depth.
+    """Movement of an image on the sensor with its inverse depth.
 
     Parameters
     ----------
@@ -47,13 +46,13 @@ def _at_places(lens, rays, capture, rows, columns, wavelength_nm):
     ideal_mm = np.nan_to_num(np.stack(np.broadcast_arrays(
         *from_capture(*capture.position_mm(rows, columns), lens, capture))))
     landed_mm = np.stack(field.landing_mm(*ideal_mm))
-    _, moved_px, light, _ = rays.bundles(*rays.known_places(*(landed_mm / pitch_mm * _columns(capture))))
+    _, moved_px, light, _ = rays.bundles(*(landed_mm / pitch_mm * _columns(capture)))
     middle_px = np.moveaxis((light[..., None] * moved_px).sum(axis=-2), -1, 0) / np.maximum(light.sum(axis=-1), 1e-30)
     step = STEP_PX / max(float(np.abs(middle_px).max()), 1e-30)
     focal_mm = capture.focal_mm or lens.capture_focal_length_mm
     per_px = pitch_mm * lens.capture_focal_length_mm / focal_mm * np.array([capture.squeeze / lens.squeeze, 1.0])
-    there_mm = np.stack(field.landing_mm(*(ideal_mm + step * per_px[:, None, None] * middle_px)))
-    return (np.hypot(*(there_mm - landed_mm)) / (step * pitch_mm)).astype(np.float32)
+    moved_mm = np.stack(field.landing_mm(*(ideal_mm + step * per_px[:, None, None] * middle_px)))
+    return (np.hypot(*(moved_mm - landed_mm)) / (step * pitch_mm)).astype(np.float32)
 
 
 def _columns(capture):
