@@ -51,6 +51,8 @@ def _converted(scene, old, taken):
     if not scene.is_editable:
         return f"{where} is linked, with a lens of an older Lensfield: open {scene.library.filepath}, and save it"
     cameras = _cameras(scene)
+    if not any(camera.is_editable for camera in cameras):
+        return f"{where} lacks a camera to take its lens: add one, or make a library override"
     fresh = [camera for camera in cameras if camera.is_editable and not camera.lensfield.keys()]
     for camera in fresh:
         for name, value in old.items():
@@ -60,8 +62,6 @@ def _converted(scene, old, taken):
             f"{camera.name!r} has the lens of scene {taken[camera].name!r}" if camera in taken else
             f"{camera.name!r} has a lens already" for camera in cameras if camera not in fresh]
     taken |= dict.fromkeys(fresh, scene)
-    if not cameras:
-        return f"{where} lacks a camera to take its lens"
     _forget(scene)
     given = f"the lens now belongs to the camera: given to {', '.join(repr(each.name) for each in fresh) or 'none'}"
     return "; ".join([f"{where}: {given}", *left])
@@ -87,7 +87,8 @@ def _give_animation(scene, camera):
 
 def _new_name(path):
     """The name in cameras of the setting that an animation's path names; None for other paths."""
-    return NEW_NAMES.get(path.removeprefix("lensfield."))
+    group, _, name = path.partition(".")
+    return NEW_NAMES.get(name) if group == "lensfield" else None
 
 
 def _give_keyframes(curve, camera, name):

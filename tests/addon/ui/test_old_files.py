@@ -116,7 +116,7 @@ def test_what_cannot_be_converted_is_reported(old, tmp_path, capsys):
     bare = bpy.context.scene
     store(bare, lens=PETZVAL)
     give_lenses_to_cameras()
-    assert "lacks a camera to take its lens" in capsys.readouterr().err
+    assert "lacks a camera to take its lens: add one, or make a library override" in capsys.readouterr().err
     bare.camera = add_camera(bare, "Late")
     give_lenses_to_cameras()
     assert bare.camera.data.lensfield.lens == "kodak-petzval-100mm"
