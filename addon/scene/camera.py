@@ -14,6 +14,7 @@ from ...engine.image.sampling import Sampling
 from ...engine.inspection.curves import reference_nm
 from ...engine.lens.formats import format_mm
 from ...engine.lens.pinhole import fitting_pitch_um as pitch_um
+from ...engine.library import described_lenses
 from ...engine.plan.options import Options
 from ...engine.plan.plan_cache import cached_plan
 from ...engine.rays.rings import AT_REST, in_metres
@@ -474,8 +475,10 @@ def size_warning(lens, adapted, factor):
     """The consequences of scaling a lens to its new sensor, in one line."""
     covered = field_map(adapted).covered_diagonal(adapted.sensor_mm)
     focus = in_metres(adapted.object_distance_mm)
-    return (f"{lens.name} scaled by {factor:.3g}: f = {adapted.efl_mm:.3g} mm, focused at {focus}; its field "
-            f"covers {covered:.0%} of the frame's diagonal; all blur scales with it, though diffraction would not")
+    bundled, change = described_lenses().get(lens.name), "enlarged" if factor > 1 else "reduced"
+    return (f"{bundled.title if bundled else lens.name}, {change} to {adapted.efl_mm:.3g} mm to match your camera "
+            f"(scaled by {factor:.3g}) and focused at {focus}; its field covers {covered:.0%} "
+            "of the frame's diagonal; all blur scales with it, though diffraction would not")
 
 
 def sensor_warning(lens):

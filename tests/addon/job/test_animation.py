@@ -237,7 +237,7 @@ def test_each_frame_uses_its_marker_camera_and_keyframed_settings(moving_scene, 
             moving_scene.keyframe_insert(path, frame=frame)
     results = addon.render_animation(moving_scene, [2, 4]).results.values()
     first, second = (result.report.scene.lens_warning for result in results)
-    factor = [float(text.split(" scaled by ")[1].split(":")[0]) for text in (first, second)]
+    factor = [float(text.split("(scaled by ")[1].split(")")[0]) for text in (first, second)]
     assert factor[1] == pytest.approx(2 * factor[0], rel=1e-2)
     records = [json.loads(result.record.read_text()) for result in results]
     assert [record["job"]["options"]["accuracy"] for record in records] == [0.02, 0.05]

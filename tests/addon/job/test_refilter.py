@@ -127,7 +127,7 @@ def test_the_field_of_view_of_the_first_lens_is_preserved_and_reported(window, t
     assert json.loads(result.record.read_text())["radiance"] == str(original.radiance) in result.messages[1]
     scaled = apply_lens(original.radiance, "nikkor-28mm", tmp_path / "scaled", view="camera")
     assert np.allclose(read_exr(scaled.irradiance).cube, image.cube, rtol=1e-4)
-    assert "nikkor-28mm scaled by 1.75" in "".join(scaled.messages)
+    assert "Nikkor 28 mm f/2.8 (1999), enlarged to " in "".join(scaled.messages)
 
 
 def test_a_lens_on_the_sensor_of_the_render_is_no_surprise(window, tmp_path):

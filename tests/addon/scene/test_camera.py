@@ -311,7 +311,7 @@ def test_the_warning_describes_the_adapted_lens(scene):
     factor = 35 / (0.0239542 * 254.058)  # |m| times the object's distance from the entrance pupil
     assert factor == pytest.approx(5.751, abs=1e-3)
     # 250 mm is 1.44 m. 3 mm minus 8.4 % are 15.80 mm of the 20.65 mm of half the diagonal of 36 x 20.25 mm.
-    assert "scaled by 5.75: f = 34.5 mm, focused at 1.44 m" in warning
+    assert "enlarged to 34.5 mm to match your camera (scaled by 5.75) and focused at 1.44 m" in warning
     assert "covers 84% of the frame's diagonal" in warning and "\n" not in warning
 
 

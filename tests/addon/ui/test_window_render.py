@@ -137,7 +137,7 @@ def test_another_lens_can_be_applied_in_the_background(ready_scene, tmp_path):
     window_render.start_again(ready_scene)
     assert not [line for line in differences(before, snapshot()) if "('images'" not in line]  # images load on access
     follow()
-    assert "from the light in" in notice() and "cooke-triplet-50mm scaled" in notice()
+    assert "from the light in" in notice() and "Cooke Triplet 50 mm" in notice()
     assert radiance.stat().st_mtime_ns == rendered_ns
     pixels = read_exr(radiance.with_name("scene_Scene_0001_irradiance.exr"))
     assert pixels.lens_name.startswith("cooke-triplet-50mm")
