@@ -167,7 +167,7 @@ def test_a_child_renders_the_scene_that_it_is_started_for(coloured_scene, tmp_pa
     render = Child(child.render_command(second, child.save_copy(tmp_path)), tmp_path)
     wait_until(lambda: render.ended)
     render.end()
-    assert render.status.get("lens_image") == str(tmp_path / "out" / "It_s_the_second_0001_lens_image.exr")
+    assert render.status.get("lens_image") == str(tmp_path / "out" / "unsaved_It_s_the_second_0001_lens_image.exr")
 
 
 def test_bad_input_is_reported_in_one_line(coloured_scene, tmp_path):
