@@ -1,4 +1,4 @@
-"""The source of stored light: the .blend and the scene that it shows, so that one source never replaces another's."""
+"""The source of stored light: the .blend and the scene that it shows, so that no source replaces the files of another."""
 
 import json
 import os
@@ -27,7 +27,7 @@ class Origin:
     scene : str
         Its name.
     key : str
-        The scene's key, which renaming preserves; "" for a scene that has none yet.
+        The scene's key, which renaming preserves; "" before its first render in a window.
     state : str
         The scene's fingerprint when it was rendered; "" if unknown.
     """
@@ -85,7 +85,7 @@ def attribute_of(origin):
 
 
 def stored_origin(path):
-    """The Origin of a file's light; None if there is no such file, or if it states none."""
+    """The Origin of a file's light; None if the file is missing or does not state it."""
     if not file_status(path):
         return None
     try:

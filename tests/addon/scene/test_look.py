@@ -1,4 +1,4 @@
-"""The look of pictures: that of the scene, as Blender itself shows and saves its renders."""
+"""Pictures have the look of the scene, in which Blender shows and saves its own renders."""
 
 import json
 

@@ -87,7 +87,7 @@ def test_a_window_render_matches_a_script_and_changes_only_the_compositor(ready_
 
 @pytest.mark.one_blender
 def test_files_in_one_folder_have_pictures_of_their_own(ready_scene, tmp_path):
-    """Also after Save As, and a renamed scene keeps its render; none is laid as another's."""
+    """Also after Save As; a renamed scene keeps its render, and each file shows its own."""
     assert bpy.ops.lensfield.render() == {"FINISHED"}
     first = (tmp_path / "lensfield" / "scene_Scene_0001_lens_image.exr").read_bytes()
     ready_scene.name = "Renamed"
