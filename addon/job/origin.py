@@ -1,4 +1,4 @@
-"""The source of stored light: the .blend and the scene that it shows, so that no source replaces the files of another."""
+"""The source of stored light: the .blend and the scene that it shows. No source replaces the files of another."""
 
 import json
 import os
