@@ -18,8 +18,7 @@ from .slabs import BEYOND_ALL_UNITS, LOOK, Slab
 from .steps import RenderPass
 
 SIDE_PX = 512  # 0.35 degrees per pixel: the centre of at least one is in the sun
-MAP_PX, SUN_MAP_PX = 512, 2048  # largest width of the map for a world without bright places, and with these
-OWN_MAP_PX, SKY_MAP_PX = 4096, 512  # width of Cycles' own map for nodes without images, and for Sky Textures
+MAP_PX, SUN_MAP_PX = 512, 2048  # width of the map for a world without bright places, and with these
 BRIGHT, SAMPLES = 8.0, 16  # samples of the region around pixels brighter than this many times the mean; others have one
 
 
@@ -57,9 +56,9 @@ def is_computed(ready):
 def map_steps(ready, journal):
     """Steps that look at the world of a scene that is ready for its passes, and choose the size of its map.
 
-    By this map, Cycles samples a world's light. It is built anew for the wavelengths of each pass, as wide as the
-    world's largest image by default. A sun of half a degree needs 2048 px: with fewer, too few samples reach its edges,
-    and pixels sparkle; with more, they do not sparkle less.
+    By this map, Cycles samples a world's light. It is built anew for the wavelengths of each pass, 4096 px wide by
+    default. A sun of half a degree needs 2048 px: with fewer, too few samples reach its edges, and pixels sparkle; with
+    more, they do not sparkle less. Cycles samples the sun of a Sky Texture apart from its own small map.
     """
     world = rendered_world(ready.scene)
     if not is_computed(ready) or world.cycles.sampling_method != "AUTOMATIC" or uses_light_paths(world.node_tree):
@@ -70,23 +69,18 @@ def map_steps(ready, journal):
         _guard(ready, grid, of_look)
         of_look.set(world.cycles_visibility, "camera", True)
         yield from _band_steps(ready, "World", light, grid, 0, 1, of_look)
-    map_px = SUN_MAP_PX if _bright_region(light.cube, grid) else MAP_PX
-    if max(_own_map_px(world.node_tree), default=OWN_MAP_PX) > map_px:
+    bright = _bright_region(light.cube, grid)
+    if not (bright and _has_sky(world.node_tree)):
         journal.on_exit(world.update_tag)
-        for name, value in (("sampling_method", "MANUAL"), ("sample_map_resolution", map_px)):
+        for name, value in (("sampling_method", "MANUAL"), ("sample_map_resolution", SUN_MAP_PX if bright else MAP_PX)):
             journal.set(world.cycles, name, value)
         world.update_tag()
 
 
-def _own_map_px(tree):
-    """Widths of Cycles' own map for the images and Sky Textures of a node tree; it samples a sky's sun apart."""
-    for node in tree.nodes:
-        if node.bl_idname == "ShaderNodeTexEnvironment" and node.image:
-            yield node.image.size[0]
-        elif node.bl_idname == "ShaderNodeTexSky":
-            yield SKY_MAP_PX
-        elif node.bl_idname == "ShaderNodeGroup" and node.node_tree:
-            yield from _own_map_px(node.node_tree)
+def _has_sky(tree):
+    """Whether a node tree, or a group in it, has a Sky Texture."""
+    return any(node.bl_idname == "ShaderNodeTexSky" or (
+        node.bl_idname == "ShaderNodeGroup" and node.node_tree and _has_sky(node.node_tree)) for node in tree.nodes)
 
 
 def uses_light_paths(tree):
