@@ -48,6 +48,10 @@ class LENSFIELD_PT_camera_presets(PresetPanel, bpy.types.Panel):
     preset_operator = "script.execute_preset"
     preset_add_operator = LENSFIELD_OT_add_camera_preset.bl_idname
 
+    def draw(self, context):
+        bpy.utils.user_resource("SCRIPTS", path=f"presets/{self.preset_subdir}", create=True)  # else Blender misses it
+        super().draw(context)
+
 
 def draw_presets(layout, context):
     """Draw the button of the menu, for a camera that can be changed."""
