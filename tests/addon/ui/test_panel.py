@@ -289,7 +289,7 @@ def test_the_plan_line_counts_detail(lit_scene):
     radiance = len(settings.wavelengths_nm()) * 4 * pixels
     shares, split = 3 * 4 * 2 * pixels, 2 * 4 * 4 * pixels
     needed = radiance + shares + max(pass_bytes(4 * pixels, 1, False), 1e6 * plan.memory_mb + split + radiance)
-    assert text.endswith(f"{1e-6 * needed:.0f} MB")
+    assert text.endswith(f"{1e-6 * needed:.0f} MB of memory")
     for name, value in (("tier", "PREVIEW"), ("detail", "OFF")):
         setattr(settings, name, value)
         settled(lit_scene)
