@@ -31,6 +31,7 @@ SMOOTH = 1.75  # least side of a tile's look-ups, in these distances: pixels bet
 # interpolated ones by a tenth of the rays' error, and lamps have all of their light
 STEP = 0.05  # at the rim of a lamp's disc, relative to the light around it, from which the number of rays increases
 OPAQUE = 0.998
+EVEN_SHARE = 2e-3  # largest difference of focus shares in a tile whose rays all have the mean of both
 AREA_ROWS = 8  # of tiles that are cast in parts together, for which layers are divided into parts
 BESIDE_PX = 2 * SIZES[-1]  # pixels around what the rays of such tiles reach: for the pixels of levels
 RISE = 1.0  # of a lamp's disc above the light around it, relative to this, from which its tiles are cast in parts
@@ -90,7 +91,7 @@ def plan_meetings(layers: list[PreparedLayer], rays: RaySample, sensor: PixelGri
         met = look.met & (uncovered | (focus_behind & (look.sharpest > 0)))
         here["inverse_depth"] = most
         here["share"] = (look.sharpest + look.dullest) / 2
-        varied = (look.clearest < OPAQUE) | (layer.leaning & (look.sharpest > look.dullest))
+        varied = (look.clearest < OPAQUE) | (look.sharpest - look.dullest > EVEN_SHARE)
         steps = np.maximum(np.searchsorted(STEPS_PX, reach.blur_px(most - least)), varied)
         here["steps"] = np.where(met, steps, -1)
         here["focused"] = met & (look.sharpest > 0)
