@@ -163,7 +163,7 @@ def test_a_stopped_capture_is_repeated(rack, captures, monkeypatch, tmp_path):
     animation, before = addon.Animation(rack, FRAMES, output_folder=tmp_path, **OPTIONS), snapshot()
 
     def stop(fraction, label):
-        if label.startswith(("Pass", "Layer")):
+        if "Layer" in label:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
