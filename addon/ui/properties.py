@@ -231,6 +231,8 @@ def _finite(limits):
 class _Settings:
     """Base of groups of settings: their values as the fields of requests and options store them."""
 
+    __slots__ = ()
+
     def value_of(self, name):
         """The value of a setting."""
         value, kind = getattr(self, name), self.bl_rna.properties[name].type
@@ -241,6 +243,8 @@ class _Settings:
 
 class LensfieldCameraSettings(_Settings, bpy.types.PropertyGroup):
     """Settings of a camera: fields of a RenderRequest that describe its lens and its body."""
+
+    __slots__ = ()  # names without a property raise an AttributeError
 
     lens: EnumProperty(
         name="Lens", description="Lens to render through", default=_lasting_number(DEFAULT_LENS),
@@ -301,6 +305,8 @@ class LensfieldCameraSettings(_Settings, bpy.types.PropertyGroup):
 
 class LensfieldSettings(_Settings, bpy.types.PropertyGroup):
     """Settings of a scene's lens render: fields of a RenderRequest that all cameras share, and the wavelengths."""
+
+    __slots__ = ()
 
     wavelength_mode: EnumProperty(
         name="Wavelengths", description="How the wavelengths of the lens image are specified", default="RANGE",

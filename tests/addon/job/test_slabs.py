@@ -316,7 +316,8 @@ def test_reapplying_the_same_lens_gives_the_same_picture(deep, cut, tmp_path):
 
 def test_the_button_uses_layers_unless_depth_is_off(deep, cut, tmp_path):
     settings = deep.lensfield
-    settings.lens, settings.output_folder, settings.to_compositor = LENS, str(tmp_path / "auto"), False
+    deep.camera.data.lensfield.lens, settings.output_folder = LENS, str(tmp_path / "auto")
+    settings.to_compositor = False
     original = rendered(deep, tmp_path)[0]
     for depth in ("AUTO", "OFF"):
         settings.depth = depth

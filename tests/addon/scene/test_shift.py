@@ -139,7 +139,7 @@ def test_a_shifted_sensor_sees_its_part_of_a_larger_one(scene, tmp_path, case):
 def test_a_lens_on_a_grid_is_loaded_for_the_frame(scene, monkeypatch, view, expected):
     """Portrait, shifted to the left and down, on 36 x 24 mm; and before a camera's view scales the lens."""
     loaded, camera = [], scene.camera.data
-    monkeypatch.setattr(rings, "load_lens", lambda *_, edges_mm, **__: loaded.append(edges_mm) or LENS)
+    monkeypatch.setattr(rings, "load_lens", lambda *given: loaded.append(given[-1]) or LENS)
     scene.render.resolution_y, scene.render.resolution_x = 180, 120
     set_shift(camera, -1 / 9, -1 / 12)
     camera.sensor_fit, camera.sensor_height = "VERTICAL", 36.0

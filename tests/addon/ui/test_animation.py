@@ -55,7 +55,7 @@ def test_the_window_renders_the_scenes_range_and_the_compositor_follows(moving_s
 
     def look(render):
         if render:
-            labels.add(render.label.split(": ")[1])
+            labels.add(render.label.partition(":")[0])
             laid[:] = render.laid
         return False
 
