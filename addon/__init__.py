@@ -24,6 +24,7 @@ from .ui import (
     animation,
     another_lens,
     camera_presets,
+    click_focus,
     comparison,
     compositor_panel,
     favourites,
@@ -57,8 +58,8 @@ __all__ = ["Animation", "RenderRequest", "apply_lens", "camera_settings", "camer
            "render_through_lens", "set_blend_folder", "source_digest", "take_session", "unregister"]
 
 _MODULES = (properties, preferences, favourites, fixes, operators, open_lens, animation, another_lens, comparison,
-            preview_panel, live, quick_look, lens_assets, compositor_panel, camera_presets, panels, lint_panel,
-            spectra_panels, trust_panel, flamenco)
+            preview_panel, live, quick_look, lens_assets, compositor_panel, camera_presets, click_focus, panels,
+            lint_panel, spectra_panels, trust_panel, flamenco)
 _CLASSES = [cls for module in _MODULES for cls in module.classes]
 for _operator in (cls for cls in _CLASSES if issubclass(cls, bpy.types.Operator)):
     _operator.bl_description = " ".join(_operator.__doc__.split())  # tooltips show line breaks

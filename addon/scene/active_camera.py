@@ -1,5 +1,7 @@
 """The camera that a scene renders from, and Lensfield's settings of it: its lens and its body."""
 
+from itertools import chain
+
 from .errors import SceneError
 from .linked import check_editable
 
@@ -12,6 +14,14 @@ def camera_data(scene):
 def camera_in(context):
     """The camera data that an editor is about: those in its properties, or else the active camera's; None without."""
     return getattr(context, "camera", None) or camera_data(context.scene)
+
+
+def camera_object_in(context):
+    """The camera that an editor is about, as bpy.types.Object: of several with the same data, the active one or the
+    selected one; None without."""
+    data, scene = camera_in(context), context.scene
+    objects = chain((scene.camera, context.object), scene.objects) if data else ()
+    return next((each for each in objects if each and each.data == data), None)
 
 
 def settings_to_edit(context):

@@ -68,7 +68,7 @@ class View:
     def __init__(self, scene, lens, capture):
         self._scene, layer = scene, rendered_layer(scene)
         self.unit_m = metres_per_unit(scene)
-        self.beyond_units = BEYOND_M / self.unit_m
+        self.beyond_units = beyond_units(scene)
         layer.update()
         self._depsgraph = layer.depsgraph
         to_world = scene.camera.matrix_world.normalized()
@@ -90,14 +90,41 @@ class View:
 
     def first(self, start, direction, visibility="visible_camera"):
         """The first Hit of a ray on an object that a render shows to rays of this kind; None without one."""
-        for _ in range(MOST_UNSEEN):
-            hit, place, normal, face, obj, matrix = self._scene.ray_cast(self._depsgraph, start, direction)
-            if not hit:
-                return None
-            if not obj.original.hide_render and getattr(obj.original, visibility):
-                return Hit(place, normal, face, obj, matrix)
-            start = place + direction * self.beyond_units
-        return None
+        return first_hit(self._scene, self._depsgraph, start, direction,
+                         lambda hit: is_rendered(hit.obj.original, visibility))
+
+
+def first_hit(scene, depsgraph, start, direction, shows):
+    """The first Hit of a ray that `shows` accepts; None without one.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+    depsgraph : bpy.types.Depsgraph
+    start, direction : Vector
+        In the world, in Blender units.
+    shows : callable
+        Whether a Hit counts. The ray passes through others.
+    """
+    for _ in range(MOST_UNSEEN):
+        found, *values = scene.ray_cast(depsgraph, start, direction)
+        if not found:
+            return None
+        hit = Hit(*values)
+        if shows(hit):
+            return hit
+        start = hit.place + direction * beyond_units(scene)
+    return None
+
+
+def is_rendered(obj, visibility="visible_camera"):
+    """Whether a render shows an object to rays of this kind."""
+    return not obj.hide_render and getattr(obj, visibility)
+
+
+def beyond_units(scene):
+    """How far behind a surface the next ray starts."""
+    return BEYOND_M / metres_per_unit(scene)
 
 
 def visible_depth_mm(scene, lens, capture):

@@ -158,9 +158,20 @@ def _focus_mm(scene):
     target = dof.focus_object.matrix_world
     if dof.focus_object.type == "ARMATURE" and (bone := dof.focus_object.pose.bones.get(dof.focus_subtarget)):
         target = target @ bone.matrix
-    camera_matrix = camera.matrix_world.normalized()
-    away = camera_matrix.translation - target.translation
-    return max(abs(Vector(camera_matrix.col[2][:3]).dot(away)) * unit_mm, LEAST)
+    return max(abs(distance_on_axis(camera, target.translation)) * unit_mm, LEAST)
+
+
+def distance_on_axis(camera, place):
+    """How far a place is in front of a camera, along its axis as Blender's focus distance, in Blender units.
+
+    Parameters
+    ----------
+    camera : bpy.types.Object
+    place : Vector
+        In the world.
+    """
+    to_world = camera.matrix_world.normalized()
+    return Vector(to_world.col[2][:3]).dot(to_world.translation - place)
 
 
 def rings_for(scene, lens):

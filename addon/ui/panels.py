@@ -162,6 +162,7 @@ def _draw_rings(layout, camera):
     row = column.row()
     row.use_property_split = False  # to leave room for the long label
     row.prop(dof, "use_dof", text="Use Camera's Depth of Field")
+    column.operator("lensfield.click_focus", icon="EYEDROPPER")
     rings = column.column(align=True)
     rings.active = dof.use_dof
     rings.prop(dof, "focus_object", text="Focus on")

@@ -173,9 +173,9 @@ def draw_region(render, left, right):
 
 def test_the_panel_keeps_its_order_in_every_state(lit_scene):
     """The lens, focus and f-stop, and the buttons come first, before anything that appears or disappears."""
-    fixed = ["lens", "lensfield.search_lens", "lensfield.favourite", "lensfield.compare", "use_dof", "focus_object",
-             "focus_distance", "aperture_fstop", "lensfield.preview", "lensfield.live", "lensfield.render",
-             "lensfield.render_animation"]
+    fixed = ["lens", "lensfield.search_lens", "lensfield.favourite", "lensfield.compare", "use_dof",
+             "lensfield.click_focus", "focus_object", "focus_distance", "aperture_fstop", "lensfield.preview",
+             "lensfield.live", "lensfield.render", "lensfield.render_animation"]
     assert drawn(lit_scene).shown[:len(fixed)] == fixed
     lit_scene.camera.data.dof.use_dof = True
     lit_scene.camera.data.type, lit_scene.cycles.samples = "ORTHO", 4096
