@@ -107,8 +107,8 @@ def first_hit(scene, depsgraph, start, direction, shows):
         Whether a Hit counts. The ray passes through others.
     """
     for _ in range(MOST_UNSEEN):
-        found, *values = scene.ray_cast(depsgraph, start, direction)
-        if not found:
+        is_hit, *values = scene.ray_cast(depsgraph, start, direction)
+        if not is_hit:
             return None
         hit = Hit(*values)
         if shows(hit):

@@ -5,6 +5,7 @@ noise; the gain K, the black level and the converter turn the sum into a digital
 their response (PRNU) and in their dark signal (DSNU), and always in the same way in the same camera.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,6 +58,11 @@ class Exposure:
         for name in ("seed", "frame", "serial"):
             if not isinstance(getattr(self, name), int) or not 0 <= getattr(self, name) < 2**63:
                 raise InputError("exposure", name, getattr(self, name), "expected a whole number from 0")
+
+
+def exposure_value(f_number: float, shutter_s: float, iso: float) -> float:
+    """EV100: the exposure value, at ISO 100, of the light that suits an exposure: 0 for f/1, 1 s and ISO 100."""
+    return math.log2(f_number**2 / shutter_s * 100 / iso)
 
 
 @dataclass(frozen=True, eq=False)

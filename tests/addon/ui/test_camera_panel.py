@@ -1,11 +1,13 @@
 """The camera's part of the panel: bodies, the user's own files, and the sensor that they put behind the lens."""
 
+import bpy
 import pytest
 
 from layouts import Layout
 from lensfield.addon.job.named_files import named_files
 from lensfield.addon.scene import trust
 from lensfield.addon.ui.camera_panel import draw_camera
+from lensfield.addon.ui.lens_worker import facts_now
 from lensfield.addon.ui.panels import draw_settings
 from lensfield.addon.ui.properties import body_items
 from lensfield.engine import InputError, load_camera
@@ -37,6 +39,27 @@ def test_a_body_sets_sensor_and_exposure(scene):
     assert settings.view_text() == "camera", "the user's choice"
     scene.lensfield.wavelength_first_nm = 500
     assert "leave out part of the camera's response" in " ".join(drawn(scene).labels)
+
+
+def test_the_exposure_is_shown_as_photographers_write_it(scene):
+    """The f-number is the lens's: f/1 is wider than it opens."""
+    settings, dof = scene.camera.data.lensfield, scene.camera.data.dof
+    settings.lens, settings.body = "cooke-triplet-50mm", "sony-a7-iv"
+    settings.shutter_s = 1 / 125
+    assert "1/125 s" in drawn(scene).labels
+    settings.iso = 800
+    facts_now(scene)
+    assert "1/125 s at f/5 and ISO 800: EV100 8.6" in drawn(scene).labels  # log2(25 * 125 / 8)
+    dof.use_dof, dof.aperture_fstop, settings.shutter_s = True, 8.0, 2.5
+    facts_now(scene)
+    assert "2.5 s at f/8 and ISO 800: EV100 1.7" in drawn(scene).labels  # log2(64 / 2.5 / 8)
+    dof.aperture_fstop = 1.0
+    facts_now(scene)
+    assert any("2.5 s at f/5 " in line for line in drawn(scene).labels)
+    layout, other = Layout(), bpy.data.cameras.new("Other")
+    other.lensfield.body, other.lensfield.shutter_s, other.lensfield.iso = "sony-a7-iv", 1 / 8000, 100
+    draw_camera(layout, scene, other)
+    assert "1/8000 s" in layout.labels, "only the lens of the scene's camera is read"
 
 
 def test_all_bodies_are_offered():

@@ -9,7 +9,7 @@ import scipy
 from lensfield.engine import CameraError, ImageError, InputError, Report, SpectralImage, photograph
 from lensfield.engine.sensor.camera import LEAST, MOST, NUMBERS, PITCH_LIMITS_UM, POSITIVE, UP_TO_1, Camera
 from lensfield.engine.sensor.electrons import missing_response, response
-from lensfield.engine.sensor.exposure import Exposure, channels_of, expose
+from lensfield.engine.sensor.exposure import Exposure, channels_of, expose, exposure_value
 from lensfield.engine.sensor.resampling import pixel_means
 from seed import SEED
 
@@ -296,3 +296,10 @@ def test_a_turned_camera_has_the_same_pixels(filters):
     if filters:
         np.testing.assert_array_equal(channels_of(turned, (401, 300)), np.rot90(channels_of(camera, (300, 401))))
     assert turned.turned.turned.turned == camera
+
+
+def test_the_exposure_value_is_that_of_common_exposures():
+    """Sunny 16: f/16 at 1/100 s and ISO 100 suits EV100 14.6, and so does f/8 at 1/800 s and ISO 200."""
+    assert exposure_value(1.0, 1.0, 100.0) == 0
+    assert exposure_value(16.0, 1 / 100, 100.0) == pytest.approx(8 + np.log2(100))
+    assert exposure_value(8.0, 1 / 800, 200.0) == pytest.approx(8 + np.log2(100))
