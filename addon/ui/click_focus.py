@@ -1,12 +1,17 @@
 """Click to Focus: a click in a 3D view focuses the camera on the surface there."""
 
+from contextlib import suppress
+
 import bpy
 
 from ...engine.runtime.errors import InputError
 from ..scene.active_camera import camera_object_in
-from ..scene.clicked_focus import focus_on, surface_at
+from ..scene.clicked_focus import focus_on, lens_ray, surface_at, view_ray
 from ..scene.linked import check_editable
+from .lens_worker import lens_request
 from .plain_words import plain
+from .preview_overlay import frame_corners, shows_preview
+from .session import session
 
 STATUS = "Click: focus there  \u00b7  Ctrl+click: focus on the object  \u00b7  Esc, right click: cancel"
 FOCUSABLE = "PERSP", "PANO"
@@ -42,15 +47,13 @@ class LENSFIELD_OT_click_focus(bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def modal(self, context, event):
-        clicked = event.type == "LEFTMOUSE" and event.value == "PRESS"
+        clicked = event.type == "LEFTMOUSE"
         if event.type.startswith(NAVIGATION) or (clicked and event.alt):  # Alt and click: an emulated middle button
             return {"PASS_THROUGH"}
-        if not clicked and event.type not in ("ESC", "RIGHTMOUSE"):
+        if event.value != "PRESS" or not (clicked or event.type in ("ESC", "RIGHTMOUSE")):
             return {"RUNNING_MODAL"}
         self.cancel(context)
-        if clicked:
-            return self._focus(context, event)
-        return {"CANCELLED"}
+        return self._focus(context, event) if clicked else {"CANCELLED"}
 
     def cancel(self, context):
         """Restore cursor and status bar. Blender also calls it when a window closes."""
@@ -59,7 +62,7 @@ class LENSFIELD_OT_click_focus(bpy.types.Operator):
 
     def _focus(self, context, event):
         view = view_at(context.screen, event.mouse_x, event.mouse_y)
-        hit = view and surface_at(context.scene, context.evaluated_depsgraph_get(), *view)
+        hit = view and _surface_in(context, *view)
         if not hit:
             self.report({"INFO"}, "Nothing there to focus on" if view else "Click in a 3D view to focus")
             return {"CANCELLED"}
@@ -72,15 +75,42 @@ class LENSFIELD_OT_click_focus(bpy.types.Operator):
 
 
 def view_at(screen, x_px, y_px):
-    """The 3D view at a place of a window, as `surface_at` expects it: its perspective matrix, the place in it, and its
-    SpaceView3D; None elsewhere, also over its sidebar."""
+    """The 3D view at a place of a window: its SpaceView3D and RegionView3D, and the place in it as for `view_ray`; None
+    elsewhere, and over its sidebar."""
     for area in screen.areas:
         regions = [each for each in area.regions
                    if each.x <= x_px < each.x + each.width and each.y <= y_px < each.y + each.height]
         if area.type == "VIEW_3D" and {each.type for each in regions} == {"WINDOW"}:
             region, = regions
             place = 2 * (x_px - region.x) / region.width - 1, 2 * (y_px - region.y) / region.height - 1
-            return region.data.perspective_matrix, place, area.spaces.active
+            return area.spaces.active, region.data, place
+    return None
+
+
+def _surface_in(context, space, view, place):
+    """The Hit at a place of a 3D view; None without one."""
+    ray = clicked_ray(context.scene, space, view, place)
+    return surface_at(context.scene, context.evaluated_depsgraph_get(), ray, space)
+
+
+def clicked_ray(scene, space, view, place):
+    """The ray at a place of a 3D view: through the lens where the view shows its picture."""
+    ray = view_ray(view.perspective_matrix, place)
+    with suppress(InputError):  # no picture without a lens
+        if (tangents := picture_tangents(scene, space, view)) and (facts := lens_request(scene).facts):
+            ray = lens_ray(scene, facts, tangents, ray)
+    return ray
+
+
+def picture_tangents(scene, space, view):
+    """The tangents of the edges of the lens's picture in a 3D view, by Preview or Live; None without a picture."""
+    if shows_preview(scene, space, view):
+        to_camera = scene.camera.matrix_world.normalized().inverted()
+        corners = [to_camera @ corner for corner in frame_corners(scene, session.preview.tangents)]
+        return [each / -corner.z for corner in corners for each in corner.xy]
+    live = session.live
+    if live and live.shown and view.view_perspective == "CAMERA" and space.camera == scene.camera:
+        return live.shown[0].tangents
     return None
 
 

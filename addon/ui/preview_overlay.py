@@ -45,8 +45,7 @@ def forget_picture():
 def _draw():
     preview, space, view = session.preview, bpy.context.space_data, bpy.context.region_data
     session.overlay.turned = False
-    if (view.view_perspective != "CAMERA" or bpy.context.scene.session_uid != preview.scene_uid
-            or space.camera != bpy.context.scene.camera or not space.overlay.show_overlays or not preview.tangents):
+    if not _has_place(preview, bpy.context.scene, space, view):
         return
     corners = _corners_px(bpy.context.region, view, bpy.context.scene, preview.tangents)
     if None in corners:
@@ -57,9 +56,27 @@ def _draw():
         _draw_tints(corners, focus_overlay.focus_tints(bpy.context.scene, preview.depth))
 
 
+def _has_place(preview, scene, space, view):
+    """Whether a 3D view has a place for the preview."""
+    return (view.view_perspective == "CAMERA" and scene.session_uid == preview.scene_uid
+            and space.camera == scene.camera and space.overlay.show_overlays and bool(preview.tangents))
+
+
+def shows_preview(scene, space, view):
+    """Whether the preview's picture covers the camera's frame in a 3D view."""
+    preview = session.preview
+    return (preview is not None and preview_place() == IN_CAMERA and _has_place(preview, scene, space, view)
+            and _has_picture(preview))
+
+
+def _has_picture(preview):
+    """Whether there is a picture of the scene as it is."""
+    return preview.up_to_date and preview.picture.is_file()
+
+
 def _draw_preview(corners, preview):
     """Draw the preview's picture, unless the scene has changed, and what the first one waits for."""
-    if preview.up_to_date and preview.picture.is_file():
+    if _has_picture(preview):
         if session.overlay.texture is None:
             session.overlay.texture = _texture(_pixels(preview.picture))
         _draw_between(corners, session.overlay.texture)

@@ -42,7 +42,7 @@ def test_a_body_sets_sensor_and_exposure(scene):
 
 
 def test_the_exposure_is_shown_as_photographers_write_it(scene):
-    """The f-number is the lens's: f/1 is wider than it opens."""
+    """With the f-number of the lens, which does not open to f/1."""
     settings, dof = scene.camera.data.lensfield, scene.camera.data.dof
     settings.lens, settings.body = "cooke-triplet-50mm", "sony-a7-iv"
     settings.shutter_s = 1 / 125

@@ -10,11 +10,17 @@ from bpy_extras.object_utils import world_to_camera_view
 from mathutils import Matrix, Vector
 
 from lensfield.addon.scene.active_camera import camera_object_in
-from lensfield.addon.scene.clicked_focus import focus_on, surface_at
+from lensfield.addon.scene.camera import frame_grid
+from lensfield.addon.scene.clicked_focus import focus_on, lens_ray, surface_at, view_ray
 from lensfield.addon.scene.errors import SceneError
+from lensfield.addon.scene.lens_cache import SKETCHED, load_lens
+from lensfield.addon.scene.lens_facts import lens_facts
 from lensfield.addon.scene.rings import scene_rings
 from lensfield.addon.ui.click_focus import LENSFIELD_OT_click_focus as Operator
-from lensfield.addon.ui.click_focus import view_at
+from lensfield.addon.ui.click_focus import clicked_ray, picture_tangents, view_at
+from lensfield.addon.ui.lens_worker import facts_now
+from lensfield.addon.ui.session import session
+from lensfield.engine.inspection.curves import field_angle_rad, reference_nm
 
 PLACE = 0.63, -0.41  # in the view, off its centre
 DISTANCE = 7.25
@@ -62,7 +68,8 @@ def through_camera(scene):
 
 def hit_at(scene, place=PLACE, perspective=None):
     bpy.context.view_layer.update()
-    return surface_at(scene, bpy.context.evaluated_depsgraph_get(), perspective or through_camera(scene), place)
+    ray = view_ray(perspective or through_camera(scene), place)
+    return surface_at(scene, bpy.context.evaluated_depsgraph_get(), ray)
 
 
 def test_a_click_off_centre_sets_the_distance_along_the_axis(turned):
@@ -79,7 +86,7 @@ def test_a_click_off_centre_sets_the_distance_along_the_axis(turned):
 
 
 @pytest.mark.parametrize("orthographic", [False, True])
-def test_from_another_view_the_distance_is_still_the_cameras(turned, orthographic):
+def test_another_view_sets_the_same_distance(turned, orthographic):
     pane(turned)
     lens = Matrix.Diagonal((0.05, 0.05, -1e-3, 1.0)) if orthographic else through_camera(turned) @ axes(turned)
     view = axes(turned) @ Matrix.Translation((2.0, -1.0, 1.5)) @ Matrix.Rotation(radians(25.0), 4, "Y")
@@ -138,7 +145,7 @@ def test_with_ctrl_the_focus_follows_the_object(turned):
     assert scene_rings(turned).focus_mm == pytest.approx(10 * DISTANCE, rel=ROUNDING)
 
 
-def test_nothing_is_hit_beside_every_object(turned):
+def test_a_click_past_all_objects_hits_nothing(turned):
     pane(turned, half=0.1)
     assert hit_at(turned) is None and hit_at(turned, (0.0, 0.0)) is None  # the view's centre is shifted
 
@@ -184,8 +191,8 @@ def window(turned):
     """A context with a 3D view of 640 x 360 px at (100, 50) in its window, through the camera, and a sidebar on it; and
     an operator at work in it."""
     bpy.context.view_layer.update()
-    main = SimpleNamespace(type="WINDOW", x=100, y=50, width=640, height=360,
-                           data=SimpleNamespace(perspective_matrix=through_camera(turned)))
+    view = SimpleNamespace(perspective_matrix=through_camera(turned), view_perspective="CAMERA")
+    main = SimpleNamespace(type="WINDOW", x=100, y=50, width=640, height=360, data=view)
     sidebar = SimpleNamespace(type="UI", x=640, y=50, width=100, height=360)
     area = SimpleNamespace(type="VIEW_3D", regions=[main, sidebar], spaces=SimpleNamespace(active=None))
     changes, lines = [], []
@@ -213,7 +220,8 @@ def test_a_click_in_a_view_focuses_and_ends(turned, window):
     context, operator = window
     square = pane(turned)
     bpy.context.view_layer.update()
-    for waits in (event("MOUSEMOVE"), event("X"), event("LEFTMOUSE", value="RELEASE")):
+    for waits in (event("MOUSEMOVE"), event("X"), event("ESC", value="RELEASE"),
+                  event("LEFTMOUSE", value="RELEASE")):
         assert Operator.modal(operator, context, waits) == {"RUNNING_MODAL"}
     for passes in (event("WHEELUPMOUSE"), event("TIMER"), event("NUMPAD_0"), event("LEFTMOUSE", alt=True)):
         assert Operator.modal(operator, context, passes) == {"PASS_THROUGH"}
@@ -241,5 +249,62 @@ def test_other_clicks_change_nothing_and_say_so(turned, window, given, line):
 @pytest.mark.one_blender
 def test_a_place_in_a_window_is_one_in_its_view(window):
     context, _ = window
-    matrix, place, _ = view_at(context.screen, 100 + 480, 50 + 90)
-    assert place == (0.5, -0.5) and np.array(matrix).shape == (4, 4)
+    _, view, place = view_at(context.screen, 100 + 480, 50 + 90)
+    assert place == (0.5, -0.5) and view.view_perspective == "CAMERA"
+
+
+@pytest.fixture(params=["olympus-fisheye-8mm", "kodak-petzval-100mm"])
+def distorting(request, turned):
+    """The scene with a lens, its facts, and the height of light from some angles on its axis by the baked lens data."""
+    turned.camera.data.lensfield.lens = request.param
+    lens, facts = load_lens(request.param, quality=SKETCHED), lens_facts(request.param)
+    heights_mm = lens.real_height_at(reference_nm(lens))
+    return turned, facts, lambda angle: np.interp(angle, field_angle_rad(lens, lens.heights_mm), heights_mm)
+
+
+@pytest.mark.parametrize("share", [0.2, 0.6])
+def test_a_click_on_the_lens_picture_goes_through_the_lens(distorting, share):
+    """Light that the baked lens images at a place of the frame is what a click there finds."""
+    scene, facts, height_mm = distorting
+    tangents = -0.7, -0.4, 0.5, 0.3  # of the picture in the view: any rectangle
+    edges_mm = frame_grid(scene, facts).edges_mm
+    angle, azimuth = share * facts.angle_rad(min(edges_mm[2:])), 0.7
+    place_mm = height_mm(angle) * np.array([np.cos(azimuth), np.sin(azimuth)])
+    shares = (place_mm - edges_mm[:2]) / np.subtract(edges_mm[2:], edges_mm[:2])
+    in_view = Vector((-0.7 + 1.2 * shares[0], -0.4 + 0.7 * shares[1], -1.0))
+    turn = axes(scene).to_3x3()
+    start, direction = lens_ray(scene, facts, tangents, (axes(scene).translation, turn @ in_view))
+    expected = np.sin(angle) * np.cos(azimuth), np.sin(angle) * np.sin(azimuth), -np.cos(angle)
+    assert tuple(turn.transposed() @ direction) == pytest.approx(expected, abs=2e-3)
+    assert (start - axes(scene).translation).length == pytest.approx(scene.camera.data.clip_start, rel=1e-3)
+    outside = axes(scene).translation, turn @ Vector((0.6, 0.0, -1.0))
+    assert lens_ray(scene, facts, tangents, outside) is outside
+
+
+def test_a_click_uses_the_lens_only_where_its_picture_is_shown(turned, window, monkeypatch):
+    context, _ = window
+    area, = context.screen.areas
+    space, view = SimpleNamespace(camera=turned.camera), area.regions[0].data
+    turned.camera.data.lensfield.lens = "olympus-fisheye-8mm"
+    facts_now(turned)
+    in_view = clicked_ray(turned, space, view, PLACE)
+    frame = SimpleNamespace(tangents=(-0.7, -0.4, 0.7, 0.4))
+    monkeypatch.setattr(session, "live", SimpleNamespace(shown=(frame, None)))
+    through_lens = clicked_ray(turned, space, view, PLACE)
+    assert in_view[1].angle(through_lens[1]) > radians(5)
+    view.view_perspective = "PERSP"
+    assert clicked_ray(turned, space, view, PLACE) == in_view
+
+
+@pytest.mark.one_blender
+@pytest.mark.parametrize("up_to_date", [True, False])
+def test_a_click_on_the_preview_uses_its_frame(turned, window, monkeypatch, tmp_path, up_to_date):
+    context, _ = window
+    tangents = -0.5, -0.4, 0.7, 0.4
+    picture = tmp_path / "preview.png"
+    picture.touch()
+    monkeypatch.setattr(session, "preview", SimpleNamespace(
+        scene_uid=turned.session_uid, tangents=tangents, up_to_date=up_to_date, picture=picture))
+    space = SimpleNamespace(camera=turned.camera, overlay=SimpleNamespace(show_overlays=True))
+    edges = picture_tangents(turned, space, context.screen.areas[0].regions[0].data)
+    assert edges == (pytest.approx(tangents, rel=ROUNDING) if up_to_date else None)
