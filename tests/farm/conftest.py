@@ -30,8 +30,9 @@ def blend(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
-def serial(blend):
-    """The folder of the reference render, made on this machine alone."""
-    folder = blend.with_name("serial")
+def serial(blend, tmp_path_factory):
+    """The folder of the reference render, made on this machine alone. As for the farm's renders, the .blend is at
+    ../.. from there: radiance states this."""
+    folder = tmp_path_factory.mktemp("serial") / "out"
     subprocess.run([*LENSFIELD, "render", blend, *OPTIONS, "--output", folder], check=True, capture_output=True)
     return folder
