@@ -55,7 +55,7 @@ def start():
 
 def in_a_pass(render):
     """During the samples of a pass, which it also reports."""
-    return render.child.status.get("label", "").startswith("Pass 1") and render.fraction > 0
+    return render.child.status.get("label", "").startswith(("Pass 1", "Layer 1")) and render.fraction > 0
 
 
 def shown(scene):
@@ -157,7 +157,7 @@ def test_the_panel_shows_the_render_and_its_outcome(endless_scene):
     follow(in_a_pass)
     panel = shown(endless_scene)
     assert {"lensfield.cancel", "lens"} <= set(panel.shown)
-    assert "Pass 1 of 1" in " ".join(panel.labels)
+    assert "Layer 1 of 2" in " ".join(panel.labels)
     assert bpy.ops.lensfield.cancel() == {"FINISHED"}
     assert "Cancelled" in shown(endless_scene).labels
 
