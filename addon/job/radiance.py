@@ -579,7 +579,7 @@ def _mask(region, rendered, grid):
 
 
 def _label(turn, passes, band, layer):
-    """The label of a pass, counted from 1, or of a layer of depth in it; a single pass of layers needs no number."""
+    """The label of a pass, counted from 1, or of a layer of depth in it; a single pass of layers is not numbered."""
     if layer and passes == 1:
         return layer
     return f"{', '.join(filter(None, (f'Pass {turn} of {passes}', layer.lower())))}: {_span(band)} nm"

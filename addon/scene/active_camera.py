@@ -12,7 +12,7 @@ def camera_data(scene):
 
 
 def camera_in(context):
-    """The camera data that an editor is about: those in its properties, or else the active camera's; None without."""
+    """The data of the camera in an editor's properties, or else of the active camera; None without one."""
     return getattr(context, "camera", None) or camera_data(context.scene)
 
 
