@@ -136,7 +136,9 @@ def _radiance_files(scene, folder):
 
 def may_have_radiance(scene):
     """Whether there is a radiance file that `saved_radiance` may accept."""
-    return any(_radiance_files(scene, folder_for(scene)))
+    folder = folder_for(scene)  # panels ask at each redraw: usually the first file is there
+    own = Result.of(scene, folder, scene.frame_current).radiance
+    return bool(file_status(own)) or any(_radiance_files(scene, folder))
 
 
 def _check_origin(scene, path):

@@ -25,7 +25,7 @@ _lock = Lock()  # a thread may bake a lens while the window requests another
 
 
 def unwatched(fraction: float, label: str) -> None:
-    """The progress function of work that nobody follows."""
+    """The progress function of work whose progress is not shown."""
 
 
 def load_lens(source: library.LensSource, rings: Rings = AT_REST, quality: str = "standard",

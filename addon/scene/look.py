@@ -101,7 +101,7 @@ def _pixels(path):
 def save_shown(image, path, look):
     """Save an image as a scene with this Look shows it, as a PNG of 8 bits."""
     with _scene_with(look) as scene:
-        image.save_render(str(path), scene=scene)
+        save_as_shown(image, path, scene)
 
 
 def save_as_shown(image, path, scene):
@@ -127,11 +127,9 @@ def _set(settings, values):
 
 @contextmanager
 def _scene_with(look):
-    """A temporary scene that saves PNGs with this Look."""
+    """A temporary scene with this Look."""
     scene = bpy.data.scenes.new("Lensfield Look")
     try:
-        scene.render.image_settings.file_format, scene.render.image_settings.color_mode = "PNG", "RGBA"
-        scene.render.dither_intensity = 0
         _assign(scene, look)
         yield scene
     finally:
