@@ -715,8 +715,8 @@ static void bend(const lf_system *s, int64_t n, const double *at, double *along,
     for (int k = 0; k < 3; k++) along[k] += sqrt(1 - square) * normal[k];
 }
 
-/* To a surface and through it; the optical path, and the squared height. */
-static double passed(const lf_system *s, int64_t n, double *at, double *along, double before, double behind, double *square)
+/* To a surface and through it; the optical path, and the squares of height, x and y. */
+static double passed(const lf_system *s, int64_t n, double *at, double *along, double before, double behind, double *squares)
 {
     change_frame(s, n, 1, at, along);
     double way = -at[2] / along[2], by_x, by_y;
@@ -725,10 +725,17 @@ static double passed(const lf_system *s, int64_t n, double *at, double *along, d
         way -= (at[2] + way * along[2] - sag) / (along[2] - by_x * along[0] - by_y * along[1]);
     }
     for (int k = 0; k < 3; k++) at[k] += way * along[k];
-    *square = at[0] * at[0] + at[1] * at[1];
+    squares[1] = at[0] * at[0], squares[2] = at[1] * at[1], squares[0] = squares[1] + squares[2];
     bend(s, n, at, along, before / behind);
     change_frame(s, n, -1, at, along);
     return before * way;
+}
+
+/* Rows of the output of tracing. */
+static void note_squares(const lf_system *s, int64_t n, const double *squares, double *rows)
+{
+    rows[n] = squares[0];
+    for (int k = 0; s->rectangles && s->rectangles[n] && k < 2; k++) rows[s->rectangles[n] + k] = squares[1 + k];
 }
 
 static void traced_ray(const lf_system *s, const double *start, double *out)
@@ -736,21 +743,24 @@ static void traced_ray(const lf_system *s, const double *start, double *out)
     const int64_t size = 3 + s->even_terms + s->odd_terms;
     double by_x, by_y, at[3] = {start[0], start[1], relief(s, s->stop, start[0], start[1], &by_x, &by_y)};
     const double length = sqrt(1 + start[2] * start[2] + start[3] * start[3]);
-    double along[3] = {0}, back[3], from[3], path = 0;
+    double along[3] = {0}, back[3], from[3], squares[3], path = 0;
     change_frame(s, s->stop, -1, at, along);
     along[0] = start[2] / length, along[1] = start[3] / length, along[2] = 1 / length;
     for (int k = 0; k < 3; k++) from[k] = at[k], back[k] = -along[k];
     for (int64_t n = s->stop - 1; n >= 0; n--) {
         from[2] += s->shapes[n * size + 2];
-        path += passed(s, n, from, back, s->indices[n + 1], s->indices[n], out + 13 + n);
+        path += passed(s, n, from, back, s->indices[n + 1], s->indices[n], squares);
+        note_squares(s, n, squares, out + 13);
     }
-    out[13 + s->stop] = start[0] * start[0] + start[1] * start[1];
+    squares[1] = start[0] * start[0], squares[2] = start[1] * start[1], squares[0] = squares[1] + squares[2];
+    note_squares(s, s->stop, squares, out + 13);
     change_frame(s, s->stop, 1, at, along);
     bend(s, s->stop, at, along, s->indices[s->stop] / s->indices[s->stop + 1]);
     change_frame(s, s->stop, -1, at, along);
     for (int64_t n = s->stop + 1; n < s->surfaces; n++) {
         at[2] -= s->shapes[(n - 1) * size + 2];
-        path += passed(s, n, at, along, s->indices[n], s->indices[n + 1], out + 13 + n);
+        path += passed(s, n, at, along, s->indices[n], s->indices[n + 1], squares);
+        note_squares(s, n, squares, out + 13);
     }
     at[2] -= s->shapes[(s->surfaces - 1) * size + 2];
     change_frame(s, s->surfaces, 1, at, along);
@@ -774,11 +784,11 @@ static void displace(double *pose)
 static void try_tracing(void)
 {
     const int64_t surfaces = 1 + below(MOST_SURFACES), even = below(4), odd = below(3), size = 3 + even + odd, count = 1 + below(20);
-    const int64_t quantities = 13 + surfaces;
+    int64_t quantities = 13 + surfaces;
     const int tame = below(4) > 0;
-    double *shapes = ROOM(double, surfaces * size), *starts = ROOM(double, 4 * count), *truth = ROOM(double, quantities);
+    double *shapes = ROOM(double, surfaces * size), *starts = ROOM(double, 4 * count), *truth = ROOM(double, 13 + 3 * surfaces);
     double *sections = ROOM(double, surfaces * (2 + even)), *poses = ROOM(double, 12 * (surfaces + 1));
-    int64_t kinds[MOST_SURFACES];
+    int64_t kinds[MOST_SURFACES], rectangles[MOST_SURFACES];
     double indices[MOST_SURFACES + 1], aims[4] = {1, 0.96, 0, 0.28}, guess[2] = {0, 0.2};
     for (int64_t n = 0; n < surfaces; n++) {
         shapes[n * size] = 0.02 * (2 * unit() - 1), shapes[n * size + 1] = 2 * unit() - 1.5, shapes[n * size + 2] = 2 + 3 * unit();
@@ -795,7 +805,13 @@ static void try_tracing(void)
     for (int64_t n = 0; n <= surfaces; n++) indices[n] = n % 2 ? 1.5 + 0.3 * unit() : 1;
     for (int64_t n = 0; n < 4 * count; n++) starts[n] = (n < 2 * count ? 3 : 0.2) * (2 * unit() - 1) + (n < count ? 4 : 0);
     for (int64_t n = 0; n <= surfaces; n++) displace(poses + 12 * n);
-    lf_system s = {shapes, indices, surfaces, below(surfaces), even, odd, 0, 0, 0};
+    lf_system s = {shapes, indices, surfaces, below(surfaces), even, odd, 0, 0, 0, 0};
+    for (int64_t n = 0; n < surfaces; n++) rectangles[n] = 0;
+    if (below(2)) {
+        s.rectangles = rectangles;
+        for (int64_t n = 0; n < surfaces; n++)
+            if (!below(3)) rectangles[n] = quantities - 13, quantities += 2;
+    }
     if (below(2)) s.kinds = kinds, s.sections = sections;
     if (below(2)) s.poses = poses;
     lf_system bare = s;
@@ -837,10 +853,10 @@ static double linear(const double *table, int64_t steps, double place)
 
 static void ghost_meets(const lf_system *s, const lf_beam *b, int64_t n, int reflecting, double before, double behind, ghost_ray *r)
 {
-    double by_x, by_y, square, along[3], back[3];
+    double by_x, by_y, squares[3], along[3], back[3];
     for (int k = 0; k < 3; k++) along[k] = r->along[k];
-    passed(s, n, r->at, r->along, before, behind, &square);
-    square *= b->per_semi_aperture[n] * b->per_semi_aperture[n];
+    passed(s, n, r->at, r->along, before, behind, squares);
+    const double square = squares[0] * b->per_semi_aperture[n] * b->per_semi_aperture[n];
     change_frame(s, n, 1, r->at, along);
     relief(s, n, r->at[0], r->at[1], &by_x, &by_y);
     const double length = sqrt(1 + by_x * by_x + by_y * by_y), normal[3] = {-by_x / length, -by_y / length, 1 / length};
@@ -851,6 +867,7 @@ static void ghost_meets(const lf_system *s, const lf_beam *b, int64_t n, int ref
         for (int k = 0; k < 2; k++) r->stop[2 * r->crossings + k] = r->at[k] * b->per_semi_aperture[n];
         r->crossings++;
     } else r->limit = fmax(r->limit, square);
+    for (int k = 0; k < 2; k++) r->limit = fmax(r->limit, pow(r->at[k] * b->per_half_width[2 * n + k], 2));
     change_frame(s, n, -1, r->at, back);
     const double share = linear(b->reflectances + n * (b->steps + 1), b->steps, before * before * (1 - cosine * cosine) * b->steps_per_unit);
     r->light *= reflecting ? share : 1 - share;
@@ -882,18 +899,20 @@ static void try_ghost_rays(void)
 {
     const int64_t surfaces = 3 + below(4), even = below(3), size = 3 + even, steps = 5, side = 2 + below(5), rays = side * side;
     double *shapes = ROOM(double, surfaces * size), *poses = ROOM(double, 12 * (surfaces + 1)), *tables = ROOM(double, surfaces * (steps + 1));
-    double indices[16], per_mm[16], truth[LF_GHOST_QUANTITIES], box[4] = {-2 * unit(), 3 * unit() / (double)side, -2 * unit(), 3 * unit() / (double)side};
+    double indices[16], per_mm[16], per_half_width[32], truth[LF_GHOST_QUANTITIES], box[4] = {-2 * unit(), 3 * unit() / (double)side, -2 * unit(), 3 * unit() / (double)side};
     for (int64_t n = 0; n < surfaces; n++) {
         shapes[n * size] = 0.02 * (2 * unit() - 1), shapes[n * size + 1] = 2 * unit() - 1.5, shapes[n * size + 2] = 2 + 3 * unit();
         for (int64_t k = 3; k < size; k++) shapes[n * size + k] = 1e-5 * (2 * unit() - 1);
         per_mm[n] = below(3) ? 0.1 + 0.1 * unit() : 0;
+        const int64_t rectangular = below(2);
+        for (int64_t k = 2 * n; k < 2 * n + 2; k++) per_half_width[k] = rectangular ? 0.1 + 0.1 * unit() : 0;
     }
     for (int64_t n = 0; n < surfaces * (steps + 1); n++) tables[n] = unit();
     for (int64_t n = 0; n <= surfaces; n++) indices[n] = n % 2 ? 1.5 + 0.3 * unit() : 1, displace(poses + 12 * n);
-    const lf_system s = {shapes, indices, surfaces, below(surfaces), even, 0, 0, 0, below(2) ? poses : 0};
+    const lf_system s = {shapes, indices, surfaces, below(surfaces), even, 0, 0, 0, below(2) ? poses : 0, 0};
     const int64_t far = 1 + below(surfaces - 1), pair[2] = {below(far), far}, wrong[2] = {far, far};
     const double slope = 0.2 * (2 * unit() - 1), c = sqrt(1 - slope * slope);
-    lf_beam b = {tables, per_mm, pair, box, {1, 0, 0}, {0, c, -slope}, {0, slope, c}, {0, 0, 0}, INFINITY, 2, INFINITY, steps, 1, side, side, 0};
+    lf_beam b = {tables, per_mm, per_half_width, pair, box, {1, 0, 0}, {0, c, -slope}, {0, slope, c}, {0, 0, 0}, INFINITY, 2, INFINITY, steps, 1, side, side, 0};
     for (int v = 0; runs(v); v++) {
         double *out = ROOM(double, LF_GHOST_QUANTITIES * rays);
         b.surfaces = wrong;
