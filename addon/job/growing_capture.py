@@ -143,7 +143,8 @@ class _GrowingPasses(WholePasses):
         self._parts[index, slab.near_m] = slab.region, part
         if not self._guides:
             return part.light
-        picture = denoised(self._scene, part.light.cube[0, ::-1], part.light.guides, self._path.parent)
+        picture = denoised(self._scene, part.light.cube[0, ::-1], part.light.alpha, part.light.guides,
+                           self._path.parent)
         return replace(part.light, cube=picture[None, ::-1])
 
     def _range(self, index, gathered, step, first, count, again):

@@ -74,7 +74,10 @@ class GatheredLight:
         If it narrows, the first pass limits its region to the part with content.
     cube : float32 array (wavelength, row, column)
         Of the region.
-    alpha, depth_m : float32 arrays (row, column)
+    alpha : float32 array (row, column)
+        The mean over the passes, by their weights: a catcher of coloured shadows and tinted glass have another alpha at
+        each wavelength.
+    depth_m : float32 array (row, column)
         From the last pass.
     detail : Detail or None
         From the first pass.
@@ -87,6 +90,7 @@ class GatheredLight:
         self._light_passes = [f"{layer_name}.Combined", *(f"{layer_name}.Combined_{name}" for name in group_names)]
         self._depth_pass = depth_pass(layer_name)
         self.cube, self.alpha, self.depth_m, self.empty, self._blocks = None, None, None, False, {}
+        self._alpha_weight = 0.0
         self.detail = None
 
     def is_spare(self, lights):
@@ -136,8 +140,8 @@ class GatheredLight:
         nm = self._plan.choice.nodes_nm[self._plan.nodes(index)]
         return Detail.of(picture[:nm.size], nm, times)
 
-    def add(self, index, light):
-        """Add a pass's PassLight, and store its depth and alpha."""
+    def add(self, index, light, alpha_weight):
+        """Add a pass's PassLight, store its depth, and include its alpha with a weight."""
         if self.cube is None:
             if self.slab.narrows:
                 held = light.held
@@ -146,7 +150,8 @@ class GatheredLight:
                 self.slab, self.empty = self.slab.within(around), not held.any()
             self.detail = light.detail
             self.cube = new_array((self._plan.choice.output_nm.size, *light.alpha.shape), self._scratch)
-        self.depth_m, self.alpha = light.depth_m, light.alpha
+        self.depth_m = light.depth_m
+        self._include(light.alpha, alpha_weight)
         mix = self._plan.mix(index)
         shares = (self._plan.shares(index) @ mix).astype(np.float32)
         channels = mix.shape[1]
@@ -157,6 +162,14 @@ class GatheredLight:
             rows = slice(row, row + ROWS_AT_ONCE)
             self.cube[:, rows] += np.tensordot(shares, light.cube[:, :channels, rows], axes=2)
         release_memory(self.cube)
+
+    def _include(self, alpha, weight):
+        """Include a pass in the mean alpha, which keeps its bits where all passes have the same."""
+        self._alpha_weight += weight
+        if self.alpha is None or weight == self._alpha_weight:
+            self.alpha = alpha
+        else:
+            self.alpha = self.alpha + np.float32(weight / self._alpha_weight) * (alpha - self.alpha)
 
     def radiance(self):
         """The sum of all passes: array (wavelength, row, column), without negative estimates."""

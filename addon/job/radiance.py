@@ -450,6 +450,7 @@ def light_steps(ready, sampled, capture_px, slabs, share, journal):
     lights = [GatheredLight(plan, rendered_layer(scene).name, ready.group_names, slab, ready.scratch,
                             metres_per_unit(scene)) for slab in slabs]
     fraction, share = LOOK_SHARE * share, (1 - LOOK_SHARE) * share / len(lights)
+    weights = np.arange(len(plan.bands)) == sampled.order[-1] if job.traced else plan.alpha_weights()
     for turn, index in enumerate(sampled.order, 1):
         band = plan.bands[index]
         ready.substitution.set_wavelengths(band, plan.dispersive)
@@ -462,7 +463,8 @@ def light_steps(ready, sampled, capture_px, slabs, share, journal):
             if not light.is_spare(lights):
                 show_slab(scene, light.slab, capture_px, journal)
                 label = _label(turn, len(plan.bands), band, f"Layer {number} of {len(lights)}" if cut else "")
-                light.add(index, (yield from sampled.light(index, light, RenderPass(scene, label, fraction, step))))
+                light.add(index, (yield from sampled.light(index, light, RenderPass(scene, label, fraction, step))),
+                          float(weights[index]))
             fraction += step
         if job.picture:
             complete = turn == len(plan.bands)

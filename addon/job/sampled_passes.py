@@ -52,8 +52,11 @@ def shares_noise(scene, job, plan):
 
 
 def _may_divide_samples(scene, request):
+    """Whether parts of a pass's samples may be rendered one by one. Cycles takes the ratio of a pixel's light with and
+    without the shadows on a catcher, and the mean of ratios of few samples is another one."""
     cycles = scene.cycles
-    return not request.traced and not cycles.time_limit and not cycles.use_sample_subset
+    catches = any(each.is_shadow_catcher and each.type != "LIGHT" for each in scene.objects)
+    return not request.traced and not cycles.time_limit and not cycles.use_sample_subset and not catches
 
 
 def detail_times(scene, request, pixels):
@@ -192,7 +195,7 @@ class SampledPasses(WholePasses):
 
     def _denoised(self, light):
         """The denoised PassLight; all its lamps are in one group."""
-        picture = denoised(self._scene, light.cube[0, ::-1], light.guides, self._path.parent)
+        picture = denoised(self._scene, light.cube[0, ::-1], light.alpha, light.guides, self._path.parent)
         return replace(light, cube=picture[None, ::-1])
 
     def _control_steps(self, index, gathered, step):
@@ -246,7 +249,7 @@ class SampledPasses(WholePasses):
         if not self._guides:
             return picture
         guides = np.array([planes[name] for name in self._guides])
-        return denoised(self._scene, picture[::-1], guides, self._path.parent)[::-1]
+        return denoised(self._scene, picture[::-1], planes[gathered.planes[0]], guides, self._path.parent)[::-1]
 
     def _stored(self, part):
         """The Samples, in a scratch file if there is a folder for them."""
@@ -309,6 +312,10 @@ class Samples:
         return Samples(self.count[part] if np.ndim(self.count) else self.count, self.light.within(part))
 
 
+def _mean_alpha(parts):
+    return _weighted([(part.count, part.light.alpha) for part in parts])
+
+
 def mean_light(parts):
     """The mean light of some Samples: PassLight, with the depth of the last."""
     return _planes_with(_weighted([(part.count, part.light.cube) for part in parts]), parts)
@@ -317,9 +324,8 @@ def mean_light(parts):
 def _planes_with(cube, parts):
     """A PassLight of this cube, with the mean alpha and guides of some Samples, and the depth of those with the first
     sample, which are last."""
-    alpha, guides = (_weighted([(part.count, getattr(part.light, name)) for part in parts])
-                     for name in ("alpha", "guides"))
-    return PassLight(cube, alpha, parts[-1].light.depth_m, guides)
+    guides = _weighted([(part.count, part.light.guides) for part in parts])
+    return PassLight(cube, _mean_alpha(parts), parts[-1].light.depth_m, guides)
 
 
 def _weighted(counted):
@@ -369,7 +375,9 @@ class _Control:
             cube[lamp], difference = estimate(halves, control_halves, _lamp(rest, lamp), weight)
             helped, unhelped = helped + difference, unhelped + (halves[0] - halves[1])
         growth = noise_growth(remaining_shares(helped, unhelped), few_count, float(np.mean(rest_count)) + few_count)
-        return _planes_with(cube, self.parts), growth
+        light = _planes_with(cube, self.parts)
+        more = np.subtract(*(_mean_alpha(ranges) for ranges in (parts, few)))  # exactly 0 for an alpha without a colour
+        return replace(light, alpha=np.clip(light.alpha + more, 0, 1)), growth
 
 
 def _lamp(parts, lamp):

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...engine.runtime.errors import InputError
-from ...engine.spectral.spectra import BAND_NM
+from ...engine.spectral.colour import rec709_weights
+from ...engine.spectral.spectra import BAND_NM, white_density
 from ...engine.spectral.wavelength_choice import WavelengthChoice, choose_wavelengths
 from ..scene.camera import frame_grid, in_view
 from ..scene.errors import SceneError
@@ -85,6 +86,15 @@ class ScenePlan:
         if self.unfit and self.per_pass == 1:
             return colour_basis(nodes_nm)[:, ::-1]
         return np.eye(nodes_nm.size)
+
+    def alpha_weights(self):
+        """Weight of each pass in the mean of R, G and B of a white picture: array (pass,), which is even if none is
+        visible."""
+        nm = self.choice.output_nm
+        white = rec709_weights(nm).mean(axis=1) * white_density(nm)
+        weights = [np.maximum(white @ self.choice.weights[:, self.nodes(index)], 0).sum()
+                   for index in range(len(self.bands))]
+        return np.array(weights) if any(weights) else np.ones(len(self.bands))
 
     def nodes(self, index):
         """The slice of the rendered wavelengths that a pass carries."""

@@ -125,7 +125,7 @@ def _band_steps(ready, label, light, grid, index, samples, journal):
     read_again(scene)
     step = RenderPass(scene, f"{label} {index + 1} of {len(plan.bands)}", 0.0, 0.0)
     planes = yield from ready.passes.planes(step, _path(ready), light.planes, "sky", index, *light.slab.facts)
-    light.add(index, light.light_of(planes))
+    light.add(index, light.light_of(planes), 1.0)
 
 
 def _path(ready):

@@ -22,6 +22,8 @@ from .kit import (
 
 WARM_BLUE = 9.7
 """CIEDE2000 between the blue paint's spectrum in the light of 2800 K and the product of red, green and blue."""
+RED_BLUE = 2.0
+"""The same in the light of the red lamp and as much of the world's: 3.4 without the world's."""
 IES = """IESNA:LM-63-2002
 [TEST] narrow downlight
 TILT=NONE
@@ -209,7 +211,7 @@ def light_linking(stage):
     _red(stage).light_linking.receiver_collection = _only(stage, "Receivers")
 
 
-@ordinary()
+@ordinary(paint=RED_BLUE)
 def shadow_linking(stage):
     """A red lamp that only the ball blocks"""
     _red(stage).light_linking.blocker_collection = _only(stage, "Blockers")
@@ -273,7 +275,7 @@ def many_lamps(stage):
         lamp.data.color = rng.uniform(0.2, 1, 3)
 
 
-@ordinary()
+@ordinary(paint=RED_BLUE)
 def without_light_tree(stage):
     """Two lamps without the light tree, with a light threshold"""
     stage.scene.cycles.use_light_tree = False

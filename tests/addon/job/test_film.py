@@ -8,10 +8,12 @@ import pytest
 
 from lensfield.engine.pictures.spectral_exr import read_exr, read_parts
 from lensfield.engine.spectral.colour import REC709_LUMINANCE
+from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 from lensfield.engine.stray.options import StrayOptions
 from small_scenes import material, render, set_world, wall
 
 GREY = 0.5
+COLOUR = (0.9, 0.5, 0.1)
 
 
 @pytest.fixture
@@ -127,3 +129,13 @@ def test_the_report_names_the_files(glowing, tmp_path):
     assert set(named.values()) == {str(path) for path in result.files} and all(path.is_file() for path in result.files)
     assert named["stmap_distort"] == str(tmp_path / "unsaved_Scene_stmap_distort.exr")
     assert bpy.path.basename(named["depth"]) == "unsaved_Scene_0001_depth.exr"
+
+
+def test_the_alpha_of_coloured_glass_is_that_of_all_passes(scene, tmp_path):
+    """Cycles' alpha is the mean of red, green and blue; the passes have others, here 0.51 and 0.62."""
+    glass, shader = material("Glass", "ShaderNodeBsdfTransparent", COLOUR)
+    wall(scene, glass)
+    scene.render.film_transparent = True
+    result = render(scene, tmp_path, np.linspace(420, 680, 14), spectral=SpectralOptions("standard"))
+    assert result.report.scene.passes > 1
+    np.testing.assert_allclose(planes(result.lens_image)["A"], 1 - np.mean(COLOUR), atol=0.01)

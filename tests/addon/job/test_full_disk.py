@@ -50,7 +50,7 @@ def test_no_room_for_a_pass_is_reported_with_its_file(scene, tmp_path, work, dep
 def test_no_room_for_the_denoiser_is_reported_with_its_file(scene, work):
     picture, guides = np.ones((3, 24, 32), np.float32), np.ones((6, 24, 32), np.float32)
     with room_for(8_000), pytest.raises(InputError, match=r"noisy\.exr: file is not written: File too large$"):
-        denoised(scene, picture, guides, work)
+        denoised(scene, picture, picture[0], guides, work)
     assert not list(work.iterdir())
 
 

@@ -139,13 +139,14 @@ def test_rounding_of_the_lamps_sum_is_no_light():
     assert np.count_nonzero(cube[0]) == 3
 
 
-@pytest.mark.parametrize("why", ["reference", "preview", "time limit", "range", "few"])
+@pytest.mark.parametrize("why", ["reference", "preview", "time limit", "range", "few", "catcher"])
 def test_passes_take_all_samples(corner, tmp_path, sample_counts, why):
     """In Reference, with a single pass, and if the scene limits its samples in another way."""
     tier = why if why in ("reference", "preview") else "standard"
     corner.cycles.time_limit = 1000.0 if why == "time limit" else 0.0
     corner.cycles.use_sample_subset, corner.cycles.sample_subset_length = why == "range", SAMPLES
     corner.cycles.samples = 2 * FEW - 1 if why == "few" else 2 * FEW
+    bpy.data.objects["Wall"].is_shadow_catcher = why == "catcher"
     _, facts = rendered(corner, tmp_path, 1, depth="off", spectral=SpectralOptions(tier))
     assert not facts.samples and not sample_counts
 
