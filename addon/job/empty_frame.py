@@ -5,12 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from mathutils import Vector
 
-from ..scene.bodies import depths_mm, has_volume, is_closed
+from ..scene.bodies import depths_mm, is_closed
 from ..scene.camera import in_view
 from ..scene.depth import View
 from ..scene.instances import SHADED_TYPES, rendered_instances
 from ..scene.render_state import rendered_world
 from ..scene.units import M_TO_MM, mm_per_unit
+from ..scene.volumes import has_volume
 from ..shading.lobes import lobes_of, shines
 from .remarks import Remark
 

@@ -79,6 +79,8 @@ class GatheredLight:
         each wavelength.
     depth_m : float32 array (row, column)
         From the last pass.
+    depth_plane : str
+        The name of its plane.
     detail : Detail or None
         From the first pass.
     empty : bool
@@ -88,7 +90,7 @@ class GatheredLight:
     def __init__(self, plan, layer_name, group_names, slab, scratch, unit_m):
         self.slab, self._plan, self._scratch, self._unit_m = slab, plan, scratch, unit_m
         self._light_passes = [f"{layer_name}.Combined", *(f"{layer_name}.Combined_{name}" for name in group_names)]
-        self._depth_pass = depth_pass(layer_name)
+        self.depth_plane = depth_pass(layer_name)
         self.cube, self.alpha, self.depth_m, self.empty, self._blocks = None, None, None, False, {}
         self._alpha_weight = 0.0
         self.detail = None
@@ -109,7 +111,7 @@ class GatheredLight:
     @property
     def planes(self):
         """Names of the planes that each of its passes must have: list of str; the first is alpha."""
-        return [f"{self._light_passes[0]}.A", self._depth_pass,
+        return [f"{self._light_passes[0]}.A", self.depth_plane,
                 *(f"{name}.{channel}" for name in self._light_passes for channel in CHANNELS)]
 
     def light_of(self, planes, guides=()):
@@ -121,13 +123,17 @@ class GatheredLight:
                              "expected {1} x {0} px".format(*shape_px))
         cube = np.array([[planes[f"{name}.{channel}"] for channel in CHANNELS] for name in self._light_passes])
         cube[0] = _without(cube[0], cube[1:].sum(axis=0))  # leaves the light outside Lensfield's groups
-        return PassLight(cube, alpha, depth_pass_m(planes[self._depth_pass], self._unit_m),
+        return PassLight(cube, alpha, self.depth_of(planes),
                          np.array([planes[name] for name in guides]).reshape(-1, *shape_px))
+
+    def depth_of(self, planes):
+        """The depth in a pass, in metres, from its planes by name: float32 array (row, column)."""
+        return depth_pass_m(planes[self.depth_plane], self._unit_m)
 
     def in_whole_pixels(self, planes, names, times):
         """Planes of whole pixels, by name, from planes of pixels that are divided into `times` x `times`: the mean, or
         the lower median of depths, because their mean may lie between two surfaces."""
-        return {name: (_lower_median if name == self._depth_pass else _mean)(planes[name], times)
+        return {name: (_lower_median if name == self.depth_plane else _mean)(planes[name], times)
                 for name in names}
 
     def picture(self, planes):

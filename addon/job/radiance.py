@@ -41,6 +41,7 @@ from ..scene.traced_camera import trace_lens
 from ..scene.undo import Journal
 from ..scene.units import M_TO_MM, metres_per_unit
 from .bands import WAVELENGTHS_PER_PASS
+from .depth_behind_volumes import depth_behind_volumes
 from .emitters import emitters_in, emitters_of
 from .empty_frame import empty_reasons
 from .film_alpha import alpha_steps
@@ -470,7 +471,9 @@ def light_steps(ready, sampled, capture_px, slabs, share, journal):
             complete = turn == len(plan.bands)
             yield Work(lambda _, complete=complete: _show(complete, ready, lights, capture_px),
                        "Updating the picture", fraction)
-    return [light for light in lights if not light.is_spare(lights)]
+    lights = [light for light in lights if not light.is_spare(lights)]
+    yield from depth_behind_volumes(ready, lights, capture_px, fraction)
+    return lights
 
 
 def captured_from(ready, lights, grid, capture_px):

@@ -16,6 +16,7 @@ from ..scene.bodies import uncut_depths_mm
 from ..scene.render_state import guard_render_state, rendered_layer
 from ..scene.undo import Journal
 from ..scene.units import M_TO_MM, depth_pass_m, metres_per_unit
+from ..scene.volumes import hide_volumes
 from .light import depth_pass
 from .steps import RenderPass
 
@@ -130,6 +131,7 @@ def cut_steps(scene, job, grid, region, tinting, sky, emitters, passes, path, fr
             journal.set(scene.cycles, name, value)
         layer = rendered_layer(scene)
         journal.set(layer, "samples", 0)  # no override of the scene's samples
+        hide_volumes(scene, journal)
         name, colours = depth_pass(layer.name), [f"{layer.name}.Combined.{channel}" for channel in "RGB"]
         planes = yield from passes.planes(RenderPass(scene, "Rendering depth", fraction, share), path,
                                           {name, *colours}, "look")

@@ -9,9 +9,10 @@ single number per pixel, which would turn the tint grey.
 import numpy as np
 
 from .camera import in_view
-from .instances import cycles_output, nodes_within, rendered_instances, uses_nodes
+from .instances import nodes_within, rendered_instances, uses_nodes
 from .render_state import rendered_layer, rendered_world
 from .units import mm_per_unit
+from .volumes import has_volume
 
 EVERYWHERE_MM = 0.0, np.inf
 
@@ -78,12 +79,6 @@ def is_closed(data):
     edges = np.empty(len(loops), np.int32)
     loops.foreach_get("edge_index", edges)
     return bool(np.all(np.bincount(edges, minlength=len(data.edges)) == 2))
-
-
-def has_volume(block):
-    """Whether Cycles renders a volume for this material or world."""
-    output = cycles_output(block)
-    return bool(output and output.inputs["Volume"].is_linked)
 
 
 def _has_holdout(material):

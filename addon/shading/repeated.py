@@ -10,8 +10,8 @@ import numpy as np
 
 from ...engine.spectral.repeated_colour import RepeatedColour, rec709_of
 from ...engine.spectral.spectra import channel_basis
-from ..scene.bodies import has_volume
 from ..scene.instances import cycles_output, rendered_instances
+from ..scene.volumes import has_volume
 from ..scene.working_space import colour_basis
 from .lobes import closures
 from .node_paths import constant_of

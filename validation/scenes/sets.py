@@ -27,6 +27,8 @@ from .lamps import portal
 from .objects import hair_curves
 from .worlds import add_panorama, sky_with_sun
 
+FLAME_ORANGE = 4.6
+"""CIEDE2000 between the orange paint's spectrum in the flame's light and the product of red, green and blue."""
 
 @ordinary()
 def interior_with_screens(stage):
@@ -71,7 +73,7 @@ def hair_against_the_sky(stage):
     stage.scene.frame_set(3)
 
 
-@ordinary()
+@ordinary(paint=FLAME_ORANGE)
 def bonfire(stage):
     """A fire of glowing gas at night, with smoke over it, embers, and string lights behind"""
     background(stage.world).inputs["Strength"].default_value = 0.02
