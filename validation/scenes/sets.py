@@ -30,6 +30,7 @@ from .worlds import add_panorama, sky_with_sun
 FLAME_ORANGE = 4.6
 """CIEDE2000 between the orange paint's spectrum in the flame's light and the product of red, green and blue."""
 
+
 @ordinary()
 def interior_with_screens(stage):
     """A room with a portal in its window, two television screens, and a dark glossy table"""
