@@ -2,7 +2,7 @@
 # make test        run all tests, the Blender tests even if the engine tests fail; BPY=4.5.15 runs the Blender tests on
 #                  another Blender, SEED=n (any integer) renders with other noise; TESTS=tests/addon/scene selects some
 #                  of the Blender tests; where a run takes only a sample of a test's cases, SEED chooses the sample, and
-#                  ALL_CASES=yes runs all cases
+#                  ALL_CASES=yes runs all cases; build/test-times.txt lists the processor seconds of each test
 # make kernels     recompile the engine's C loops if their sources have changed; targets that test or measure the engine
 #                  do this first; LENSFIELD_KERNELS=numpy, base, avx2 or avx512 selects the implementation at run time
 # make -k -j2 -O ci  run what .ci/run runs after make lint: all tests, with the Blender tests on four Blenders; two
@@ -106,6 +106,7 @@ demo: $(READY) kernels
 	    --tier $(TIER) --output demo --report demo/report.json
 
 test: $(READY) kernels
+	@rm -f build/test-times.txt
 	@cache=$$(mktemp -d); trap 'rm -rf "$$cache"' EXIT; export LENSFIELD_CACHE="$${LENSFIELD_CACHE:-$$cache}"; \
 	failed=; for part in $(PARTS); do $(MAKE) $$part || failed="$$failed $$part"; done; \
 	    echo "make test with SEED=$(SEED): $${failed:+failed:}$${failed:-passed: $(PARTS)}"; [ -z "$$failed" ]

@@ -7,10 +7,16 @@ import shutil
 import tempfile
 
 from seed import SEED
+from timing import Times
 
 if "LENSFIELD_CACHE" not in os.environ:  # if it is set, test runs share their baked lenses
     os.environ["LENSFIELD_CACHE"] = tempfile.mkdtemp(prefix="lensfield-tests-")
     atexit.register(shutil.rmtree, os.environ["LENSFIELD_CACHE"], ignore_errors=True)
+
+
+def pytest_configure(config):
+    if not config.getoption("collectonly"):
+        config.pluginmanager.register(Times())
 
 
 def pytest_collection_modifyitems(config, items):
