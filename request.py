@@ -31,6 +31,8 @@ CAMERA = "camera"
 BY_SCENE, ON = "scene", "on"
 RING_FIELDS = "focus", "f_number", "focused_wide_open", "tilt_deg", "copy", "copy_grade", "coating"
 CAMERA_FIELDS = "camera", "iso", "shutter_s", "noise", "develop", "dng"
+EXPOSED_FIELDS = "camera", "iso", "shutter_s", "develop"
+"""Settings of the camera that a preview shows."""
 FOLLOWER_FIELDS = "picture", "state", "source", "view_settings"
 """Fields that a program sets when it starts a render and monitors it."""
 
@@ -141,13 +143,14 @@ class RenderRequest:
         text="Camera that takes a picture of the lens image: a bundled camera (lensfield camera list), or a camera's "
              "file (.toml); or none. Its sensor replaces the lens's unless --view names another", unset="none")
     iso: float = setting(
-        0.0, name="ISO", owner=CAMERA, kind=float, metavar="ISO", limits=(0, inf), precision=0, panel="camera",
+        0.0, name="ISO", owner=CAMERA, kind=float, metavar="ISO", limits=(0, inf), precision=0, panel="",
         unset="auto",
         text="ISO of the camera. 0, or auto: the camera's base ISO, or the metered one if only the shutter is given")
     shutter_s: float = setting(
         0.0, name="Shutter (s)", owner=CAMERA, kind=float, option="shutter", metavar="SECONDS", limits=(0, inf),
-        precision=4, panel="camera", unset="auto",
-        text="Exposure time of the camera in seconds, such as 1/60. 0, or auto: metered for each picture")
+        precision=4, panel="", unset="auto",
+        text="Exposure time of the camera in seconds, such as 1/60. 0, or auto: metered, for each picture or for each "
+             "shot of an animation")
     noise: bool = setting(
         True, name="Noise", kind=bool, panel="camera",
         text="Photon noise, read noise, dark current, and the differences between pixels")

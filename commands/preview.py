@@ -7,7 +7,7 @@ or continues.
 from pathlib import Path
 
 from ..engine.runtime.errors import InputError, Stopped
-from ..request import RING_FIELDS
+from ..request import EXPOSED_FIELDS, RING_FIELDS
 from .arguments import engine_options, given_fields, iris_option, output_given
 from .blend import import_addon
 from .prescription_file import lens_source
@@ -16,7 +16,7 @@ from .render import add_copy_options, restore_copied, scene_and_fields
 from .render_options import add_scene_options
 from .stopping import stopped
 
-FIELDS_OF_LENS = "lens", "view", *RING_FIELDS, "lens_quality"
+FIELDS_OF_LENS = "lens", "view", *RING_FIELDS, "lens_quality", *EXPOSED_FIELDS
 
 
 def add_options(preview):

@@ -17,7 +17,7 @@ from ...engine.depth.depth_range import AUTO, TRACED
 from ...engine.plan.options import TIER_ACCURACY
 from ...engine.runtime.files import remove_left_work, work_prefix
 from ...engine.spectral.wavelength_choice import SpectralOptions
-from ...request import CAMERA, ON, argument, to_arguments
+from ...request import CAMERA, EXPOSED_FIELDS, ON, argument, to_arguments
 from ..scene.errors import SceneError
 from ..scene.rings import ring_fields
 from .job import folder_for, unsaved_folder
@@ -162,16 +162,17 @@ def preview_arguments(scene, key, *, copy=None, changes=None, size=None, samples
     Parameters
     ----------
     scene : bpy.types.Scene
-    key : (str, str, str, Rings, Iris or None)
-        Lens, view, treatment of the area outside the field, focus and f-stop, and blades.
+    key : (str, str, str, Rings, Iris or None, tuple)
+        Lens, view, treatment of the area outside the field, focus and f-stop, blades, and values of `EXPOSED_FIELDS`.
     copy, changes : path, optional
         For another scene, or for changes of the loaded one.
     size, samples : (width, height) and int, optional
         With either: the size of the coarse picture, and the samples of the last.
     """
-    lens, view, out_of_field, rings, iris = key
-    given = {"lens": lens, "camera": "", "view": view, "lens_quality": "preview", "iris": iris, **ring_fields(rings),
-             "options": Options(accuracy=TIER_ACCURACY["preview"], out_of_field=out_of_field)}
+    lens, view, out_of_field, rings, iris, exposed = key
+    given = {"lens": lens, "view": view, "lens_quality": "preview", "iris": iris, **ring_fields(rings),
+             "options": Options(accuracy=TIER_ACCURACY["preview"], out_of_field=out_of_field),
+             **dict(zip(EXPOSED_FIELDS, exposed, strict=True))}
     if size is None:
         return [*CONTINUE, *to_arguments(**given)]
     nm = scene.lensfield.wavelengths_nm()

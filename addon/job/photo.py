@@ -1,17 +1,27 @@
 """The camera of a job: its raw picture of the lens image, and the developed one."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from ...engine import load_camera, photograph
 from ...engine.pictures.develop import check_demosaicable, developed_in
 from ...engine.pictures.dng import check_channels
 from ...engine.pictures.preview import auto_exposure, to_rec709
 from ...engine.sensor.exposure import FRAMES, covered_px
-from ...engine.sensor.metering import usual_exposure
+from ...engine.sensor.metering import developed_white, metered_rec709, usual_exposure
 from ...engine.simulation.photograph import CameraFacts, held, missing_channels, missing_text
 from ...engine.simulation.raw_file import write_raw_file
 
 DEVELOPED_EXPOSURE = 1.0  # of a developed picture: white is where the camera saturates
+
+
+@dataclass(frozen=True)
+class ShownExposure:
+    """The exposure that a picture of a preview has, or that a camera's meter chooses for it."""
+
+    shutter_s: float
+    iso: float
 
 
 def chosen_camera(request):
@@ -67,6 +77,25 @@ def take_photo(request, irradiance, lens, result):
         result.report.files["raw"] = str(result.raw)
         result.report.add(replace(result.report.parts.of(CameraFacts), uncorrected=tuple(uncorrected)))
     return raw
+
+
+def exposed(request, irradiance):
+    """A lens image in linear Rec. 709 (row, column, 3) and its ShownExposure: as the request's camera develops it, but
+    without noise and with the colours of the eye. As it is, and None, without a camera.
+
+    Parameters
+    ----------
+    request : RenderRequest
+    irradiance : SpectralImage
+    """
+    picture, camera = to_rec709(irradiance), chosen_camera(request)
+    if not camera:
+        return picture, None
+    f_number, light = irradiance.f_number_effective, to_rec709(replace(irradiance, exposure=1.0))
+    exposure = metered_rec709(light, camera, f_number, request.iso or None, request.shutter_s or None)
+    if request.develop:
+        picture = np.minimum(developed_white(camera, exposure, f_number) * light, 1, dtype=np.float32)
+    return picture, ShownExposure(exposure.shutter_s, exposure.iso)
 
 
 def shown_picture(request, irradiance, raw):

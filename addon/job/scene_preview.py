@@ -4,7 +4,7 @@ It runs in the child of a window (`child.py`), which stops it between two steps 
 continues to grow. Another scene begins a new one.
 """
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import cache
 from pathlib import Path
 from time import monotonic, sleep
@@ -18,7 +18,6 @@ from ...engine.field.frame_planes import nearest_samples
 from ...engine.inspection.curves import reference_nm
 from ...engine.library import has_rings, iris_is_visible
 from ...engine.library.rays import lens_rays, sketched_rays
-from ...engine.pictures.preview import to_rec709
 from ...engine.pictures.spectral_exr import write_planes_exr
 from ...engine.rays.rings import AT_REST
 from ...engine.runtime.errors import InputError
@@ -30,6 +29,7 @@ from ..scene.lens_cache import SKETCHED, load_lens
 from ..scene.moves import take_moves
 from ..scene.rings import ring_fields, scene_rings
 from .growing_capture import FINER, Grown, Moved, growing_capture
+from .photo import exposed
 from .pictures import alpha_through_lens
 from .refilter import edges_on_lens_mm, fitted, rings_in_view
 from .render import job_of_frame, run
@@ -84,7 +84,7 @@ class ScenePreview:
         ----------
         show : callable (dict)
             Called with each picture: `picture`, the path of a lens image, an EXR of the fine size; `size_px`, width and
-            height as captured; `samples`; `number`.
+            height as captured; `samples`; `number`; and, with a camera, `exposure`, a dict of `ShownExposure`.
         progress : callable (fraction, label)
             May raise an exception to stop; another `run` continues.
         """
@@ -124,13 +124,13 @@ class ScenePreview:
         """Steps that show a stage through the lens."""
         lens, iris, captured = yield Work(lambda on_progress: self._lens_for(grown, on_progress), "Preparing the lens",
                                           0.5)
-        picture, alpha, depth_m = yield Work(lambda on_progress: self._cast(grown.times, captured, lens, iris,
-                                                                            on_progress),
-                                             f"Through {lens.name}", 0.5, 0.5)
-        path = self._written(picture, alpha, depth_m)
+        *planes, exposure = yield Work(lambda on_progress: self._cast(grown.times, captured, lens, iris, on_progress),
+                                       f"Through {lens.name}", 0.5, 0.5)
+        path = self._written(*planes)
         self._waiting.remove(grown)
         rows, columns = captured.radiance.frame_px
-        show({"picture": str(path), "size_px": (columns, rows), "samples": grown.samples, "number": self._number})
+        show({"picture": str(path), "size_px": (columns, rows), "samples": grown.samples, "number": self._number}
+             | ({"exposure": asdict(exposure)} if exposure else {}))
 
     def _lens_for(self, grown, progress):
         """The lens, its iris, and the Captured that suits it; for coarse pixels, the lens is baked coarsely."""
@@ -143,18 +143,18 @@ class ScenePreview:
         return lens, request.iris if request.iris and iris_is_visible(request.lens, rings) else None, captured
 
     def _cast(self, times, captured, lens, iris, progress):
-        """The lens image: Rec. 709 and alpha; and the depth."""
+        """The lens image: Rec. 709, as the camera exposes it, and alpha; the depth; and the ShownExposure."""
         options = self._request.options
         irradiance, _ = lens_image(captured.radiance, lens, options, self._request.stray, layers=captured.layers,
                                    outside=captured.outside, iris=iris, progress=progress, cache=_channels(times),
                                    rays=sketched_rays if times == 1 else lens_rays)
         irradiance = replace(irradiance, cube=captured.cut(irradiance.cube))
-        picture = to_rec709(irradiance)
+        picture, exposure = exposed(self._request, irradiance)
         alpha = None if captured.alpha is None else captured.cut(alpha_through_lens(captured, lens, options, iris))
         depth_m = nearest_samples(captured.depth_m, lens, captured.radiance.grid, reference_nm(lens))
         if times == 1:
             picture, alpha = (plane if plane is None else enlarged(plane, FINER) for plane in (picture, alpha))
-        return picture, np.ones(picture.shape[:2]) if alpha is None else alpha, depth_m
+        return picture, np.ones(picture.shape[:2]) if alpha is None else alpha, depth_m, exposure
 
     def _written(self, picture, alpha, depth_m):
         """The path of the lens image. Two folders alternate, so that a file is not replaced while it is read."""

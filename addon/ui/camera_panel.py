@@ -10,6 +10,8 @@ from ..job.named_files import FROM_FILE
 from ..scene.active_camera import camera_data
 from .lens_worker import lens_request
 from .listed_settings import draw_listed
+from .properties import NO_BODY
+from .shown_exposure import current_exposure
 from .text_wrap import draw_wrapped
 
 
@@ -29,22 +31,43 @@ def draw_camera(layout, scene, camera):
         draw_wrapped(layout, str(error), "ERROR")
         return
     layout.label(text="{:.3g} \u00d7 {:.3g} mm, {} \u00d7 {} pixels".format(*body.size_mm, *reversed(body.shape_px)))
-    if settings.shutter_s:
-        layout.label(text=_exposure_text(settings, _f_number(scene, camera)))
+    shutter_s, iso = current_exposure(scene, camera)
+    if shutter_s or iso:
+        layout.label(text=exposure_text(shutter_s, iso, _f_number(scene, camera)))
+    column = layout.column(align=True)
+    for name, auto, title in (("iso", "auto_iso", "ISO"), ("shutter_s", "auto_shutter", "Shutter (s)")):
+        _draw_exposure(column, settings, name, auto, title)
     draw_listed(layout, scene, "camera", settings)
-    if settings.iso == 0 or settings.shutter_s == 0:
-        draw_wrapped(layout, "0: automatic, by the camera's meter")
     if missing:
         draw_wrapped(layout, f"{missing[0].upper()}{missing[1:]}", "INFO")
 
 
-def _exposure_text(settings, f_number):
-    """The shutter as cameras show it and, once all is known, the exposure value."""
-    shutter = shutter_text(settings.shutter_s)
-    if not f_number or not settings.iso:
-        return shutter
-    ev = exposure_value(f_number, settings.shutter_s, settings.iso)
-    return f"{shutter} at f/{f_number:.3g} and ISO {settings.iso:.0f}: EV100 {ev:.1f}"
+def draw_exposure(layout, scene, camera):
+    """Draw the exposure of a camera with a body in a header, if it is known."""
+    shutter_s, iso = current_exposure(scene, camera)
+    if camera.lensfield.body != NO_BODY and shutter_s and iso:
+        layout.label(text=exposure_text(shutter_s, iso))
+
+
+def _draw_exposure(layout, settings, name, auto, title):
+    """Draw a value of the exposure with its switch; the value only if it is fixed."""
+    row = layout.row(align=True)
+    if getattr(settings, auto):
+        row.prop(settings, auto, text=f"Auto {title.partition(' ')[0]}", toggle=True)
+    else:
+        row.prop(settings, name)
+        row.prop(settings, auto, toggle=True)
+
+
+def exposure_text(shutter_s, iso, f_number=None):
+    """An exposure as cameras show it: shutter and ISO, without unknown ones; and, if all is known, the exposure value.
+    """
+    parts = [shutter_text(shutter_s)] if shutter_s else []
+    parts += [f"f/{f_number:.3g}"] if f_number else []
+    parts += [f"ISO {iso:.0f}"] if iso else []
+    if shutter_s and iso and f_number:
+        parts.append(f"EV {exposure_value(f_number, shutter_s, iso):.1f}")
+    return ", ".join(parts)
 
 
 def _f_number(scene, camera):

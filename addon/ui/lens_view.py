@@ -5,6 +5,7 @@ pixel of the lens's frame then gathers the light of a few rays: by the lens's ta
 viewport's depth, how far out of focus things are. Light from outside the viewport and from hidden surfaces is unknown.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from itertools import pairwise
@@ -21,6 +22,8 @@ SOURCES = Path(__file__).parent / "shaders"
 TILE_PX, REACH_TILES = 16, 6  # blur reaches at most their product from its middle
 SHARP_PX, BLURRED_PX = 0.8, 2.0  # diameters of blur that is not drawn, and that is drawn alone
 FEW_RAYS_PX = 6.0  # a quarter of the rays suffices for smaller blur
+METERED_STEP = 3  # between metered nodes of the tables
+AS_IT_IS = 0.0  # exposure of light that no camera takes
 FARTHEST_DEPTH = 1.0  # normalised, also of viewports without depth
 SIDES_PX = 2, 4, 8, 16  # of the pixels of smaller copies of the light
 HALVES = "nearer", "farther", "blurs"
@@ -35,7 +38,8 @@ SAMPLERS = {"blur": ("colours", "depths"), "split": ("light",), "halve": FINER_H
             "lens": ("colours", "tables", "light", "reaches",
                      *(f"{name}_{side}" for side in SIDES_PX for name in HALVES))}
 VALUES = {"blur": {"focus": "VEC4", "lean": "VEC2", "most_px": "FLOAT"}, "reach": {"widest": "FLOAT"},
-          "lens": {"frame": "VEC4", "view": "VEC4", "has_depth": "FLOAT", "shows_through": "FLOAT"}}
+          "lens": {"frame": "VEC4", "view": "VEC4", "has_depth": "FLOAT", "shows_through": "FLOAT",
+                   "exposure": "FLOAT"}}
 """The textures and the values of each shader."""
 
 
@@ -108,10 +112,35 @@ class Tables:
         values[BOKEH_NODES:, :NODES] = np.concatenate([red, green], axis=-1)
         values[BOKEH_NODES:, NODES:2 * NODES] = np.concatenate([blue, light], axis=-1)
         self.texture = _texture(values)
+        some = slice(None, None, METERED_STEP)
+        self._green, self._illumination = _tangents(tables.angle_rad[some, some, 1]), tables.illumination[some, some]
         self.widest = float(np.linalg.norm(tables.shifts, axis=-1).max(initial=1, where=tables.light > 0))
 
 
-def draw(framebuffer, tables: Tables, view: View, frame_px, defocus: Defocus, *, transparent: bool) -> bool:
+    def metered(self, light: np.ndarray, view: "View") -> np.ndarray:
+        """The picture at places that are even over the frame, without blur: array (place, 3).
+
+        Parameters
+        ----------
+        light : array (row, column, 4)
+            Of the viewport, bottom row first.
+        view : View
+        """
+        column, row = np.moveaxis(np.floor(self._green * view.px_per_tangent + view.middle_px).astype(int), -1, 0)
+        rows, columns, _ = light.shape
+        seen = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+        return light[row[seen], column[seen], :3] * self._illumination[seen, None]
+
+
+def _tangents(angle_rad):
+    """Vectors from the axis as long as the tangents of these angles, array (..., 2)."""
+    away_rad = np.linalg.norm(angle_rad, axis=-1, keepdims=True)
+    longer = np.tan(np.minimum(away_rad, STEEPEST_RAD)) / np.maximum(away_rad, np.finfo(np.float32).tiny)
+    return angle_rad * np.where(away_rad > 0, longer, 1)
+
+
+def draw(framebuffer, tables: Tables, view: View, frame_px, defocus: Defocus, *, transparent: bool,
+         exposure_of: Callable[[np.ndarray], float] | None = None) -> bool:
     """Replace a frame in a viewport by its view through a lens.
 
     Parameters
@@ -125,6 +154,8 @@ def draw(framebuffer, tables: Tables, view: View, frame_px, defocus: Defocus, *,
     defocus : Defocus
     transparent : bool
         Whether the viewport's background shows through.
+    exposure_of : function of the `Tables.metered` light, optional
+        Returns the factor of the light that a camera saturates at 1; by default, the light is as in the viewport.
 
     Returns
     -------
@@ -137,6 +168,7 @@ def draw(framebuffer, tables: Tables, view: View, frame_px, defocus: Defocus, *,
         depth = np.asarray(memoryview(framebuffer.read_depth(0, 0, width, height)), dtype=np.float32)
     colours, steps = gpu.types.GPUTexture((width, height), format="RGBA16F", data=light), _steps(width, height)
     has_depth = bool(depth.min() < FARTHEST_DEPTH)
+    exposure = exposure_of(tables.metered(_pixels(light, width, height), view)) if exposure_of else AS_IT_IS
     gpu.state.blend_set("NONE")
     gpu.state.depth_test_set("NONE")
     gpu.state.depth_mask_set(False)
@@ -153,8 +185,12 @@ def draw(framebuffer, tables: Tables, view: View, frame_px, defocus: Defocus, *,
         for side in SIDES_PX:
             inputs |= {f"{name}_{side}": texture for name, texture in zip(HALVES, steps[side], strict=True)}
         _fill("lens", corners, inputs, frame=frame_px, view=(*view.px_per_tangent, *view.middle_px),
-              has_depth=float(has_depth), shows_through=float(transparent))
+              has_depth=float(has_depth), shows_through=float(transparent), exposure=exposure)
     return has_depth
+
+
+def _pixels(buffer, width, height):
+    return np.asarray(memoryview(buffer)).reshape(height, width, 4)
 
 
 def _split_by_depth(steps, viewport, view, defocus, widest):

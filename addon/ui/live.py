@@ -9,8 +9,8 @@ camera, which only viewports use: neither the file nor renders change.
 
 import traceback
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field
-from functools import partial
+from dataclasses import astuple, dataclass, field
+from functools import lru_cache, partial
 from math import inf
 from typing import Any
 
@@ -21,14 +21,18 @@ from bpy.app.handlers import persistent
 from ...engine.depth.depth_range import blur_per_nearness_px
 from ...engine.depth.iris import opening
 from ...engine.depth.lens_tables import COLOURS_NM, LensTables, lens_tables
+from ...engine.field.field_map import field_map
 from ...engine.field.overscan import LENS_VIEW
 from ...engine.image.pixel_grid import PixelGrid
 from ...engine.lens.entrance_pupil import focus_nearness, focus_rise
 from ...engine.lens.pinhole import fitting_pitch_um
+from ...engine.library.bodies import load_camera
 from ...engine.library.rays import lens_rays
 from ...engine.runtime.errors import InputError, one_line
 from ...engine.runtime.files import stamp_of
+from ...engine.sensor.metering import developed_white, metered_rec709
 from ..job.named_files import check_named_files
+from ..job.photo import ShownExposure
 from ..scene.active_camera import camera_settings
 from ..scene.camera import SceneFrame, check_camera, frame_px, pixel_aspect, shift_px, size_for_view
 from ..scene.focus import Focus, focus_now
@@ -38,7 +42,8 @@ from ..scene.requirements import check_scene
 from ..scene.rings import rings_for, scene_iris
 from ..scene.units import metres_per_unit
 from . import lens_view
-from .areas import areas
+from .areas import areas, redraw_panels
+from .camera_panel import exposure_text
 from .lens_at_rest import facts_at_rest
 from .plain_words import plain
 from .session import session
@@ -47,6 +52,7 @@ from .text_wrap import draw_wrapped
 TICK_S = 0.05
 QUALITY = "preview"
 ONLY_SOLID = "Live shows a panoramic camera in Solid viewports only"
+STUDIO_LIGHT = "Live shows the camera's exposure with Scene Lights and Scene World, in the viewport's shading options"
 NO_DEPTH = "Live shows no defocus: turn on Viewport Overlays to give this viewport its depth"
 
 _worker = ThreadPoolExecutor(1, "Lensfield live")
@@ -63,11 +69,16 @@ class Frame:
         Of the angles from the axis to the frame's left, lower, right and upper edge, if its pixels are square.
     focus : Focus
         Of the lens, in pixels of the scene's render.
+    f_number_effective : float
+    transmittance : float
+        For green light.
     """
 
     tables: LensTables
     tangents: tuple[float, float, float, float]
     focus: Focus
+    f_number_effective: float
+    transmittance: float
 
 
 @dataclass
@@ -88,6 +99,10 @@ class Live:
         The viewport's light, before Blender draws it.
     note : str
         What the view does not show, and why.
+    exposure : ShownExposure or None
+        Of the camera's body.
+    exposed : tuple
+        The scene's session_uid and the camera's settings of that exposure.
     """
 
     handlers: list = field(default_factory=list)
@@ -96,6 +111,12 @@ class Live:
     shown: Any = None
     framebuffer: Any = None
     note: str = ""
+    exposure: ShownExposure | None = None
+    exposed: tuple = ()
+
+    def shows_exposure_of(self, scene):
+        """Whether the view has the exposure of a scene's camera as it is set."""
+        return self.exposed == _exposed(scene)
 
 
 def start(scene):
@@ -214,7 +235,9 @@ def read_frame(name, stamp, rings, focal_mm, sensor_mm, shape_px, right_up_px, i
     per_nearness_px_m, nearness_per_m = blur_per_nearness_px(lens, grid.pitch_um) / 1e3, focus_nearness(lens) * 1e3
     lean_per_m = tuple((focus_rise(lens) * 1e3).tolist())
     focus_m = 1 / nearness_per_m if nearness_per_m else inf
-    return Frame(tables, tangents, Focus(focus_m, per_nearness_px_m, lean_per_m))
+    green = field_map(lens).at_wavelength(COLOURS_NM[1])
+    return Frame(tables, tangents, Focus(focus_m, per_nearness_px_m, lean_per_m), lens.f_number_effective,
+                 green.transmittance)
 
 
 def frame_lens(name, rings, frame: SceneFrame):
@@ -269,8 +292,68 @@ def _draw_frame(live, scene, space, view, region):
     frame_rectangle = *first_px, *(last_px - first_px)
     has_depth = lens_view.draw(live.framebuffer, live.shown[1], seen, frame_rectangle,
                                _defocus(scene, live, frame, at_rest, frame_rectangle),
-                               transparent=space.shading.type == "SOLID" or scene.render.film_transparent)
-    _report(live, "" if has_depth else NO_DEPTH)
+                               transparent=space.shading.type == "SOLID" or scene.render.film_transparent,
+                               exposure_of=_metering(live, scene, space, frame))
+    _report(live, NO_DEPTH if not has_depth else STUDIO_LIGHT if _is_unexposed(scene, space.shading) else "")
+
+
+def _is_unexposed(scene, shading):
+    """Whether a camera's exposure is not shown, because a studio lights the viewport."""
+    return shading.type == "MATERIAL" and bool(_body(scene)) and not _has_scene_light(scene, shading)
+
+
+def _metering(live, scene, space, frame):
+    """The function that meters a viewport's light by the camera's body, notes the exposure, and returns the factor of
+    the light; None without a body, or if the light is not the scene's."""
+    camera, film = _body(scene), _film_exposure(scene, space.shading)
+    if not (camera and film and _has_scene_light(scene, space.shading)):
+        return None
+    settings, transmitted = camera_settings(scene), frame.transmittance / film
+
+    def exposure_of(light):
+        exposure = metered_rec709(transmitted * light, camera, frame.f_number_effective, settings.iso or None,
+                                  settings.shutter_s or None)
+        _note_exposure(live, ShownExposure(exposure.shutter_s, exposure.iso), _exposed(scene))
+        white = developed_white(camera, exposure, frame.f_number_effective)
+        return white * transmitted if scene.lensfield.develop else lens_view.AS_IT_IS
+
+    return exposure_of
+
+
+def _body(scene):
+    """The Camera of a scene's body; None without one."""
+    name = camera_settings(scene).body_name_or_path()
+    return _loaded_body(name, stamp_of(name)) if name else None
+
+
+@lru_cache(maxsize=1)
+def _loaded_body(name, stamp):
+    return load_camera(name)
+
+
+def _exposed(scene):
+    """Everything of a scene's settings that its exposure depends on."""
+    settings = camera_settings(scene)
+    return scene.session_uid, settings.body, settings.body_file, settings.iso, settings.shutter_s
+
+
+def _has_scene_light(scene, shading):
+    """Whether a viewport has the light of the scene and its world, not a studio's."""
+    if shading.type == "RENDERED" and scene.render.engine != "BLENDER_WORKBENCH":
+        return shading.use_scene_lights_render and shading.use_scene_world_render
+    return shading.type == "MATERIAL" and shading.use_scene_lights and shading.use_scene_world
+
+
+def _film_exposure(scene, shading):
+    """The factor of a viewport's light, which a camera does not have."""
+    by_cycles = shading.type == "RENDERED" and scene.render.engine == "CYCLES"
+    return scene.cycles.film_exposure if by_cycles else 1.0
+
+
+def _note_exposure(live, exposure, exposed):
+    before, live.exposure, live.exposed = live.exposure, exposure, exposed
+    if before is None or exposure_text(*astuple(before)) != exposure_text(*astuple(exposure)):
+        bpy.app.timers.register(redraw_panels, first_interval=0.0)  # not while a region is drawn
 
 
 def _report(live, note):

@@ -33,7 +33,7 @@ from ..scene.requirements import check_scene
 from ..scene.rings import FEWEST_BLADES
 from .animation import draw_animation
 from .another_lens import draw_another_lens
-from .camera_panel import draw_camera
+from .camera_panel import draw_camera, draw_exposure
 from .camera_presets import draw_presets
 from .comparison import CHOOSE, draw_compare
 from .compositor_panel import draw_compositor, draw_shown
@@ -82,6 +82,8 @@ def draw_settings(layout, scene):
             continue
         header, body = layout.panel(f"lensfield_{name}", default_closed=True)
         header.label(text=title)
+        if name == "body":
+            draw_exposure(header, scene, camera)
         if body:
             draw(body, scene)
 

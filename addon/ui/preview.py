@@ -22,6 +22,7 @@ from ...engine.runtime.errors import InputError
 from ..job.child import CONTINUE, lensfield_command, preview_arguments, save_copy, work_folder
 from ..job.growing_capture import FINER
 from ..job.named_files import check_named_files, named_files
+from ..job.photo import ShownExposure
 from ..job.result import Result
 from ..scene.active_camera import camera_settings
 from ..scene.camera import check_camera, frame_px, view_tangents
@@ -87,6 +88,7 @@ class Preview:
     lens: tuple = ()  # the key of the last lens that was applied or tried
     depth: Path | None = None  # of the picture
     facts: list = field(default_factory=list)
+    exposure: ShownExposure | None = None  # of the picture
     error: str = ""
     announced: str = ""  # the last `waiting_for` that the windows show
 
@@ -113,6 +115,13 @@ class Preview:
     def up_to_date(self):
         """Whether the picture shows the scene, if there is one."""
         return self.same_scene and not self.error
+
+    def shows_exposure_of(self, scene):
+        """Whether the picture has the exposure of a scene's camera as it is set."""
+        try:
+            return self.scene_uid == scene.session_uid and self.same_scene and lens_key(scene) == self.lens
+        except InputError:
+            return False
 
     @property
     def waiting_for(self):
@@ -202,16 +211,18 @@ def _scene_of(preview):
 
 
 def lens_key(scene):
-    """Everything that changes the lens but not the scene: name or path, view, out-of-field treatment, focus and f-stop,
-    and blades."""
+    """Everything that changes the lens or the camera's exposure but not the scene: name or path, view, out-of-field
+    treatment, focus and f-stop, blades, and the values of `EXPOSED_FIELDS`."""
     settings = camera_settings(scene)
     lens, out_of_field = settings.lens_name_or_path(), scene.lensfield.value_of("out_of_field")
-    return lens, settings.view_text(), out_of_field, rings_for(scene, lens), scene_iris(scene, lens)
+    exposed = (settings.body_name_or_path(), settings.value_of("iso"), settings.value_of("shutter_s"),
+               scene.lensfield.develop)
+    return lens, settings.view_text(), out_of_field, rings_for(scene, lens), scene_iris(scene, lens), exposed
 
 
 def shown_tangents(scene, key):
     """The `view_tangents` for a lens key."""
-    lens, view, _, rings, _ = key
+    lens, view, _, rings, *_ = key
     return view_tangents(scene, lens, view, rings)
 
 
@@ -224,6 +235,7 @@ def _shown_scene(scene):
 def _turn_to(preview, scene):
     """Preview another scene of the file from now on."""
     preview.scene_uid, preview.depth, preview.lens, preview.facts = scene.session_uid, None, (), []
+    preview.exposure = None
     preview.changed_s, preview.other_s, preview.paused, preview.shown, preview.changes = 0.0, 0.0, "", 0, None
     preview.picture.unlink(missing_ok=True)
     preview_overlay.forget_picture()
@@ -424,6 +436,7 @@ def _show(preview, scene, outcome):
     preview.depth = Result.from_file(path, "lens_image").depth
     seconds = time.monotonic() - preview.started_s
     preview.facts = _facts(outcome["size_px"], outcome["samples"], seconds, preview.job[1][0])
+    preview.exposure = ShownExposure(**outcome["exposure"]) if "exposure" in outcome else None
 
 
 def is_visible():

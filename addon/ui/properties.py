@@ -44,6 +44,7 @@ from ..scene.trust import check_trusted, trust
 from ..shading.assigned import spectrum_path
 from .preferences import favourite_lenses
 from .previews import lens_picture
+from .shown_exposure import fixed_value
 
 DEFAULT_LENS = "tessar-50mm"  # a normal lens for a camera's usual frame, focused far away
 FIRST_NM, LAST_NM, NUMBER = (int(word) for word in IMAGE_WAVELENGTHS.split(":"))
@@ -183,6 +184,20 @@ def _choose_path(field):
     return lambda settings, context: trust(stated_path(settings.id_data, field))
 
 
+def _auto(name, title):
+    """The switch of a camera's exposure setting that is automatic at 0."""
+    def is_auto(settings):
+        return getattr(settings, name) == 0
+
+    def set_auto(settings, auto):
+        if auto != is_auto(settings):
+            setattr(settings, name, 0.0 if auto else fixed_value(settings.id_data, name))
+
+    return BoolProperty(name="Auto", get=is_auto, set=set_auto, options=set(), override=OVERRIDABLE,
+                        description=f"The camera's meter chooses the {title}. Turned off, the {title} stays as it "
+                                    "was metered, until you change it")
+
+
 def lens_title(name_or_path):
     """The name of a lens in panels: its title, or its file name."""
     return next((title for name, title, *_ in offered_lenses() if name == name_or_path), os.path.basename(name_or_path))
@@ -256,6 +271,8 @@ class LensfieldCameraSettings(_Settings, bpy.types.PropertyGroup):
         description="Camera that takes a picture of the lens image. Its sensor replaces the lens's")
     body_file: StringProperty(name="Camera File", description=OWN_BODY, subtype="FILE_PATH", options=BLEND_RELATIVE,
                               update=_choose_path("body_file"), override=OVERRIDABLE)
+    auto_iso: _auto("iso", "ISO")
+    auto_shutter: _auto("shutter_s", "shutter")
     iris_roundness: _property("iris_roundness", replace(settings_of(Iris)["roundness"], owner=CAMERA))
     sensor_mm: FloatVectorProperty(name="Sensor (mm)", description="Width and height of the sensor", size=2,
                                    default=FORMATS["fullframe"][1], min=0.1, max=1000, precision=2,

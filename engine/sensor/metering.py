@@ -5,7 +5,10 @@ from typing import Any
 
 import numpy as np
 
+from ..image.irradiance import irradiance_per_radiance
 from ..image.spectral_image import SpectralImage
+from ..spectral.colour import light_basis
+from ..spectral.spectra import BAND_NM
 from .camera import Camera
 from .electrons import response
 from .exposure import Exposure
@@ -40,10 +43,48 @@ def metered(irradiance: SpectralImage, camera: Camera, iso: float | None = None,
     InputError
         A value is not valid.
     """
+    return _suited(lambda base: exposure_factor(irradiance, camera, base), camera, iso, shutter_s, **others)
+
+
+def metered_rec709(rec709: np.ndarray, camera: Camera, f_number_effective: float, iso: float | None = None,
+                   shutter_s: float | None = None) -> Exposure:
+    """As `metered`, for the picture that a lens makes of light of which only colours are known.
+
+    Parameters
+    ----------
+    rec709 : array (..., 3)
+        Linear Rec. 709 in the scale of Blender's renders, as `to_rec709` without the image's exposure: its light is as
+        `light_basis` upsamples it.
+    camera : Camera
+    f_number_effective : float
+        Of the lens.
+    iso, shutter_s : float, optional
+    """
+    light_e_per_s = rec709 @ _rec709_response(camera, f_number_effective)
+    return _suited(lambda base: _factor(light_e_per_s * base.shutter_s / full_scale_e(camera, base.iso)),
+                   camera, iso, shutter_s)
+
+
+def developed_white(camera: Camera, exposure: Exposure, f_number_effective: float) -> float:
+    """The value, in a developed picture without noise, of light that is white, (1, 1, 1), in the scale of Blender's
+    renders: 1 saturates the camera."""
+    light_e = _rec709_response(camera, f_number_effective).sum() * exposure.shutter_s
+    return float(light_e / full_scale_e(camera, exposure.iso))
+
+
+def _rec709_response(camera, f_number_effective):
+    """Electrons per second in the meter's channel, for each component of linear Rec. 709: array (3,)."""
+    nm = np.arange(BAND_NM[0], BAND_NM[1] + 1.0)
+    return irradiance_per_radiance(1.0, f_number_effective) * (_meter_response(camera, nm) @ light_basis(nm))
+
+
+def _suited(factor_of, camera, iso, shutter_s, **others):
+    """The usual Exposure, with a shutter or an ISO that is changed by its factor, a function of it, unless both are
+    given."""
     base = usual_exposure(camera, iso, shutter_s, **others)
     if iso is not None and shutter_s is not None:
         return base
-    factor = exposure_factor(irradiance, camera, base)
+    factor = factor_of(base)
     if shutter_s is None:
         return replace(base, shutter_s=base.shutter_s * factor)
     return replace(base, iso=base.iso * max(1.0, factor))
@@ -57,10 +98,20 @@ def usual_exposure(camera: Camera, iso: float | None, shutter_s: float | None, *
 
 def exposure_factor(irradiance: SpectralImage, camera: Camera, exposure: Exposure) -> float:
     """Factor by which an exposure of a picture differs from the metered one; 1 for a picture without light."""
-    sensitivity = response(camera, irradiance.wavelengths_nm)
-    of_meter = sensitivity[np.argmax(sensitivity.sum(axis=1))].astype(np.float32)
-    light_e = exposure.shutter_s * np.tensordot(of_meter, _sampled(irradiance.frame().cube), 1).ravel()
-    relative = light_e[light_e > 0].astype(np.float64) / full_scale_e(camera, exposure.iso)
+    of_meter = _meter_response(camera, irradiance.wavelengths_nm).astype(np.float32)
+    light_e = exposure.shutter_s * np.tensordot(of_meter, _sampled(irradiance.frame().cube), 1)
+    return _factor(light_e / full_scale_e(camera, exposure.iso))
+
+
+def _meter_response(camera, wavelengths_nm):
+    """The `response` of the camera's most sensitive channel: array (wavelength,)."""
+    sensitivity = response(camera, wavelengths_nm)
+    return sensitivity[np.argmax(sensitivity.sum(axis=1))]
+
+
+def _factor(signal):
+    """Factor that brings the mean of pixels with light to `METERED`; of signals relative to saturation."""
+    relative = signal[signal > 0].astype(np.float64)
     if not relative.size:
         return 1.0
     low, high = 1 / LARGEST_CHANGE, LARGEST_CHANGE

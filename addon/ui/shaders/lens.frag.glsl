@@ -154,5 +154,9 @@ void main()
   if (has_depth > 0.5 && !outside(middle)) {
     picture = all_depths(red, middle, blue, ivec2(place * float(BOKEH_NODES - 1) + 0.5), picture);
   }
-  result = vec4(picture * blue_light.z, shows_through > 0.5 ? green_light.a : 1.0);
+  picture *= blue_light.z;
+  if (exposure > 0.0) {
+    picture = min(exposure * picture, 1.0);
+  }
+  result = vec4(picture, shows_through > 0.5 ? green_light.a : 1.0);
 }

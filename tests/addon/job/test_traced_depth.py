@@ -215,6 +215,6 @@ def test_gpus_without_optix_fall_back_to_the_cpu(lamp, tmp_path, monkeypatch):
 
 def test_a_preview_keeps_the_light_for_other_lenses(lamp, tmp_path):
     lamp.lensfield.depth = "TRACED"
-    key = LENS, "lens", "hold", AT_REST, None
+    key = LENS, "lens", "hold", AT_REST, None, ("", 0.0, 0.0, True)
     arguments = preview_arguments(lamp, key, copy=tmp_path / "copy.blend", size=(8, 6), samples=1)
     assert "--depth=auto" in arguments

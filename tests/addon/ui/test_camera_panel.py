@@ -1,20 +1,24 @@
 """The camera's part of the panel: bodies, the user's own files, and the sensor that they put behind the lens."""
 
+from types import SimpleNamespace
+
 import bpy
 import pytest
 
 from layouts import Layout
 from lensfield.addon.job.named_files import named_files
+from lensfield.addon.job.photo import ShownExposure
 from lensfield.addon.scene import trust
 from lensfield.addon.ui.camera_panel import draw_camera
 from lensfield.addon.ui.lens_worker import facts_now
 from lensfield.addon.ui.panels import draw_settings
 from lensfield.addon.ui.properties import body_items
+from lensfield.addon.ui.session import session
 from lensfield.engine import InputError, load_camera
 from lensfield.engine.library.bodies import bundled_cameras
 from lensfield.engine.sensor.camera_file import camera_text
 
-EXPOSURE = ["iso", "shutter_s", "noise", "develop", "dng"]
+EXPOSURE = ["iso", "auto_iso", "shutter_s", "auto_shutter", "noise", "develop", "dng"]
 
 
 def drawn(scene):
@@ -27,7 +31,7 @@ def test_a_body_sets_sensor_and_exposure(scene):
     settings, to_request = scene.camera.data.lensfield, scene.lensfield.to_request
     assert to_request().camera == "" and settings.view_text() == "lens" and drawn(scene).shown == ["body"]
     settings.body = "sony-a7-iv"
-    assert "0: automatic, by the camera's meter" in " ".join(drawn(scene).labels)
+    assert drawn(scene).shown == ["body", "auto_iso", "auto_shutter", "noise", "develop", "dng"]
     settings.iso, settings.shutter_s = 800, 1 / 60
     request = to_request()
     assert (request.camera, request.iso) == ("sony-a7-iv", 800) and request.shutter_s == pytest.approx(1 / 60, rel=1e-5)
@@ -49,17 +53,42 @@ def test_the_exposure_is_shown_as_photographers_write_it(scene):
     assert "1/125 s" in drawn(scene).labels
     settings.iso = 800
     facts_now(scene)
-    assert "1/125 s at f/5 and ISO 800: EV100 8.6" in drawn(scene).labels  # log2(25 * 125 / 8)
+    assert "1/125 s, f/5, ISO 800, EV 8.6" in drawn(scene).labels  # log2(25 * 125 / 8)
     dof.use_dof, dof.aperture_fstop, settings.shutter_s = True, 8.0, 2.5
     facts_now(scene)
-    assert "2.5 s at f/8 and ISO 800: EV100 1.7" in drawn(scene).labels  # log2(64 / 2.5 / 8)
+    assert "2.5 s, f/8, ISO 800, EV 1.7" in drawn(scene).labels  # log2(64 / 2.5 / 8)
     dof.aperture_fstop = 1.0
     facts_now(scene)
-    assert any("2.5 s at f/5 " in line for line in drawn(scene).labels)
+    assert any("2.5 s, f/5, " in line for line in drawn(scene).labels)
     layout, other = Layout(), bpy.data.cameras.new("Other")
     other.lensfield.body, other.lensfield.shutter_s, other.lensfield.iso = "sony-a7-iv", 1 / 8000, 100
     draw_camera(layout, scene, other)
-    assert "1/8000 s" in layout.labels, "only the lens of the scene's camera is read"
+    assert "1/8000 s, ISO 100" in layout.labels, "only the lens of the scene's camera is read"
+
+
+def test_auto_fixes_a_value_as_metered(scene, monkeypatch):
+    settings = scene.camera.data.lensfield
+    settings.body = "generic-phone-48"
+    assert settings.auto_iso and settings.auto_shutter
+    settings.auto_iso = settings.auto_shutter = False
+    assert (settings.iso, settings.shutter_s) == (50, pytest.approx(1 / 60)), "the base ISO, without a picture"
+    settings.auto_iso = False
+    assert settings.iso == 50
+    settings.auto_iso = settings.auto_shutter = True
+    assert settings.iso == settings.shutter_s == 0 and scene.lensfield.to_request().iso == 0
+    shown = SimpleNamespace(exposure=ShownExposure(1 / 250, 137.2), note="",
+                            shows_exposure_of=lambda scene: True)
+    monkeypatch.setattr(session, "live", shown)
+    assert "1/250 s, f/" in " ".join(drawn(scene).labels)
+    draw_settings(layout := Layout(folded=True), scene)
+    assert "1/250 s, ISO 137" in layout.labels, "in the header, too"
+    settings.auto_shutter = False
+    assert settings.shutter_s == pytest.approx(1 / 250) and settings.auto_iso
+    settings.auto_iso = False
+    assert settings.iso == 137
+    other = bpy.data.cameras.new("Other").lensfield
+    other.auto_iso = False
+    assert other.iso == 100, "the picture is the active camera's"
 
 
 def test_all_bodies_are_offered():

@@ -1,5 +1,7 @@
 """The live view, except for its drawing, which needs a window: `make ui-test` compares that with the engine."""
 
+from types import SimpleNamespace
+
 import bpy
 import numpy as np
 import pytest
@@ -7,7 +9,7 @@ import pytest
 from layouts import Layout
 from lenses import fine_grid_lens
 from lensfield.addon.scene.focus import focus_now
-from lensfield.addon.ui import live
+from lensfield.addon.ui import lens_view, live
 from lensfield.addon.ui.lens_at_rest import facts_at_rest
 from lensfield.addon.ui.lens_view import SAMPLERS, SOURCES, VALUES, View
 from lensfield.addon.ui.session import session
@@ -144,6 +146,56 @@ def test_each_shader_has_its_source():
     for name, samplers in SAMPLERS.items():
         source = (SOURCES / f"{name}.frag.glsl").read_text(encoding="utf-8")
         assert all(sampler in source for sampler in (*samplers, *VALUES.get(name, ()))), name
+
+
+@pytest.fixture
+def metered_light(live_scene, monkeypatch):
+    """A function that returns the exposed light of the live view in front of an even world, and its ShownExposure, in
+    a viewport with these settings."""
+    monkeypatch.setattr(lens_view, "_texture", lambda values: None)
+    bpy.ops.lensfield.live()
+    frame, view = frame_of(live_scene), View((500.0, 300.0), (1400.0, 1400.0), 1.0, 1.0)
+    shading = {"type": "RENDERED", "use_scene_lights_render": True, "use_scene_world_render": True}
+
+    def metered(light=0.4, **changed):
+        space = SimpleNamespace(shading=SimpleNamespace(**shading | changed))
+        exposure_of = live._metering(session.live, live_scene, space, frame)
+        if exposure_of is None:
+            return None
+        seen = lens_view.Tables(frame.tables).metered(np.full((600, 1000, 4), light, np.float32), view)
+        return exposure_of(seen) * seen, session.live.exposure
+
+    return metered
+
+
+def test_the_light_has_the_brightness_of_the_cameras_exposure(live_scene, metered_light):
+    settings, render = live_scene.camera.data.lensfield, live_scene.render
+    render.engine, live_scene.cycles.film_exposure = "CYCLES", 2.0
+    assert metered_light() is None, "no body"
+    settings.body = "sony-a7-iv"
+    bright, auto = metered_light()
+    assert bright.mean() == pytest.approx(10 / 78, rel=0.01) and auto.iso == 100
+    assert bright.max() > 1.3 * bright.min(), "the lens's corners are darker"
+    assert metered_light(0.8)[1].shutter_s == pytest.approx(auto.shutter_s / 2, rel=0.01)
+    live_scene.cycles.film_exposure = 1.0
+    assert metered_light(0.2)[1].shutter_s == pytest.approx(auto.shutter_s, rel=0.01)
+    live_scene.cycles.film_exposure = 2.0
+    assert session.live.shows_exposure_of(live_scene)
+    settings.shutter_s, settings.iso = auto.shutter_s / 4, 100
+    assert not session.live.shows_exposure_of(live_scene)
+    darker, fixed = metered_light()
+    assert darker == pytest.approx(bright / 4, rel=0.01) and fixed.shutter_s == pytest.approx(auto.shutter_s / 4)
+    live_scene.lensfield.develop = False
+    assert not metered_light()[0].any() and session.live.exposure, "the light as it is"
+
+
+@pytest.mark.parametrize("shading", [
+    {"type": "SOLID"}, {"use_scene_lights_render": False}, {"use_scene_world_render": False},
+    {"type": "MATERIAL", "use_scene_lights": False, "use_scene_world": True}])
+def test_only_the_scenes_own_light_is_exposed(live_scene, metered_light, shading):
+    live_scene.camera.data.lensfield.body = "sony-a7-iv"
+    assert metered_light(**shading) is None
+    assert metered_light(type="MATERIAL", use_scene_lights=True, use_scene_world=True)
 
 
 def test_a_failure_is_reported_and_switches_the_view_off(live_scene):

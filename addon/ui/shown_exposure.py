@@ -1,0 +1,44 @@
+"""The exposure of the camera's body: as set, or as its meter has chosen it for the picture of Live or of Preview."""
+
+import bpy
+
+from ...engine.library.bodies import load_camera
+from ...engine.runtime.errors import InputError
+from ...engine.sensor.metering import usual_exposure
+from ..job.photo import ShownExposure
+from ..scene.active_camera import camera_data
+from .session import session
+
+
+def metered_exposure(scene):
+    """The ShownExposure of the view that shows a scene with its camera's present settings; None without one."""
+    for view in (session.live, session.preview):
+        if view and view.exposure and view.shows_exposure_of(scene):
+            return view.exposure
+    return None
+
+
+def current_exposure(scene, camera):
+    """The shutter in seconds and the ISO of a camera: as set, or as metered; None in place of unknown ones."""
+    settings = camera.lensfield
+    metered = metered_exposure(scene) if camera == camera_data(scene) else None
+    return tuple(settings.value_of(name) or getattr(metered, name, None) for name in ("shutter_s", "iso"))
+
+
+def fixed_value(camera, name):
+    """The value with which a camera's ISO or shutter is fixed: the metered one, or else a usual one."""
+    shutter_s, iso = current_exposure(bpy.context.scene, camera)
+    known = {"shutter_s": shutter_s, "iso": iso}[name]
+    if known is None:
+        known = getattr(_usual(camera.lensfield), name)
+    return round(known) if name == "iso" else known
+
+
+def _usual(settings):
+    try:
+        if body := settings.body_name_or_path():
+            usual = usual_exposure(load_camera(body), None, None)
+            return ShownExposure(usual.shutter_s, usual.iso)
+    except InputError:  # the panel shows it
+        pass
+    return ShownExposure(1 / 60, 100.0)
