@@ -12,7 +12,6 @@ from places import ROOT
 
 PAGES = ["README.md", "CONTRIBUTING.md", "CHANGELOG.md",
          *sorted(path.relative_to(ROOT).as_posix() for path in ROOT.glob("docs/**/*.md"))]
-OF_TODAY = [page for page in PAGES if page != "CHANGELOG.md"]  # which also describes removed features
 FOLDERS = "addon", "benchmarks", "commands", "docs", "engine", "packaging", "sample_scenes", "tests", "validation"
 LINK = re.compile(r"\]\(([^)\s]+)\)|src=\"([^\"]+)\"")
 PATH = re.compile(rf"(?<![\w/.-])(?:{'|'.join(FOLDERS)})/[\w./*-]*[\w*/]")
@@ -41,7 +40,7 @@ def test_links_have_targets(page):
             assert not anchor or anchor in anchors(target), link
 
 
-@pytest.mark.parametrize("page", OF_TODAY)
+@pytest.mark.parametrize("page", PAGES)
 def test_paths_exist(page):
     assert not [path for path in PATH.findall(text(page))
                 if not PLACEHOLDER.search(path) and not list(ROOT.glob(path.rstrip("/")))]
@@ -63,7 +62,7 @@ def test_names_exist_in_the_code(page):
     assert not {name for name in names - NOT_OURS if not words_of_the_code() >= set(name.split("."))}
 
 
-@pytest.mark.parametrize("page", OF_TODAY)
+@pytest.mark.parametrize("page", PAGES)
 def test_make_targets_exist(page):
     targets = set(re.search(r"\.PHONY:((?:\\\n|.)*)", text("Makefile"))[1].replace("\\", "").split())
     code = [*CODE_LINE.findall(text(page)), *SPAN.findall(text(page))]
@@ -84,7 +83,7 @@ def test_the_python_code_in_the_readme_runs(capsys):
     assert capsys.readouterr().out.startswith("(3, 240, 320)")
 
 
-@pytest.mark.parametrize("page", OF_TODAY)
+@pytest.mark.parametrize("page", PAGES)
 def test_named_commands_exist(page, capsys):
     for span in SPAN.findall(text(page)):
         if named := re.match(r"lensfield ([a-z -]*[a-z])\b", span):
