@@ -2,7 +2,10 @@
 # make test        run all tests, the Blender tests even if the engine tests fail; BPY=4.5.15 runs the Blender tests on
 #                  another Blender, SEED=n (any integer) renders with other noise; TESTS=tests/addon/scene selects some
 #                  of the Blender tests; where a run takes only a sample of a test's cases, SEED chooses the sample, and
-#                  ALL_CASES=yes runs all cases; build/test-times.txt lists the processor seconds of each test
+#                  ALL_CASES=yes runs all cases; build/test-times.txt lists the processor seconds of each test. Of the
+#                  tests of over 5 processor seconds, in tests/heavy.txt, SEED chooses one in HEAVY=6; on other Blenders
+#                  than 5.0.1 none runs
+# make heavy       run all tests and cases, and write tests/heavy.txt (an hour)
 # make kernels     recompile the engine's C loops if their sources have changed; targets that test or measure the engine
 #                  do this first; LENSFIELD_KERNELS=numpy, base, avx2 or avx512 selects the implementation at run time
 # make -k -j2 -O ci  run what .ci/run runs after make lint: all tests, with the Blender tests on four Blenders; two
@@ -32,8 +35,9 @@
 #                  by every command: all must agree (an hour); SCENES="hdri lamps" selects scenes or themes; the table,
 #                  pictures and .blend files are in build/scenes. make test renders a dozen, chosen by SEED
 # make extension   build dist/*.zip, for installation in Blender: one for each platform and generation of Blender
-# make release     make scenes, then build all artefacts in an empty dist/: the zips of make extension, the sdist, the
-#                  wheel of this platform, and their SHA-256 checksums in SHA256SUMS (CONTRIBUTING.md lists the compilers)
+# make release     run make scenes, and all tests and cases; then build all artefacts in an empty dist/: the zips of make
+#                  extension, the sdist, the wheel of this platform, and their SHA-256 checksums in SHA256SUMS
+#                  (CONTRIBUTING.md lists the compilers)
 # make ui-test     operate a window of BLENDER=/path/to/blender as a user would (ten minutes; requires a display, or
 #                  Xvfb, and ImageMagick's import); it installs the zip for Blender 5.1 and later: for others, add
 #                  GENERATION=blender4.5 (4.5 and 5.0) or GENERATION=python3.14 (of a distribution, on Python 3.14);
@@ -61,6 +65,7 @@
 BPY ?= 5.0.1
 export SEED ?= 0
 export ALL_CASES ?=
+export HEAVY ?= 6
 unexport PYTHONDONTWRITEBYTECODE  # the tests start hundreds of Pythons; without bytecode, each compiles all modules
 VENV = $(if $(filter 5.0.1,$(BPY)),.venv,.venv-$(BPY))
 READY = $(VENV)/.ready
@@ -97,7 +102,7 @@ LINT = .venv-lint
 RELEASE = .venv-release
 LOCK = packaging/lock-5.0.1.txt
 
-.PHONY: demo kernels test fuzz long-runs kill-test test-kernels test-engine test-blender ui-test bench bench-all validate validate-sensor validate-raw scenes extension release test-bake test-sensor test-farm glasses lenses lens-pictures hero camera-pictures cameras tables bench-tables \
+.PHONY: demo kernels test heavy fuzz long-runs kill-test test-kernels test-engine test-blender ui-test bench bench-all validate validate-sensor validate-raw scenes extension release test-bake test-sensor test-farm glasses lenses lens-pictures hero camera-pictures cameras tables bench-tables \
         test-numpy ci lint lock
 
 demo: $(READY) kernels
@@ -122,13 +127,14 @@ test-engine: $(READY) kernels
 	$(if $(COVERAGE),@echo "lines of engine and commands run: $$($(VENV)/bin/python -m coverage report --format=total) %")
 
 test-blender: $(READY) kernels
-	$(VENV)/bin/python -m pytest -q $(TESTS)
+	HEAVY=$(if $(filter 5.0.1,$(BPY)),$(HEAVY),0) $(VENV)/bin/python -m pytest -q $(TESTS)
 
 test-numpy: $(READY) kernels  # as on machines without the compiled loops
 	LENSFIELD_KERNELS=numpy $(VENV)/bin/python -m pytest -q tests/engine/blur tests/engine/field \
 	    tests/engine/simulation/test_simulate.py tests/engine/simulation/test_channel_cache.py
 
 ci: ROUNDS = 40
+ci: HEAVY = 3
 ci: ci-5.0.1 test-engine ci-5.2.3 ci-4.5.15 ci-5.1.2 test-kernels test-numpy test-bake test-farm test-sensor  # longest first
 
 ci-5.0.1: CI_TESTS = tests/addon
@@ -141,6 +147,10 @@ ci-%: kernels
 kill-test: $(READY) kernels
 	$(VENV)/bin/python -W ignore tests/reliability/kill.py 50
 	$(VENV)/bin/python -W ignore tests/reliability/share.py 4
+
+heavy: $(READY) kernels
+	$(MAKE) -k test ALL_CASES=yes
+	awk '$$1 > 5 && $$2 == "s" { sub(/^ *[0-9.]+ s  /, ""); print }' build/test-times.txt | sort > tests/heavy.txt
 
 fuzz: $(READY)
 	$(VENV)/bin/python tests/fuzz/bombs.py
@@ -185,6 +195,7 @@ extension: $(READY)
 	$(VENV)/bin/python packaging/build_extension.py dist
 
 release: scenes $(READY) $(RELEASE)/.ready
+	$(MAKE) test ALL_CASES=yes
 	rm -rf dist
 	$(VENV)/bin/python packaging/build_extension.py dist
 	$(RELEASE)/bin/python -m build --outdir dist

@@ -5,9 +5,13 @@ import os
 import random
 import shutil
 import tempfile
+from pathlib import Path
 
 from seed import SEED
 from timing import Times
+
+HEAVY_TESTS = frozenset(Path(__file__).with_name("heavy.txt").read_text(encoding="utf-8").splitlines())
+"""Tests of over 5 processor seconds, in build/test-times.txt of a run with ALL_CASES=yes: `make heavy`."""
 
 if "LENSFIELD_CACHE" not in os.environ:  # if it is set, test runs share their baked lenses
     os.environ["LENSFIELD_CACHE"] = tempfile.mkdtemp(prefix="lensfield-tests-")
@@ -20,17 +24,33 @@ def pytest_configure(config):
 
 
 def pytest_collection_modifyitems(config, items):
-    """Run only some cases of each function marked `sample(number)`, chosen by SEED; all with ALL_CASES=yes, or if the
-    command line names a case."""
-    if os.environ.get("ALL_CASES") or any("[" in argument for argument in config.args):
+    """Leave out tests that SEED chooses; none with ALL_CASES=yes, or if the command line names a test."""
+    if os.environ.get("ALL_CASES"):
+        return
+    left = {*_heavy_left_out(config, items), *_cases_left_out(config, items)}
+    config.hook.pytest_deselected(items=[item for item in items if item in left])
+    items[:] = [item for item in items if item not in left]
+
+
+def _heavy_left_out(config, items):
+    """All heavy tests but one in HEAVY, or all with 0; by default none of files that the command line names, and
+    otherwise all but one in 6: generator of items."""
+    named = any(".py" in argument for argument in config.args)
+    one_in = int(os.environ.get("HEAVY") or (1 if named else 6))
+    if any("::" in argument for argument in config.args):
+        return
+    heavy = [item for item in items if item.nodeid in HEAVY_TESTS]
+    yield from (item for number, item in enumerate(heavy) if not one_in or (number + SEED) % one_in)
+
+
+def _cases_left_out(config, items):
+    """The cases of functions marked `sample(number)` in excess of that number: generator of items."""
+    if any("[" in argument for argument in config.args):
         return
     cases = {}
     for item in items:
         if item.get_closest_marker("sample"):
             cases.setdefault(item.nodeid.partition("[")[0], []).append(item)
-    left = set()
     for name, of_function in cases.items():
         number, = of_function[0].get_closest_marker("sample").args
-        left.update(random.Random(f"{SEED} {name}").sample(of_function, max(len(of_function) - number, 0)))
-    config.hook.pytest_deselected(items=[item for item in items if item in left])
-    items[:] = [item for item in items if item not in left]
+        yield from random.Random(f"{SEED} {name}").sample(of_function, max(len(of_function) - number, 0))
