@@ -18,7 +18,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "tests" / "addon"), str(ROOT / "tests" / "reliability")]
+sys.path[:0] = [str(ROOT / "tests" / "support"), str(ROOT / "tests" / "addon"), str(ROOT / "tests" / "reliability")]
 LENSFIELD = [sys.executable, "-c", "from lensfield.cli import console; console()"]
 SAVE = "import sys; sys.path[:0] = sys.argv[2:]; from kill import save_scene; from lensfield import addon; " \
        "addon.register(); save_scene(sys.argv[1], 64); import os; os._exit(0)"

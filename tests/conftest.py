@@ -7,8 +7,8 @@ import shutil
 import tempfile
 from pathlib import Path
 
+from processor_times import Times
 from seed import SEED
-from timing import Times
 
 HEAVY_TESTS = frozenset(Path(__file__).with_name("heavy.txt").read_text(encoding="utf-8").splitlines())
 """Tests of over 5 processor seconds, in build/test-times.txt of a run with ALL_CASES=yes: `make heavy`."""

@@ -3,10 +3,10 @@
     python validation/raw_files.py [PAGE.md]
 
 writes the 24-patch chart under D65, through cameras, as DNG, and develops it by LibRaw and by the converters in
-tests/converters.py that are installed. It prints the median and the largest CIEDE2000 from the chart's own colours; and
-of lenses the distortion and falloff at the corner, and what the polynomials leave of them anywhere; and the processor
-seconds of writing and developing 12 megapixels. The tables are written into the page, below the heading "Raw files".
-The exit status is 1 if a median exceeds 2.
+tests/support/converters.py that are installed. It prints the median and the largest CIEDE2000 from the chart's own
+colours; and of lenses the distortion and falloff at the corner, and what the polynomials leave of them anywhere; and
+the processor seconds of writing and developing 12 megapixels. The tables are written into the page, below the heading
+"Raw files". The exit status is 1 if a median exceeds 2.
 """
 
 import re
@@ -17,7 +17,7 @@ from time import process_time
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
 
 from converters import CONVERTERS, installed  # noqa: E402
 from lensfield.engine import load_lens  # noqa: E402

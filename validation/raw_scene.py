@@ -3,10 +3,10 @@
     python validation/raw_scene.py IRRADIANCE.exr FOLDER [PAGE.md]
 
 takes pictures of the scene's lens image, and writes them to the folder as DNG. LibRaw must read every pixel back, and
-Adobe's SDK accept the files. LibRaw and the installed converters of tests/converters.py develop them, into PNGs in the
-folder. The command prints the colour differences of their pictures from `developed`, those of the chart from the lens
-image itself, and the noise of two copies of the camera over the file's NoiseProfile. The exit status is 1 if a figure
-is outside its limits. The table in the page is replaced.
+Adobe's SDK accept the files. LibRaw and the installed converters of tests/support/converters.py develop them, into PNGs
+in the folder. The command prints the colour differences of their pictures from `developed`, those of the chart from the
+lens image itself, and the noise of two copies of the camera over the file's NoiseProfile. The exit status is 1 if a
+figure is outside its limits. The table in the page is replaced.
 """
 
 import re
@@ -22,7 +22,7 @@ import numpy as np
 import rawpy
 from scipy.ndimage import map_coordinates
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
 
 from converters import CONVERTERS, installed  # noqa: E402
 from dng_fields import fields  # noqa: E402

@@ -33,7 +33,7 @@ def test_after(scene):
 def test_an_unshifted_seed_fails_one_test(tmp_path, seed, first):
     (tmp_path / "conftest.py").write_text((ROOT / "tests/addon/conftest.py").read_text())
     (tmp_path / "test_three.py").write_text(THREE_TESTS)
-    folders = [str(ROOT / folder) for folder in ("tests", "tests/addon")]
+    folders = [str(ROOT / folder) for folder in ("tests/support", "tests/addon")]
     completed = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-W", "ignore", tmp_path],
         capture_output=True, text=True, env=os.environ | {

@@ -508,7 +508,7 @@ def test_processes_share_a_sequence(tmp_path):
     assert filter_sequence(tmp_path, output="alone_####.exr", preview="alone_####.png") == 0
     code = f"""
 import sys
-sys.path[:0] = {[str(ROOT / "tests"), str(ROOT / "tests" / "stand_ins")]!r}
+sys.path[:0] = {[str(ROOT / "tests" / "support"), str(ROOT / "tests" / "stand_ins")]!r}
 from lensfield.cli import main
 sys.exit(main(["filter", {str(tmp_path / "shot_####.exr")!r}, *{[*map(str, QUICK)]!r}, "--output",
                {str(tmp_path / "out_####.exr")!r}, "--preview", {str(tmp_path / "p_####.png")!r}]))

@@ -26,7 +26,7 @@ from collections import Counter
 from pathlib import Path
 
 TESTS = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(TESTS / folder) for folder in ("fuzz", "", "stand_ins", "engine/bake")]
+sys.path[:0] = [str(TESTS / folder) for folder in ("fuzz", "support", "stand_ins", "engine/bake")]
 
 import numpy as np  # noqa: E402
 from formats import formats  # noqa: E402

@@ -15,7 +15,7 @@ import time
 from pathlib import Path
 
 TESTS = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(TESTS), str(TESTS / "addon")]
+sys.path[:0] = [str(TESTS / "support"), str(TESTS / "addon")]
 
 from waiting import LAST_RESORT_S  # noqa: E402
 

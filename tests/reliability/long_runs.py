@@ -17,7 +17,7 @@ import time
 from pathlib import Path
 
 TESTS = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(TESTS), str(TESTS / "addon")]
+sys.path[:0] = [str(TESTS / "support"), str(TESTS / "addon")]
 
 TEMPORARY = Path(tempfile.mkdtemp(prefix="lensfield-long-runs-"))
 os.environ["TMPDIR"] = tempfile.tempdir = str(TEMPORARY)  # no other program writes there

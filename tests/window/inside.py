@@ -6,7 +6,7 @@ from pathlib import Path
 
 import bpy
 
-sys.path[:0] = [str(folder) for folder in Path(__file__).resolve().parents[:2]]
+sys.path[:0] = [str(Path(__file__).resolve().parent), str(Path(__file__).resolve().parents[1] / "support")]
 import hands  # noqa: E402
 import steps  # noqa: E402
 

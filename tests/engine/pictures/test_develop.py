@@ -123,7 +123,8 @@ assert np.array_equal(developed(raw), developed(raw))
 
 def test_x_trans_is_developed_in_the_same_way_each_time():
     """In a process of its own: the tests load LibRaw with as many threads as there are processors."""
-    subprocess.run([sys.executable, "-c", TWICE], check=True, env=os.environ | {"PYTHONPATH": str(ROOT / "tests")})
+    subprocess.run([sys.executable, "-c", TWICE], check=True,
+                   env=os.environ | {"PYTHONPATH": str(ROOT / "tests" / "support")})
 
 
 @pytest.mark.parametrize("filters", [*PATTERNS, ("RGWG", "BWGR")], ids=ids)

@@ -11,7 +11,7 @@ from lensfield.engine.spectral.control_variate import (
     noise_growth,
     remaining_shares,
 )
-from tests.seed import SEED
+from seed import SEED
 
 SHAPE_PX = 40, 56
 FEW, SAMPLES = 8, 64

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-REPORT = Path(__file__).parents[1] / "build" / "test-times.txt"
+REPORT = Path(__file__).parents[2] / "build" / "test-times.txt"
 LONGEST = 30  # tests to print
 LEAST_S = 0.01  # of a test in the report
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 DATA = ROOT / "tests" / "data"
 SAMPLE_SCENE = ROOT / "sample_scenes" / "evening_chess.blend"
 SHARED_DATA = ROOT.parent / "shared" / "data"

@@ -14,6 +14,6 @@ def wait_until(holds, pause_s=0.02):
     """Wait until a function returns a true value, and return that value."""
     end_s = time.monotonic() + LAST_RESORT_S
     while not (result := holds()):
-        assert time.monotonic() < end_s, "a hang: the last resort of tests/waiting.py has ended it"
+        assert time.monotonic() < end_s, "a hang: the last resort of tests/support/waiting.py has ended it"
         time.sleep(pause_s)
     return result
