@@ -45,6 +45,7 @@ FOCAL_LENGTH_MM, SENSOR_MM = 100, (27, 33.75)
 RESOLUTION_PX = 640, 800
 FACE_MM = (0, 0, 1560)  # the head's centre
 HEAD_TURN_DEG, HEAD_TILT_DEG = -27, 6
+RIM_SLOPE = np.array((0.12, 0.20))  # of the hat: its height above the rim grows along x and y
 HOUSE_X_MM = 3600  # fronts, to both sides of the axis
 FOCUS_MM = 1915  # to the nearer eye
 GRAIN_MM = 1000 / 2**14  # of sculpted vertices: few binary digits in metres, so that the file compresses
@@ -105,11 +106,13 @@ def mirrored(field):
     return lambda points: field(np.concatenate([np.abs(points[..., :1]), points[..., 1:]], -1))
 
 
-def sculpted(field, low_mm, high_mm, step_mm):
-    """Surface nets: the zero of a field in a box, open where the box cuts it, as (vertices in mm, quads)."""
+def sculpted(field, low_mm, high_mm, step_mm, of_grid=lambda points: points):
+    """Surface nets: the zero of a field in a box, open where the box cuts it, as (vertices in mm, quads). `of_grid`
+    turns points of the grid and the box into points of the field: edges along the grid are smooth, others have steps.
+    """
     axes = [np.arange(low, high + step_mm, step_mm) for low, high in zip(low_mm, high_mm, strict=True)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), -1)
-    values = np.stack([field(plane) for plane in points])
+    values = np.stack([field(of_grid(plane)) for plane in points])
     crossings, weights = np.zeros((*np.subtract(values.shape, 1), 3)), np.zeros(np.subtract(values.shape, 1))
     for axis in range(3):
         _add_crossings(values, axis, crossings, weights)
@@ -117,7 +120,7 @@ def sculpted(field, low_mm, high_mm, step_mm):
     index = np.full(weights.shape, -1)
     index[inside] = np.arange(inside.sum())
     vertices = (np.argwhere(inside) + crossings[inside] / weights[inside][:, None]) * step_mm + low_mm
-    vertices = np.round(vertices / GRAIN_MM) * GRAIN_MM
+    vertices = np.round(of_grid(vertices) / GRAIN_MM) * GRAIN_MM
     return vertices, np.concatenate([_quads(values, axis, index) for axis in range(3)]).tolist()
 
 
@@ -202,8 +205,13 @@ def band(points):
 
 def _bell(points):
     """The hat's outer surface, and the height above its tilted rim, where it flares."""
-    height = points[..., 2] + 0.20 * points[..., 1] + 0.12 * points[..., 0]
+    height = points[..., 2] + points[..., :2] @ RIM_SLOPE
     return ellipsoid((0, 15, 40), (93, 113, 100))(points) - 24 * np.exp(-np.maximum(height - 8, 0) / 15), height
+
+
+def above_rim(points):
+    """Points of the head from points whose z is the height above the hat's rim."""
+    return points - np.stack([np.zeros(points.shape[:-1])] * 2 + [points[..., :2] @ RIM_SLOPE], -1)
 
 
 def scarf(points):
@@ -228,8 +236,8 @@ def coat():
                  capsule((0, 45, -300), (0, 34, -190), 80, 62), blend_mm=45)
 
 
-def sitter_part(name, field, low_mm, high_mm, step_mm, *materials):
-    thing = place(name, mesh_of(name, sculpted(field, low_mm, high_mm, step_mm), *materials))
+def sitter_part(name, field, low_mm, high_mm, step_mm, *materials, **of_grid):
+    thing = place(name, mesh_of(name, sculpted(field, low_mm, high_mm, step_mm, **of_grid), *materials))
     mesh = thing.data
     for polygon in mesh.polygons:
         polygon.use_smooth = True
@@ -285,8 +293,8 @@ def make_sitter():
     before = set(bpy.data.objects)
     paint_lips(sitter_part("Head", head, (-95, -130, -190), (95, 60, 70), 3, ivory, rouge).data)
     sitter_part("Hair", hair, (-105, -90, -110), (105, 135, 70), 4, surface("Hair", (0.02, 0.011, 0.007), 0.35))
-    sitter_part("Cloche", cloche, (-140, -150, -40), (140, 170, 150), 3.4, felt)
-    sitter_part("Band", band, (-140, -150, -20), (140, 170, 110), 3.4, ribbon)
+    sitter_part("Cloche", cloche, (-140, -150, 0), (140, 170, 160), 3.4, felt, of_grid=above_rim)
+    sitter_part("Band", band, (-140, -150, 30), (140, 170, 75), 3.4, ribbon, of_grid=above_rim)
     painted_lines(head, surface("Ink", (0.008, 0.006, 0.006), 0.4))
     make_jewels()
     parts = set(bpy.data.objects) - before
