@@ -8,7 +8,6 @@ viewport's depth, how far out of focus things are. Light from outside the viewpo
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, lru_cache
-from itertools import pairwise
 from pathlib import Path
 
 import gpu
@@ -25,19 +24,26 @@ FEW_RAYS_PX = 6.0  # a quarter of the rays suffices for smaller blur
 METERED_STEP = 3  # between metered nodes of the tables
 AS_IT_IS = 0.0  # exposure of light that no camera takes
 FARTHEST_DEPTH = 1.0  # normalised, also of viewports without depth
-SIDES_PX = 2, 4, 8, 16  # of the pixels of smaller copies of the light
+PITCH_PX = {2: 2, 4: 2, 8: 2, 16: 4}
+"""Copies of the light for rays at a distance: the width that light is spread over, and the side of their pixels. Fine
+pixels and a gradual spread keep the rays' discs from showing squares, and their lattice."""
+SPREAD = 0.2  # of the light of a ray, in diameters of the blur: twice its standard deviation, where it is largest
+BETWEEN = "halved"  # a step of the last copy
 HALVES = "nearer", "farther", "blurs"
 FINER_HALVES = tuple(f"finer_{name}" for name in HALVES)
+SHARPER_HALVES = tuple(f"sharper_{name}" for name in HALVES)
+WITH_HALVES = "split", "halve", "smooth"  # shaders
 MOST_SIZES = 2  # viewports of different sizes that are drawn in turn
 CONSTANTS = {"TILE": TILE_PX, "REACH": REACH_TILES, "SHARP_PX": SHARP_PX, "BLURRED_PX": BLURRED_PX,
-             "CELL": cell_size(RAYS) / 2, "STEEPEST": STEEPEST_RAD, "FARTHEST": 1e30,
+             "CELL": cell_size(RAYS) / 2, "STEEPEST": STEEPEST_RAD, "FARTHEST": 1e30, "SPREAD": SPREAD,
              "FEW_RAYS_PX": FEW_RAYS_PX, "FEWER": 4, "NODES": NODES, "BOKEH_NODES": BOKEH_NODES, "RAYS": RAYS}
 
-SAMPLERS = {"blur": ("colours", "depths"), "split": ("light",), "halve": FINER_HALVES, "tiles": ("light",),
-            "reach": ("tiles",),
+SAMPLERS = {"blur": ("colours", "depths"), "split": ("light",), "halve": FINER_HALVES, "smooth": SHARPER_HALVES,
+            "tiles": ("light",), "reach": ("tiles",),
             "lens": ("colours", "tables", "light", "reaches",
-                     *(f"{name}_{side}" for side in SIDES_PX for name in HALVES))}
+                     *(f"{name}_{width}" for width in PITCH_PX for name in HALVES))}
 VALUES = {"blur": {"focus": "VEC4", "lean": "VEC2", "most_px": "FLOAT"}, "reach": {"widest": "FLOAT"},
+          "smooth": {"reach": "FLOAT"},
           "lens": {"frame": "VEC4", "view": "VEC4", "has_depth": "FLOAT", "shows_through": "FLOAT",
                    "exposure": "FLOAT"}}
 """The textures and the values of each shader."""
@@ -182,8 +188,8 @@ def draw(framebuffer, tables: Tables, view: View, frame_px, defocus: Defocus, *,
                    for y in (bottom, bottom + up) for x in (left, left + across)]
         inputs = {"colours": colours, "tables": tables.texture}
         inputs |= {name: steps[name][0] for name in ("light", "reaches")}
-        for side in SIDES_PX:
-            inputs |= {f"{name}_{side}": texture for name, texture in zip(HALVES, steps[side], strict=True)}
+        for width in PITCH_PX:
+            inputs |= {f"{name}_{width}": texture for name, texture in zip(HALVES, steps[width], strict=True)}
         _fill("lens", corners, inputs, frame=frame_px, view=(*view.px_per_tangent, *view.middle_px),
               has_depth=float(has_depth), shows_through=float(transparent), exposure=exposure)
     return has_depth
@@ -201,11 +207,17 @@ def _split_by_depth(steps, viewport, view, defocus, widest):
              defocus.nearness_per_m - lean @ view.middle_px)
     _run("blur", steps["light"], viewport, focus=focus, lean=lean, most_px=2 * TILE_PX * REACH_TILES / widest)
     light, = steps["light"]
-    _run("split", steps[SIDES_PX[0]], {"light": light})
-    for finer, coarser in pairwise(SIDES_PX):
-        _run("halve", steps[coarser], dict(zip(FINER_HALVES, steps[finer], strict=True)))
+    _run("split", steps[2], {"light": light})
+    _run("smooth", steps[4], _named(SHARPER_HALVES, steps[2]), reach=1.0)
+    _run("smooth", steps[8], _named(SHARPER_HALVES, steps[4]), reach=2.0)
+    _run("halve", steps[BETWEEN], _named(FINER_HALVES, steps[8]))
+    _run("smooth", steps[16], _named(SHARPER_HALVES, steps[BETWEEN]), reach=2.0)
     _run("tiles", steps["tiles"], {"light": light})
     _run("reach", steps["reaches"], {"tiles": steps["tiles"][0]}, widest=widest)
+
+
+def _named(names, textures):
+    return dict(zip(names, textures, strict=True))
 
 
 def _texture(values):
@@ -220,11 +232,12 @@ def _steps(width, height):
     """The images between the viewport's and the lens's: dict of tuples of gpu.types.GPUTexture.
 
     The viewport's light with its blur; smaller copies of its light from before and from behind the focus, with their
-    blur, by the sides of their pixels; and the least and the largest blur in tiles, and of what reaches them.
+    blur, by the widths of `PITCH_PX`; and the least and the largest blur in tiles, and of what reaches them.
     """
-    sides_px = {"light": 1, "tiles": TILE_PX, "reaches": TILE_PX} | {side: side for side in SIDES_PX}
+    halves_px = PITCH_PX | {BETWEEN: PITCH_PX[16]}
+    sides_px = {"light": 1, "tiles": TILE_PX, "reaches": TILE_PX} | halves_px
     return {name: tuple(gpu.types.GPUTexture((-(-width // side), -(-height // side)), format="RGBA16F")
-                        for _ in range(len(HALVES) if name in SIDES_PX else 1)) for name, side in sides_px.items()}
+                        for _ in range(len(HALVES) if name in halves_px else 1)) for name, side in sides_px.items()}
 
 
 def _run(name, images, textures, **values):
@@ -253,7 +266,7 @@ def _shader(name):
     for value, kind in VALUES.get(name, {}).items():
         info.push_constant(kind, value)
     info.vertex_in(0, "VEC2", "corner")
-    for slot, result in enumerate(HALVES if name in ("split", "halve") else ("result",)):
+    for slot, result in enumerate(HALVES if name in WITH_HALVES else ("result",)):
         info.fragment_out(slot, "VEC4", result)
     info.vertex_source((SOURCES / "corners.vert.glsl").read_text(encoding="utf-8"))
     info.fragment_source((SOURCES / f"{name}.frag.glsl").read_text(encoding="utf-8"))

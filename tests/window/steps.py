@@ -72,6 +72,7 @@ LIVE_LENSES = ("olympus-fisheye-8mm", "muller-fisheye-25mm", "zeiss-hologon-15mm
                "nikkor-28mm", "edmund-54852", "tessar-50mm", "nikkor-58mm-f1.4", "canon-50mm-f0.95",
                "kodak-petzval-100mm", "nikkor-z-135mm-plena", "canon-fd-500mm-f4.5", "cooke-42mm-2x")
 LIVE_TILTED, LIVE_TILT_DEG = "zeiss-biotar-50mm", (1.5, -1.0)
+FAST_LENS = "angenieux-50mm"
 COMPARED_LENSES = "edmund-54852", "zeiss-biotar-50mm"
 PICTURE_PX = 100  # from the lens's name up to its picture
 STAR = 0.83  # of the panel's width
@@ -497,6 +498,17 @@ def opens_as_f12():
                 bpy.ops.render.view_cancel()  # as Esc does
         yield DRAW_S
     close_other_windows()
+
+
+def live_lamps():
+    """The live view shows a lamp in the foreground, at f/1.1, as an even disc without squares and without a lattice."""
+    yield from live_figures.make_scene()
+    bpy.context.scene.camera.data.lensfield.view = "LENS"
+    viewport = live_figures.Viewport()
+    grain = yield from live_figures.grain(viewport, live_figures.set_up(viewport, FAST_LENS, (0.0, 0.0)))
+    shoot("lamp")
+    print(f"grain {grain:.3f} of {live_figures.GRAIN_LIMIT}", flush=True)
+    assert grain <= live_figures.GRAIN_LIMIT, grain
 
 
 def live():

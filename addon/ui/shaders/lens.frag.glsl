@@ -72,21 +72,21 @@ vec4 side_at(vec2 place, float width, bool nearer, out float blur)
     return vec4(found.rgb, 1.0) * smoothstep(SHARP_PX, BLURRED_PX, blur);
   }
   vec4 found, blurs;
-  if (width < 2.5) {
+  if (width < 0.85 * 2.0) { // beyond, the rays' lattice would show
     found = nearer ? pixel_at(nearer_2, here / 2) : pixel_at(farther_2, here / 2);
     blurs = pixel_at(blurs_2, here / 2);
   }
-  else if (width < 5.0) {
-    found = nearer ? pixel_at(nearer_4, here / 4) : pixel_at(farther_4, here / 4);
-    blurs = pixel_at(blurs_4, here / 4);
+  else if (width < 0.85 * 4.0) {
+    found = nearer ? pixel_at(nearer_4, here / 2) : pixel_at(farther_4, here / 2);
+    blurs = pixel_at(blurs_4, here / 2);
   }
-  else if (width < 10.0) {
-    found = nearer ? pixel_at(nearer_8, here / 8) : pixel_at(farther_8, here / 8);
-    blurs = pixel_at(blurs_8, here / 8);
+  else if (width < 0.85 * 8.0) {
+    found = nearer ? pixel_at(nearer_8, here / 2) : pixel_at(farther_8, here / 2);
+    blurs = pixel_at(blurs_8, here / 2);
   }
   else {
-    found = nearer ? pixel_at(nearer_16, here / 16) : pixel_at(farther_16, here / 16);
-    blurs = pixel_at(blurs_16, here / 16);
+    found = nearer ? pixel_at(nearer_16, here / 4) : pixel_at(farther_16, here / 4);
+    blurs = pixel_at(blurs_16, here / 4);
   }
   blur = (nearer ? blurs.x : blurs.y) / max(found.a, 1e-6);
   return found;
