@@ -14,7 +14,7 @@ from pathlib import Path
 
 import bpy
 import numpy as np
-from bpy_extras.view3d_utils import location_3d_to_region_2d
+from bpy_extras.view3d_utils import location_3d_to_region_2d, region_2d_to_origin_3d, region_2d_to_vector_3d
 
 from waiting import LAST_RESORT_S
 
@@ -24,6 +24,7 @@ FOLDER = Path(FOLDER)
 MODULE = "bl_ext.user_default.lensfield"
 SAMPLE = Path(__file__).resolve().parents[2] / "sample_scenes" / "evening_chess.blend"
 DRAW_S = 0.4  # for Blender to draw changes
+MOST_SCROLLS, SCROLLED_AT_ONCE = 4, 5  # clicks of the mouse wheel
 PROBE_S, PROBE_PX = 0.02, 9  # of a search for a control, whose height is 20 px
 KEYS = {letter: name for letter, name in zip("0123456789. ", (
     "ZERO", "ONE", "TWO", "THREE", "FOUR", "FIVE", "SIX", "SEVEN", "EIGHT", "NINE", "PERIOD", "SPACE"), strict=True)}
@@ -111,6 +112,32 @@ def click(control, place, across=0.5, key="LEFTMOUSE"):
     """Click a control in a region, or press a key over it."""
     up = yield from find(control, place, across)
     yield from press(key, place, across=across, up=up)
+
+
+def scroll_to(control, place):
+    """Scroll a region down until a control is visible."""
+    for _ in range(MOST_SCROLLS):
+        try:
+            yield from find(control, place)
+            return
+        except LookupError:
+            for _ in range(SCROLLED_AT_ONCE):
+                yield from press("WHEELDOWNMOUSE", place)
+    raise LookupError(f"{control} is not visible in any part")
+
+
+def scroll_up(place):
+    """Scroll a region to its top."""
+    for _ in range(MOST_SCROLLS * SCROLLED_AT_ONCE):
+        yield from press("WHEELUPMOUSE", place)
+
+
+def type_number(control, place, text, across=0.7):
+    """Edit a number under the mouse."""
+    yield from click(control, place, across, "RET")
+    yield from press("A", place, across=across, ctrl=True)
+    yield from write(text)
+    yield from press("RET", place, across=across)
 
 
 def drag(control, place, start, end):
@@ -217,6 +244,16 @@ def choose_petzval():
     bpy.context.scene.camera.data.lensfield.view = "CAMERA"
 
 
+def seen_distance(view, across, up):
+    """The distance, along the camera's axis, of the surface at a place of a view, in fractions of it."""
+    scene, place = bpy.context.scene, region(view)
+    at = across * place.width, up * place.height
+    ray = (look(place, view.spaces.active.region_3d, at) for look in (region_2d_to_origin_3d, region_2d_to_vector_3d))
+    hit, point_there, *_ = scene.ray_cast(bpy.context.evaluated_depsgraph_get(), *ray)
+    assert hit
+    return -(scene.camera.matrix_world.normalized().inverted() @ point_there).z
+
+
 def turn(f_stop, distance):
     """Set focus and f-stop in the camera's Depth of Field panel."""
     dof = bpy.context.scene.camera.data.dof
@@ -226,27 +263,50 @@ def turn(f_stop, distance):
 
 @contextmanager
 def stalls():
-    """Two lists: the times between calls of a timer, in seconds; and the lenses that the window's own thread bakes."""
-    lens_cache, gaps_s, bakes, last = sys.modules[f"{MODULE}.addon.scene.lens_cache"], [], [], [time.monotonic()]
-    bake = lens_cache.library.load_lens
+    """What happens in the window's thread: a dictionary with the times between calls of a timer ("gaps_s"), Lensfield's
+    longest use of the processor ("own_s", by the name of its function), and the lenses that it bakes ("bakes")."""
+    noted, last = {"gaps_s": [], "own_s": {}, "bakes": []}, [time.monotonic()]
+    modules = {name: sys.modules[f"{MODULE}.addon.{name}"] for name in (*OWN_FUNCTIONS, "scene.lens_cache")}
+    library = modules["scene.lens_cache"].library
+    before = [(library, "load_lens", library.load_lens)]
+    before += [(modules[name], function, getattr(modules[name], function))
+               for name, functions in OWN_FUNCTIONS.items() for function in functions]
 
-    def noted(*given, **named):
+    def bake(*given, **named):
         if threading.current_thread() is threading.main_thread():
-            bakes.append(given[0])
-        return bake(*given, **named)
+            noted["bakes"].append(given[0])
+        return before[0][2](*given, **named)
+
+    def timed(name, call):
+        def run(*given, **named):
+            began_s = time.thread_time()
+            try:
+                return call(*given, **named)
+            finally:
+                noted["own_s"][name] = max(noted["own_s"].get(name, 0), time.thread_time() - began_s)
+        return run
 
     def tick():
         last.append(time.monotonic())
-        gaps_s.append(last[-1] - last[-2])
+        noted["gaps_s"].append(last[-1] - last[-2])
         return 0.005
 
-    lens_cache.library.load_lens = noted
+    library.load_lens = bake
+    for module, name, call in before[1:]:
+        setattr(module, name, timed(f"{module.__name__.rpartition('.')[2]}.{name}", call))
     bpy.app.timers.register(tick, persistent=True)
     try:
-        yield gaps_s, bakes
+        yield noted
     finally:
         bpy.app.timers.unregister(tick)
-        lens_cache.library.load_lens = bake
+        for module, name, call in before:
+            setattr(module, name, call)
+
+
+OWN_FUNCTIONS = {"ui.window_render": ("start", "start_again", "tick"), "ui.preview": ("start", "tick", "on_update"),
+                 "ui.operators": ("_match",), "ui.panels": ("draw_settings", "draw_camera_settings"),
+                 "ui.lens_worker": ("_tick",)}
+"""What Lensfield runs in the window's thread: the work of operators, timers and handlers, and the panels."""
 
 
 def lens_request():
@@ -357,6 +417,26 @@ def render(operator="render"):
     assert session().last_render.icon == "INFO", notice()
     yield DRAW_S
     return pixels(lens_image_path())
+
+
+def click_apply(panel):
+    """Click Apply to Last Render, and wait."""
+    yield from click("lensfield.apply_lens", panel)
+    yield from until(lambda: not rendering())
+    yield 1
+    assert session().last_render.icon == "INFO", notice()
+
+
+def blenders_log():
+    """The lines that an Info editor shows, and hence the status bar."""
+    place = area("PROPERTIES")
+    place.type = "INFO"
+    yield DRAW_S
+    with over("INFO"):
+        bpy.ops.info.select_all(action="SELECT")
+        bpy.ops.info.report_copy()
+    place.type = "PROPERTIES"
+    return bpy.context.window_manager.clipboard
 
 
 def lens_image_path():

@@ -1,5 +1,6 @@
 """A user's actions, step by step. Each step runs in a separate Blender; the first installs the extension for all."""
 
+import functools
 import math
 import os
 import shutil
@@ -21,9 +22,11 @@ from hands import (
     alike,
     alive,
     area,
+    blenders_log,
     child,
     choose_petzval,
     click,
+    click_apply,
     close_other_windows,
     confirm,
     drag,
@@ -55,6 +58,9 @@ from hands import (
     render_window,
     rendering,
     report,
+    scroll_to,
+    scroll_up,
+    seen_distance,
     session,
     shoot,
     show_section,
@@ -64,6 +70,7 @@ from hands import (
     start_endless,
     trust,
     turn,
+    type_number,
     until,
     write,
 )
@@ -76,6 +83,7 @@ FAST_LENS = "angenieux-50mm"
 COMPARED_LENSES = "edmund-54852", "zeiss-biotar-50mm"
 PICTURE_PX = 100  # from the lens's name up to its picture
 STAR = 0.83  # of the panel's width
+PIECE, TOWN = (0.469, 0.36), (0.45, 0.5)  # a chess piece and a house in the viewport, in fractions of it
 SECOND_LENS = 0.175, 0.655  # its title in the dialog that compares lenses, in fractions of the window
 DOT_LENS = """# A Cooke triplet, without its field
 name: Triplet 50mm f/5
@@ -398,32 +406,35 @@ def preview_from_any_view():
 
 
 def no_stalls():
-    """With a lens that takes long to bake, neither a render nor a matched camera bakes it in the window's thread. The
-    log states how long the window stood still, as it also does for its own drawing."""
-    yield from open_sample(samples=1)
+    """With a lens that takes long to bake, neither a copy, nor tilt, nor a matched camera, nor a render, applied or
+    not, bakes it in the window's thread. The log states how long Lensfield used that thread's processor, and how long
+    the window stood still before and then, as it also does for its own drawing."""
+    yield from open_sample(samples=1, lens="zeiss-planar-80mm")
     bpy.context.preferences.view.render_display_type = "NONE"
-    settings = bpy.context.scene.lensfield
-    for operator in ("render", "match_camera", "apply_lens", "show_sheet"):
-        if operator != "apply_lens":
-            settings.lens, settings.copy = "zeiss-planar-80mm", settings.copy + 1
-        yield from until(lambda: lens_request().facts)
-        yield 1
-        with stalls() as (gaps_s, bakes):
+    view, settings = area("VIEW_3D"), bpy.context.scene.camera.data.lensfield
+    panel = region(view, "UI")
+    yield from until(lambda: lens_request().lens)
+    with stalls() as idle:
+        yield 3
+    print(f"nothing pressed: the window stands still for up to {max(idle['gaps_s']):.3f} s", flush=True)
+    for name, action in (("copy", lambda: setattr(settings, "copy", 7)),
+                         ("tilt", lambda: setattr(settings, "tilt_deg", (0.0, math.radians(2)))),
+                         ("match_camera", None), ("render", None), ("apply_lens", None), ("preview", None)):
+        if name not in ("copy", "tilt"):
+            up = yield from find(f"lensfield.{name}", panel, 0.3)
+            action = functools.partial(press, "LEFTMOUSE", panel, across=0.3, up=up)
+        with stalls() as noted:
+            yield from action() or ()
             yield 3
-            before_s, started_s = max(gaps_s, default=3), time.thread_time()
-            gaps_s.clear()
-            with over():
-                getattr(bpy.ops.lensfield, operator)("INVOKE_DEFAULT")
-            taken_s = time.thread_time() - started_s
-            yield 3
-            print(f"{operator}: {taken_s:.3f} s of the thread's processor time; a timer stood still for up to "
-                  f"{before_s:.3f} s before, and {max(gaps_s, default=3):.3f} s with it", flush=True)
-        shoot(operator)
-        assert not bakes, (operator, bakes)
-        if operator == "render":
-            settings.copy = 0
-            bpy.ops.lensfield.cancel()
-            yield from render()
+            yield from until(lambda: not rendering())
+            yield 1
+        shoot(name)
+        assert not noted["bakes"], (name, noted["bakes"])
+        used = ", ".join(f"{function} {used_s:.3f} s" for function, used_s in noted["own_s"].items() if used_s > 0.01)
+        print(f"{name}: the window stands still for up to {max(noted['gaps_s']):.3f} s; the longest uses of its thread "
+              f"by Lensfield: {used or 'below 0.01 s'}", flush=True)
+    yield from start("preview")
+    bpy.context.preferences.view.render_display_type = "WINDOW"  # Blender saves the preferences on exit
 
 
 def one_look():
@@ -1201,6 +1212,8 @@ def click_compare():
     yield from open_sample(samples=1)
     bpy.context.preferences.view.render_display_type = "SCREEN"
     scene = bpy.context.scene
+    last = bpy.context.window_manager.operator_properties_last("lensfield.compare")
+    last.side_px, last.samples = 160, 4
     yield from click("lensfield.compare", region(area("VIEW_3D"), "UI"))
     yield 1
     shoot("offered")
@@ -1219,4 +1232,93 @@ def click_compare():
     yield 0.5
     shoot("chosen")
     assert scene.camera.data.lensfield.lens == other.lens
+    bpy.context.preferences.view.render_display_type = "WINDOW"  # Blender saves the preferences on exit
+
+
+def click_focus():
+    """With the mouse: the button that focuses, and a click on a chess piece, in the camera's view and on the preview's
+    picture, which the lens distorts; Esc changes nothing."""
+    yield from open_sample(samples=1, lens="nikkor-28mm", view="CAMERA")
+    view, dof = area("VIEW_3D"), bpy.context.scene.camera.data.dof
+    panel = region(view, "UI")
+    yield from click("lensfield.click_focus", panel)
+    yield from point(region(view), *PIECE)
+    shoot("asked")
+    yield from press("ESC", region(view), across=PIECE[0], up=PIECE[1])
+    assert not dof.use_dof
+    for name, (across, up) in (("near", PIECE), ("far", TOWN)):
+        yield from click("lensfield.click_focus", panel)
+        yield from press("LEFTMOUSE", region(view), across=across, up=up)
+        assert dof.use_dof
+        assert abs(dof.focus_distance / seen_distance(view, across, up) - 1) < 0.01, (name, dof.focus_distance)
+        yield from until(lambda: lens_request().facts)
+        yield DRAW_S
+        shoot(name)
+    yield from start("preview")
+    yield from until(preview_is_fresh)
+    yield DRAW_S
+    yield from click("lensfield.click_focus", panel)
+    yield from press("LEFTMOUSE", region(view), across=PIECE[0], up=PIECE[1])
+    assert abs(dof.focus_distance / seen_distance(view, *PIECE) - 1) < 0.1, dof.focus_distance
+    yield from until(preview_is_fresh)
+    yield DRAW_S
+    shoot("preview")
+    yield from press("Z", region(view), across=0.3, ctrl=True)
+    yield from start("preview")
+
+
+def click_tilt():
+    """With the mouse: tilt and a copy of the lens in their section, each rendered."""
+    yield from open_sample(lens="tessar-50mm", view="CAMERA")
+    bpy.context.preferences.view.render_display_type = "NONE"
+    panel, settings = region(area("VIEW_3D"), "UI"), bpy.context.scene.camera.data.lensfield
+    yield from until(lambda: lens_request().lens)
+    pictures = [(yield from render())]
+    yield from open_section("view", panel)
+    for name, text in (("tilt_deg", "3"), ("copy", "7")):
+        yield from scroll_to(f"lensfield.{name}", panel)
+        yield from type_number(f"lensfield.{name}", panel, text)
+        shoot(name)
+        yield from scroll_up(panel)
+        yield from click("lensfield.render", panel)
+        yield from until(lambda: not rendering())
+        yield DRAW_S
+        assert session().last_render.icon == "INFO", notice()
+        shoot(f"{name}-rendered")
+        pictures.append(pixels(lens_image_path()))
+    assert abs(math.degrees(settings.tilt_deg[0]) - 3) < 1e-4 and settings.copy == 7
+    assert not alike(pictures[0], pictures[1]) and not alike(pictures[1], pictures[2])
+    bpy.context.preferences.view.render_display_type = "WINDOW"  # Blender saves the preferences on exit
+
+
+def click_names():
+    """With the mouse: a render; its scene gets a new name, the file is saved under a new one in Blender's dialog, and
+    the lens is applied after each. No log of Blender's shows the copies that Lensfield saves."""
+    yield from open_sample(samples=1)
+    bpy.context.preferences.view.render_display_type = "NONE"
+    panel = region(area("VIEW_3D"), "UI")
+    yield from click("lensfield.render", panel)
+    yield DRAW_S
+    shoot("under-way")
+    yield from until(lambda: not rendering())
+    first = pixels(lens_image_path())
+    bpy.context.scene.name = "Evening"
+    bpy.ops.ed.undo_push(message="Rename Scene")
+    yield from click_apply(panel)
+    assert alike(pixels(lens_image_path()), first) and node_label() == "Lensfield: lens image"
+    shoot("renamed")
+    yield from press("S", region(area("VIEW_3D")), across=0.3, ctrl=True, shift=True)
+    yield from until(lambda: area("FILE_BROWSER", newest_window()))
+    yield 1
+    shoot("dialog")
+    with over("FILE_BROWSER", newest_window()):
+        bpy.context.space_data.params.filename = "evening.blend"
+        bpy.ops.file.execute("INVOKE_DEFAULT")
+    yield from until(lambda: bpy.data.filepath.endswith("evening.blend"))
+    yield from show_tab()
+    yield from click_apply(panel)
+    assert alike(pixels(lens_image_path()), first) and node_label() == "Lensfield: lens image"
+    assert "evening" in lens_image_path().name
+    shoot("saved-as")
+    assert "Saved copy" not in (yield from blenders_log())
     bpy.context.preferences.view.render_display_type = "WINDOW"  # Blender saves the preferences on exit
