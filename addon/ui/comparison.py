@@ -16,12 +16,13 @@ from ..scene.camera import frame_px
 from ..scene.linked import check_editable
 from . import window_render
 from .operators import LensRender
+from .plain_words import plain
 from .previews import lens_picture
 from .properties import lens_title, matching_lenses, offered_lenses
 from .session import session
 
 F_STOPS = "1", "1.4", "2", "2.8", "4", "5.6", "8", "11", "16"
-F_STOPS_TEXT = "F-stops; without any, the camera's if its Depth of Field is on, otherwise each lens's widest"
+F_STOPS_TEXT = "F-stops. None: the camera's if its Depth of Field is on, otherwise each lens's widest"
 SIDE_PX, SAMPLES = 640, 64  # of each picture, the longer side
 PICTURE, WIDGET_PX = 4, 20  # side of a picture in the dialog, in widgets; and of a widget
 COLUMN_PX, ROW_WIDGETS = 170, PICTURE + 1.4  # of a picture with its title
@@ -47,9 +48,9 @@ class LENSFIELD_OT_compare(LensRender, bpy.types.Operator):
 
     lenses: bpy.props.CollectionProperty(type=LensfieldTick)
     search: bpy.props.StringProperty(name="Search", options={"TEXTEDIT_UPDATE", "SKIP_SAVE"},
-                                     description="Offer only lenses with these words in their name, maker or character")
+                                     description="Show only lenses with these words in their name, maker or character")
     page: bpy.props.IntProperty(name="Page", default=1, min=1, options={"SKIP_SAVE"},
-                                description="Part of the lenses that is shown")
+                                description="Page of the list of lenses")
     f_stops: bpy.props.EnumProperty(
         name="F-Stops", options={"ENUM_FLAG"}, items=[(stop, f"f/{stop}", f"Compare at f/{stop}") for stop in F_STOPS],
         description=F_STOPS_TEXT)
@@ -63,7 +64,7 @@ class LENSFIELD_OT_compare(LensRender, bpy.types.Operator):
         try:
             settings, sheet = camera_settings(context.scene), session.last_sheet
         except InputError as error:
-            self.report({"ERROR"}, str(error))
+            self.report({"ERROR"}, plain(error))
             return {"CANCELLED"}
         before = {compared.lens for compared in sheet.lenses} if sheet else {settings.lens}
         self.lenses.clear()
@@ -158,7 +159,7 @@ class LENSFIELD_OT_choose_compared(bpy.types.Operator):
                 raise InputError("contact sheet", "picture", self.number, f"expected 0 to {len(lenses) - 1}")
             _choose(scene, lenses[self.number])
         except InputError as error:
-            self.report({"ERROR"}, str(error))
+            self.report({"ERROR"}, plain(error))
             return {"CANCELLED"}
         self.report({"INFO"}, lenses[self.number].label)
         return {"FINISHED"}

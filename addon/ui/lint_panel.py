@@ -16,7 +16,7 @@ from .text_wrap import draw_wrapped
 ICONS = {REJECTED: "CANCEL", SEPARATED: "MOD_ARRAY", APPROXIMATED: "ERROR"}
 """Icons of the verdicts with a line for each finding in the panel; the others are only counted."""
 MOST_LINES = 40  # more would not fit into a panel
-UNFIT = "Refused because of the rejected nodes below; Wavelengths and Spectra > Unfit Nodes can render them anyway"
+UNFIT = "Refused because of the rejected nodes below. To render anyway, change Wavelengths and Spectra > Unfit Nodes"
 
 
 class LENSFIELD_OT_lint(bpy.types.Operator):

@@ -63,8 +63,8 @@ def _converted(scene, old, taken):
             f"{camera.name!r} has a lens already" for camera in cameras if camera not in fresh]
     taken |= dict.fromkeys(fresh, scene)
     _forget(scene)
-    given = f"the lens now belongs to the camera: given to {', '.join(repr(each.name) for each in fresh) or 'none'}"
-    return "; ".join([f"{where}: {given}", *left])
+    given = ", ".join(repr(each.name) for each in fresh) or "none"
+    return "; ".join([f"{where}: lenses now belong to cameras: this one was given to {given}", *left])
 
 
 def _cameras(scene):

@@ -118,7 +118,7 @@ class LENSFIELD_OT_open_lens(bpy.types.Operator):
     filepath: StringProperty(name="File", subtype="FILE_PATH", options={"SKIP_SAVE"})
     which: StringProperty(
         name="Number", options={"SKIP_SAVE"},
-        description="Number of the position of zoom and focus, or of the lens, in a file with several")
+        description="Which lens, or which zoom and focus position, to use if the file contains several")
     field_kind: EnumProperty(
         name="End of the Field", default=FROM_THE_FILE, options={"SKIP_SAVE"},
         description="Limit of the lens's field, which its picture fills",
@@ -143,7 +143,7 @@ class LENSFIELD_OT_open_lens(bpy.types.Operator):
     glasses: CollectionProperty(type=LensfieldGlass, options={"SKIP_SAVE"})
     allow_mismatch: BoolProperty(
         name="Accept the Surfaces", options={"SKIP_SAVE"},
-        description="Use the surfaces although the focal length or f-number that the file states differs from theirs")
+        description="Use the surfaces even if they contradict the focal length or f-number in the file")
 
     def invoke(self, context, event):
         self.filepath = self._path()

@@ -44,6 +44,7 @@ from .lint_panel import draw_check
 from .listed_settings import draw_listed
 from .live import draw_live, draw_live_status
 from .panel_pictures import draw_picture
+from .plain_words import plain_line
 from .plan_line import plan_text
 from .preview_panel import draw_preview, draw_preview_status
 from .previews import growing_preview, sheet_preview
@@ -228,7 +229,7 @@ def _draw_notes(layout, scene, refusal):
             draw_wrapped(column, "Your camera has a different field of view", "INFO")
             column.operator("lensfield.match_camera", icon="CAMERA_DATA")
     if scene.cycles.samples >= MANY_SAMPLES:
-        draw_wrapped(column, f"{scene.cycles.samples} samples in each pass may take hours", "ERROR")
+        draw_wrapped(column, f"{scene.cycles.samples} samples for each render may take hours", "ERROR")
         column.operator("lensfield.sensible_samples", icon="LIGHT_DATA")
     draw_shown(layout, scene)
 
@@ -311,7 +312,7 @@ def _draw_last(layout):
             draw_wrapped(layout, CHOOSE, "RESTRICT_SELECT_OFF")
     column, shown = layout.column(align=True), session.last_render.picture
     for line in session.last_render.lines:
-        draw_wrapped(column, line.replace(f"{shown.parent}{os.sep}", "") if shown else line, "DOT")
+        draw_wrapped(column, plain_line(line.replace(f"{shown.parent}{os.sep}", "") if shown else line), "DOT")
 
 
 def _draw_progress(layout, render):

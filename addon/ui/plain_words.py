@@ -1,11 +1,29 @@
 """Errors in a window's words: for frequent ones, a sentence in place of the object, field, value and remedy."""
 
+import re
+
 from ...engine.runtime.errors import InputError, one_line
 
 PANORAMA = "Panoramic cameras have no lens, unless Match Camera to Lens has set them"
 _SENTENCES = {"type": {"ORTHO": "Orthographic cameras have no lens", "PANO": PANORAMA,
-                       "CUSTOM": "Custom cameras have no lens"}}
+                       "CUSTOM": "Custom cameras have no lens"}, "lenses": {"none": "Tick at least one lens"}}
 """By the field and the value of an error."""
+
+_DEPTH = re.compile(r"In focus: (?P<near>\S+(?: m)?) to (?P<far>\S+(?: m)?)(?P<axis> on the axis)?, within \S+ um; "
+                    r"out of focus: (?P<rest>\S+%) of the frame[^:]*(?:: (?P<layers>one|\d+) slabs?\b)?.*")
+_COLOURS = re.compile(r"; colours within a CIEDE2000 of about \S+")
+
+
+def plain_line(line):
+    """A line of a render's report, as windows show it: without the figures that only the report's readers need."""
+    line = _COLOURS.sub("; colours are approximate", line)
+    depth = _DEPTH.fullmatch(line)
+    if not depth:
+        return line
+    near, far, axis, rest, layers = depth.group("near", "far", "axis", "rest", "layers")
+    blurred = {None: "is blurred less than by the real lens", "one": "is blurred in 1 layer"}.get(
+        layers, f"is blurred in {layers} layers")
+    return f"In focus{axis or ''}: {near} to {far}. The rest ({rest} of the frame) {blurred}"
 
 
 def plain(error):

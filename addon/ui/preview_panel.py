@@ -50,7 +50,7 @@ def _status(preview):
     elif preview.job:
         yield "Refining" if preview.shown else "Applying the lens" if preview.job[0] == "lens" else "Rendering"
     elif preview.slow and preview.changes is None and not preview.fresh:
-        yield f"Out of date: refresh it manually, because copying this file takes {preview.copies_s[-1]:.1f} s"
+        yield f"Out of date: click Refresh Preview, which copies this file in {preview.copies_s[-1]:.1f} s"
 
 
 class LENSFIELD_OT_preview(bpy.types.Operator):

@@ -53,7 +53,7 @@ NOT_OFFERED = {"method": AUTO}
 """Choices without an item: the user sets an accuracy instead."""
 MORE_ITEMS = {"tier": [("RESULT", "Custom", "Set the accuracy of colours and blur, or the size of sections")],
               "view": [("SENSOR", "Custom Sensor", "The lens's field of view on a sensor of your size")],
-              "stray_light": [("PARTS", "Chosen Parts", "The parts that you choose, however little light they have")]}
+              "stray_light": [("PARTS", "Chosen Parts", "Only the parts that you choose, even if they are faint")]}
 """Items that only the panel has."""
 NO_BODY = "NONE"
 OWN_BODY = "Your own camera (.toml), with the parameters of EMVA 1288"

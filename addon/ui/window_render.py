@@ -161,7 +161,7 @@ def start_comparison(scene, lenses, f_numbers, size, samples):
 
 
 def _lost_remarks():
-    return [f"image {name!r} has unsaved pixels that the render does not include: save or pack it"
+    return [f"Image {name!r} has unsaved pixels, which the render lacks: save or pack it"
             for name in lost_images()]
 
 
@@ -226,7 +226,7 @@ def _finish(render):
     if newest and not render.to_compositor and _scene(render):  # otherwise another file is open
         open_as_render(lambda: show_file(bpy.data.images.get(newest.name), str(newest), newest.name), _show)
     if render.to_compositor and render.child.lens_images and _scene(render) is None:
-        render.remarks.append(f"scene {render.scene_name!r} is no longer open: its compositor is unchanged")
+        render.remarks.append(f"Scene {render.scene_name!r} is no longer open: its compositor is unchanged")
     sheet = _take_sheet(render, outcome) if "sheet" in outcome else None
     with render.folder:
         if "messages" in outcome:
@@ -234,7 +234,7 @@ def _finish(render):
         elif "error" in outcome:
             _notify("ERROR", [outcome["error"], *_left(render)], newest)
         else:
-            died = "the render process ended unexpectedly ({}); log: {}".format(*render.child.death())
+            died = "The render process ended unexpectedly ({}); log: {}".format(*render.child.death())
             _notify("ERROR", [died, *_left(render)], newest)
 
 
@@ -244,7 +244,7 @@ def _left(render):
     passes = passes_left(scene, render.output_folder) if scene and render.output_folder else []
     count = len(render.child.lens_images) if render.animation else 0
     frames = "1 frame is" if count == 1 else f"{count} frames are"
-    return [f"{frames} finished; Render Animation continues with the others"] * bool(count) + passes
+    return [f"{frames} finished; Render Animation renders the rest"] * bool(count) + passes
 
 
 def _scene(render):
@@ -287,7 +287,7 @@ def _lay(render):
         with unaffected():
             lay_into_compositor(scene, *map(Path, new), fingerprint=render.fingerprint)
     except (InputError, RuntimeError) as error:  # Blender raises RuntimeError if, for example, the tree is linked
-        remark = f"lens image not added to the compositor: {str(error).strip()}"
+        remark = f"The lens image was not added to the compositor: {str(error).strip()}"
         if remark not in render.remarks:
             render.remarks.append(remark)
         return

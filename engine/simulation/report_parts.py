@@ -8,6 +8,7 @@ from ..depth.depth_range import DepthCheck
 from ..plan.plan import Plan
 
 NEGATIVE_LIMIT = 1e-3  # of the light
+OUT_OF_FIELD_WORDS = {"hold": "its edge continues", "vignette": "black"}  # by the treatment
 MOST_BRIGHT = 1e35  # W m^-2 sr^-1 nm^-1; colours of such light are within 1e3 of the largest float32
 
 
@@ -124,7 +125,7 @@ class LensImageFacts(Part):
     def remarks(self, parts: Parts) -> Iterator[str]:
         if self.out_of_field_fraction:
             yield (f"{self.out_of_field_fraction:.1%} of the frame is outside the lens data: "
-                   f"{self.plan.out_of_field}")
+                   f"{OUT_OF_FIELD_WORDS[self.plan.out_of_field]}")
         if not self.energy.in_frame_w_per_nm and not parts.of(SceneFacts):  # their remarks state the reason
             yield ("the lens image is black: " + ("no light reaches the frame" if self.energy.in_w_per_nm else
                                                   "the radiance is zero everywhere"))

@@ -171,7 +171,7 @@ def test_the_printed_plan_is_executed(radiance, tmp_path, capsys):
 def test_light_beyond_the_lens_data_is_reported_with_its_treatment(tmp_path, capsys):
     write_exr(SpectralImage(np.ones((1, 36, 48)), [550], pitch_um=200.0), tmp_path / "wide.exr")
     assert run("filter", tmp_path / "wide.exr", "--lens", "edmund-54852", "--output", tmp_path / "out.exr") == 0
-    assert "of the frame is outside the lens data: hold" in capsys.readouterr().out
+    assert "of the frame is outside the lens data: its edge continues" in capsys.readouterr().out
 
 
 @pytest.fixture

@@ -75,7 +75,7 @@ def test_a_cancelled_animation_keeps_its_frames_and_resumes_after_them(moving_sc
     start()
     follow(lambda render: render and len(render.child.lens_images) == 2)
     assert bpy.ops.lensfield.cancel() == {"FINISHED"}
-    assert notice() == "Cancelled\n2 frames are finished; Render Animation continues with the others"
+    assert notice() == "Cancelled\n2 frames are finished; Render Animation renders the rest"
     left = {path.relative_to(tmp_path / "lensfield").parts[1] for path in tmp_path.rglob("*/.lensfield/**/*")}
     assert not frame_file(tmp_path, 3).exists() and left <= {"scene_Scene_0003_passes", "scene_Scene_0003_passes.lock",
                                                              "scene_Scene_0003_report.json.lock"}
@@ -99,7 +99,8 @@ def test_a_compositor_error_does_not_stop_the_animation(moving_scene, monkeypatc
     start()
     follow()
     assert notice().startswith("3 frames in ")
-    assert notice().count("lens image not added to the compositor: tree: owner is library.blend: make it local") == 1
+    remark = "The lens image was not added to the compositor: tree: owner is library.blend: make it local"
+    assert notice().count(remark) == 1
 
 
 @pytest.mark.one_blender
@@ -129,7 +130,7 @@ def test_an_error_names_the_frame_and_the_frames_already_rendered(moving_scene):
     start()
     follow()
     assert session.last_render.lines[0].startswith("frame 2: camera 'Camera': clipping is 5000 to 1000: ")
-    assert session.last_render.lines[1] == "1 frame is finished; Render Animation continues with the others"
+    assert session.last_render.lines[1] == "1 frame is finished; Render Animation renders the rest"
     assert session.last_render.icon == "ERROR"
 
 

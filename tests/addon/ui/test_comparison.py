@@ -102,7 +102,7 @@ def test_the_dialog_lists_lenses_and_stops_and_refuses_none(sheet, monkeypatch):
     settings.draw(dialog, bpy.context)
     assert {"f_stops", "side_px", "samples", "picture", "ticked"} <= set(layout.shown)
     assert "To compare: Zeiss Tessar 50 mm f/5.5 (1902)" in layout.labels
-    with pytest.raises(RuntimeError, match="comparison: lenses is none: tick at least one"):
+    with pytest.raises(RuntimeError, match="Tick at least one lens"):
         bpy.ops.lensfield.compare(lenses=[])
 
 

@@ -55,7 +55,7 @@ def test_all_cameras_of_a_scene_get_its_settings(old, tmp_path, capsys):
         assert settings.shutter_s == pytest.approx(0.01) and settings.body_file == "own.toml"
     assert scene.lensfield.accuracy == pytest.approx(0.02) and not {*scene.lensfield.keys()} & {*NEW_NAMES}
     assert capsys.readouterr().err == (
-        "lensfield: scene 'Scene': the lens now belongs to the camera: given to 'Camera', 'Second'\n")
+        "lensfield: scene 'Scene': lenses now belong to cameras: this one was given to 'Camera', 'Second'\n")
     again = reopened(tmp_path / "new.blend")
     give_lenses_to_cameras()
     assert again.camera.data.lensfield.copy == 7 and not capsys.readouterr().err

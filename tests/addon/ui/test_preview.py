@@ -447,13 +447,13 @@ def test_a_file_that_is_slow_to_copy_is_refreshed_manually(ready_scene, monkeypa
     bpy.data.lights["Light"].energy *= 2
     bpy.context.view_layer.update()
     follow()
-    assert copied_ns() == copied and "refresh it manually" not in shown()
+    assert copied_ns() == copied and "click Refresh Preview" not in shown()
     mesh.vertices[0].co.z += 0.1
     mesh.update()
     bpy.context.view_layer.update()
     on().changed_s = 0.0
     preview.tick()
-    assert not on().job and "refresh it manually" in shown()
+    assert not on().job and "click Refresh Preview" in shown()
     assert bpy.ops.lensfield.refresh_preview() == {"FINISHED"}
     follow()
     assert copied_ns() > copied

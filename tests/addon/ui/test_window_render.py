@@ -211,7 +211,7 @@ def test_a_crashed_child_leaves_a_message_and_its_log(endless_scene):
     follow(in_a_pass)
     os.kill(render.child._process.pid, signal.SIGABRT)
     follow()
-    assert notice().startswith("the render process ended unexpectedly (signal 6: ")
+    assert notice().startswith("The render process ended unexpectedly (signal 6: ")
     log = Path(notice().rsplit("log: ")[1])
     assert log.read_text() and not Path(render.folder.name).exists()
     log.unlink()
@@ -248,7 +248,7 @@ def test_another_file_can_be_opened_during_a_render(ready_scene, tmp_path):
     before = snapshot()
     follow()
     assert not differences(before, snapshot())
-    assert "scene 'Scene' is no longer open" in notice()
+    assert "Scene 'Scene' is no longer open" in notice()
     assert (tmp_path / "lensfield" / "scene_Scene_0001_lens_image.exr").is_file()
 
 
@@ -278,7 +278,7 @@ def test_unsaved_pixels_of_tiles_are_reported(ready_scene):
     image.pixels[0] = 0.5
     assert window_render.start(ready_scene) == list(session.render.remarks)
     follow()
-    assert "image 'Painted' has unsaved pixels" in notice()
+    assert "Image 'Painted' has unsaved pixels" in notice()
 
 
 def test_disabling_the_add_on_ends_its_render(endless_scene):

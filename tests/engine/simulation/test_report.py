@@ -105,7 +105,7 @@ def scene_facts(outside=0.0, **changes):
     ([replace(file_facts(), depth=scene_facts(outside=0.25).depth)], "out of focus: 25.0% of the frame"),
     ([replace(file_facts(), depth=scene_facts(outside=0.25).depth, layers="cut at 1 m")], "cut at 1 m"),
     ([image_facts()], None),
-    ([image_facts(out_of_field_fraction=0.125)], "12.5% of the frame is outside the lens data: hold"),
+    ([image_facts(out_of_field_fraction=0.125)], "12.5% of the frame is outside the lens data: its edge continues"),
     ([image_facts(energy=Energy(0.0, 0.0, 0.0))], "black: the radiance is zero everywhere"),
     ([image_facts(energy=Energy(1.0, 1.0, 0.0))], "black: no light reaches the frame"),
     ([image_facts(energy=Energy(0.0, 0.0, 0.0)), scene_facts()], None),
@@ -123,10 +123,10 @@ def test_a_sequence_lists_the_remarks_of_its_frames_once():
     frames = {number: Report(parts=Parts([image_facts(out_of_field_fraction=fraction)]))
               for number, fraction in ((1, 0.1), (2, 0.1), (3, 0.2))}
     report = Report(frames=frames)
-    assert report.remarks() == ["frame 1: 10.0% of the frame is outside the lens data: hold (2 similar)"]
+    assert report.remarks() == ["frame 1: 10.0% of the frame is outside the lens data: its edge continues (2 similar)"]
     assert Report(frames={n: frames[1] for n in (1, 2)}).remarks() == frames[1].remarks()
     assert Report(frames=frames | {1: Report()}).remarks()[0].startswith("frame 2: 10.0% ")
-    assert Report(frames={1: frames[1], 2: Report()}).remarks()[0].endswith("hold")
+    assert Report(frames={1: frames[1], 2: Report()}).remarks()[0].endswith("its edge continues")
     contents = report.as_dict()
     assert (contents["lens"], contents["out_of_field_fraction"], len(contents["frames"])) == ("triplet", 0.2, 3)
     assert contents["plan"]["method"] == "sections" and contents["frames"][2]["frame"] == 3
