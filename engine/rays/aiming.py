@@ -51,6 +51,19 @@ def aim_at_image(system: System, indices: np.ndarray, heights_mm: np.ndarray, x_
     return _aimed(system, indices, tracing.IMAGE_HEIGHT, _heights_reached_mm(system, indices), heights_mm, x_mm, y_mm)
 
 
+def farthest_aim_mm(system: System, indices: np.ndarray) -> float:
+    """The largest image height that `aim_at_image` finds at all wavelengths: just inside the fold of a field that folds
+    back, where a chief ray's height changes too little with its slope."""
+    heights_mm = _heights_reached_mm(system, indices)
+    return float(min(reached[_before_fold(reached) - 1] for reached in heights_mm))
+
+
+def _before_fold(reached):
+    """The number of slopes up to where the field folds back."""
+    rises = np.diff(reached) > 0
+    return reached.size if rises.all() else int(np.argmin(rises)) + 1
+
+
 def _aimed(system, indices, kind, reached, targets, x_mm, y_mm):
     """Slopes of rays to targets of a kind, and whether they reach them. Chief rays come first, interpolated between
     `_slopes`."""
@@ -97,8 +110,7 @@ def _slopes(system, indices):
 
 def _first_guess(slopes, reached, targets):
     """Slopes of chief rays by interpolation, up to where the field folds back; NaN beyond."""
-    rises = np.diff(reached) > 0
-    last = slopes.size if rises.all() else int(np.argmin(rises)) + 1
+    last = _before_fold(reached)
     return np.interp(targets, reached[:last], slopes[:last], right=np.nan)
 
 

@@ -24,7 +24,7 @@ from ..prescription.prescription import Prescription
 from ..prescription.system import System
 from ..runtime.errors import LensError
 from ..runtime.values import Value
-from .aiming import aim_at_image
+from .aiming import aim_at_image, farthest_aim_mm
 from .focus import build_system
 from .light_end import light_end
 from .lost_rays import without_lost
@@ -272,7 +272,10 @@ def ray_table(prescription: Prescription,
     system, wavelengths_nm = build_system(prescription), np.asarray(wavelengths_nm, dtype=float)
     end = light_end(system, tuple(wavelengths_nm[[0, -1]].tolist()))
     ends = trace_pupil(system, [end.height_mm], wavelengths_nm, HalfPupil(1, 1))
-    last_height_mm = float(ends.chief_height_mm.min() if end.dark else ends.chief_height_mm.max())
+    last_height_mm = float(ends.chief_height_mm.max())
+    if end.dark:
+        last_height_mm = min(float(ends.chief_height_mm.min()),
+                             farthest_aim_mm(system, system.indices_at(wavelengths_nm)))
     heights_mm = last_height_mm * np.sin(np.pi / 2 * np.linspace(0, 1, heights))
     values = _trace(system, heights_mm, wavelengths_nm, pupil, reach)
     if not sketch and missed_um(values, system) > FINE_UM:

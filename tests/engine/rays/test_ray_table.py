@@ -305,3 +305,13 @@ def test_a_table_ends_where_the_light_of_the_first_wavelength_does():
     end = light_end(build_system(small), (400.0, 700.0))
     ends = trace_pupil(build_system(small), [end.height_mm], wavelengths_nm, HalfPupil(1, 1))
     assert table.dark_beyond and table.last_height_mm == ends.chief_height_mm.min()
+
+
+def test_a_table_ends_just_inside_the_fold_of_the_field():
+    """Small, for a frame beyond its field: the light ends where the field folds back, between two slopes of the search
+    for chief rays."""
+    design = focused("kodak-petzval-100mm")
+    small = replace(design.scaled(6.08575 / build_system(design).capture_focal_length_mm), sensor_mm=(4.8, 3.6))
+    table, end = ray_table(small, sketch=True), light_end(build_system(small), (400.0, 700.0))
+    ends = trace_pupil(build_system(small), [end.height_mm], table.wavelengths_nm, HalfPupil(1, 1))
+    assert table.dark_beyond and 0.999 < table.last_height_mm / ends.chief_height_mm.min() < 1
