@@ -205,6 +205,11 @@ class RenderRequest:
         return view_on_sensor(self.view, self.camera)
 
     @property
+    def exposure(self) -> tuple[float | None, float | None]:
+        """The shutter in seconds and the ISO; None for those that the camera's meter chooses."""
+        return self.shutter_s or None, self.iso or None
+
+    @property
     def traced(self) -> bool:
         """Whether Cycles renders the film behind the lens instead of a pinhole's view."""
         return self.depth == TRACED

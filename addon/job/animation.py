@@ -2,6 +2,7 @@
 
 import time
 from contextlib import contextmanager
+from dataclasses import replace
 
 from ...engine.depth.depth_range import TRACED
 from ...engine.runtime.build_identity import is_accepted, other_builds_line
@@ -21,6 +22,7 @@ from .origin import check_replaced
 from .record import read_record
 from .render import baking, job_of_frame, render_steps, run
 from .result import Result
+from .shot_meter import shot_exposure, shot_of
 
 UNKNOWN = "unknown"  # the build of a frame whose record is older than build identities
 WAIT_S = 0.5  # between checks of frames that other processes are rendering
@@ -76,7 +78,7 @@ class Animation:
         self._folder = folder_for(scene, given.get("output_folder"))
         self.pending, self.earlier, self.outdated, self.elsewhere, self.results = [], {}, [], [], {}
         self.builds = {}
-        self._stamps = {}
+        self._stamps, self._exposures = {}, {}
         for frame in self._frames:
             self._stamps[frame] = stamp_of(self._result(frame).record)
             if not overwrite:
@@ -94,7 +96,7 @@ class Animation:
         if not result.record.is_file():  # checked first, because evaluating the frame may take long
             return False
         with _named(frame):
-            job = job_of_frame(self._scene, frame, **self._given)
+            job = self._job(frame)
         record = read_record(job, result)
         if record is None:
             return False
@@ -143,9 +145,21 @@ class Animation:
         if not self._apart and self._one is None:
             on_progress(0.0, "Preparing the lens for all frames")
             self._one = OneCapture(self._scene, self._frames, **self._given)
-        job = job_of_frame(self._scene, frame, baking=baking(on_progress), **self._given)
+        job = self._metered(self._job(frame, baking=baking(on_progress)), on_progress)
         one = self._one if self._one and self._one.holds(job) else None
         return run(render_steps(self._scene, job, one), on_progress)
+
+    def _job(self, frame, **baking):
+        job = job_of_frame(self._scene, frame, **baking, **self._given)
+        return replace(job, shot=shot_of(self._scene, job))
+
+    def _metered(self, job, on_progress):
+        """The job with the exposure of its shot."""
+        if job.shot is None:
+            return job
+        if job.shot not in self._exposures:
+            self._exposures[job.shot] = shot_exposure(self._scene, job.shot, on_progress, **self._given)
+        return replace(job, shot_exposure=self._exposures[job.shot])
 
     def _result(self, frame):
         return Result.of(self._scene, self._folder, frame)

@@ -26,6 +26,21 @@ from .record import picture_settings
 _folders = {}  # of the .blend files that open ones are copies of, by the copies' paths
 
 
+@dataclass(frozen=True)
+class Shot:
+    """Frames with the same camera, whose exposure is metered once.
+
+    Attributes
+    ----------
+    camera : str
+    first : int
+        The frame that is metered.
+    """
+
+    camera: str
+    first: int
+
+
 @dataclass(frozen=True, kw_only=True)
 class Job(RenderRequest):
     """One frame to be rendered through a lens: a request with all values decided by the scene.
@@ -52,6 +67,10 @@ class Job(RenderRequest):
         A line for each setting of focus and f-stop that the lens does not have.
     others : tuple of Lens
         Lenses that share the capture: this one, with the settings of other frames.
+    shot : Shot or None
+        Its first frame decides on the exposure that the camera's meter chooses; None for this one.
+    shot_exposure : (float, float) or None
+        The shutter in seconds and the ISO of the shot, once it is metered.
     """
 
     frame: int
@@ -61,6 +80,13 @@ class Job(RenderRequest):
     lens_warning: str = ""
     ring_words: tuple[str, ...] = ()
     others: tuple[Lens, ...] = ()
+    shot: Shot | None = None
+    shot_exposure: tuple[float, float] | None = None
+
+    @property
+    def exposure(self):
+        """The shutter and the ISO of the shot, or as in the settings."""
+        return self.shot_exposure or super().exposure
 
     @property
     def denoises(self):

@@ -70,12 +70,14 @@ def take_photo(request, irradiance, lens, result):
     -------
     RawImage
     """
-    raw = photograph(irradiance, chosen_camera(request), request.iso or None, request.shutter_s or None,
-                     report=result.report, noise=request.noise, frame=result.frame % FRAMES)
+    shutter_s, iso = request.exposure
+    raw = photograph(irradiance, chosen_camera(request), iso, shutter_s, report=result.report, noise=request.noise,
+                     frame=result.frame % FRAMES)
+    facts = replace(result.report.parts.of(CameraFacts), metered=not (request.iso and request.shutter_s))
     if request.dng:
-        uncorrected = write_raw_file(raw, irradiance, result.raw, lens)
+        facts = replace(facts, uncorrected=tuple(write_raw_file(raw, irradiance, result.raw, lens)))
         result.report.files["raw"] = str(result.raw)
-        result.report.add(replace(result.report.parts.of(CameraFacts), uncorrected=tuple(uncorrected)))
+    result.report.add(facts)
     return raw
 
 

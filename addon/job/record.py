@@ -61,7 +61,7 @@ def recorded_fields(job):
     values = {name: asdict(value) if is_dataclass(value) else value for name, value in fields.items()}
     return json_value(values | {"lens": job.lens.name, "lens_digest": job.lens.digest.hex(), "clamp": job.clamp,
                                 "camera_digest": job.camera.digest.hex() if job.camera else "",
-                                "settings": job.settings})
+                                "settings": job.settings} | ({"shot": asdict(job.shot)} if job.shot else {}))
 
 
 def _sizes(paths):

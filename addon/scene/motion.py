@@ -10,6 +10,7 @@ from .fingerprint import action_curves, blocks_of
 VIEW = {"lens", "sensor_width", "sensor_height", "shift_x", "shift_y"}
 DEPTH_OF_FIELD = "dof."
 RINGS = DEPTH_OF_FIELD, "lensfield.focused_wide_open", "lensfield.iris_"  # of camera settings for focus and f-stop
+EXPOSURE = "lensfield.iso", "lensfield.shutter_s"
 HANDLERS = "frame_change_pre", "frame_change_post", "render_pre"
 SIMULATIONS = {"CLOTH", "DYNAMIC_PAINT", "EXPLODE", "FLUID", "PARTICLE_INSTANCE", "PARTICLE_SYSTEM", "SOFT_BODY"}
 MOVING_MODIFIERS = SIMULATIONS | {"BUILD", "MESH_CACHE", "MESH_SEQUENCE_CACHE", "WAVE"}
@@ -38,6 +39,11 @@ def rings_animated(scene):
     return camera is not None and camera.dof.use_dof and (
         camera.dof.focus_object is not None
         or any(path.startswith(RINGS) for path in _animated_paths(camera, None, frozenset())))
+
+
+def exposure_animated(camera):
+    """Whether keyframes or drivers set the ISO or the shutter of camera data."""
+    return any(path in EXPOSURE for path in _animated_paths(camera, None, frozenset()))
 
 
 def view_animated(camera):

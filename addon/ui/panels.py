@@ -237,6 +237,7 @@ def _draw_notes(layout, scene, refusal):
 def _draw_view_and_depth(layout, scene):
     _draw_view(layout, scene, camera_data(scene))
     layout.prop(scene.lensfield, "depth")
+    layout.column().prop(scene.lensfield, "out_of_field", expand=True)
 
 
 def _draw_view(layout, scene, camera):

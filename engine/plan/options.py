@@ -101,9 +101,10 @@ class Options:
         choices={AUTO: ("Automatic", "Double where the dynamic range requires it"), "float32": ("Single", "Single"),
                  "float64": ("Double", "Double")})
     out_of_field: str = setting(
-        "hold", name="Out of Field", text="Pixels beyond the last field height of the lens data", panel="quality",
-        choices={"hold": ("Hold", "Use the last point spread function and relative illumination"),
-                 "vignette": ("Black", "Leave them black")})
+        "hold", name="Out of Field", text="Area of the frame that the lens's field does not cover", panel="view",
+        choices={"hold": ("Continue the Edge", "The blur and the light of the edge of the field, so that the picture "
+                                               "fills the frame"),
+                 "vignette": ("Black, as the Real Lens", "The lens's image circle, with black around it")})
     fireflies: str = setting(
         "refuse", name="Fireflies", text="NaN and infinite pixels", panel="quality",
         choices={"refuse": ("Refuse", "Stop with an error that names the first"),

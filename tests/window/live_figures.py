@@ -17,7 +17,7 @@ GRID = np.linspace(-0.83, 0.89, 7), np.linspace(-0.91, 0.77, 5)  # of the dots, 
 LAMPS = (0.03, -0.04), (0.44, 0.52)  # from the axis, in half sides of the frame
 LIMITS = {"place": 0.3, "illumination": 0.02, "disc": 0.10}  # px of 1080 rows; of the light; of the size
 BLUR_PX, LEAST_BLUR_PX = 32.0, 8.0  # diameters of discs; the least that is measured
-LARGE_BLUR_PX, GRAIN_LIMIT = 56.0, 0.2  # of a lamp in the foreground; an even disc with soft edges has 0.12
+LARGE_BLUR_PX, GRAIN_LIMIT = 56.0, 0.2  # radius of a foreground lamp's disc, and its unevenness
 REDRAWS = 5
 FRAME_PX = 900, 1200  # rows and columns of the render
 SHIFT = 0.07, -0.05  # of the camera, in widths of the frame; 0 for discs
@@ -207,13 +207,12 @@ def redraw_s():
 
 
 def grain(viewport, judge):
-    """The second differences of the light of a lamp in the foreground, along rows, relative to this light."""
+    """The standard deviation of the light in the middle of a foreground lamp's disc, relative to its mean."""
     per_nearness_px = module("engine.depth.depth_range").blur_per_nearness_px(judge.lens, 1e3 / judge.px_per_mm)
     judge.place_dots([(0.0, 0.0)], LAMP_PX, LARGE_BLUR_PX / per_nearness_px)
     yield from viewport.settled()
-    part, _ = around(viewport.light[..., 1], judge.view()[:2], int(LARGE_BLUR_PX))
-    assert part.sum() > 1
-    return float(np.abs(np.diff(part, 2, axis=1)).sum() / part.sum())
+    part, _ = around(viewport.light[..., 1], judge.view()[:2], int(LARGE_BLUR_PX / 2))
+    return float(part.std() / part.mean())
 
 
 def moments(light):

@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 
+import bpy
 import numpy as np
 import pytest
 import rawpy
@@ -96,8 +97,10 @@ def test_a_changed_exposure_or_camera_renders_a_frame_again(squares, tmp_path):
         return list(addon.Animation(squares, [1], lens="tessar-50mm", wavelengths_nm=WAVELENGTHS_NM, depth="off",
                                     output_folder=tmp_path / "a", lens_quality="preview", **given).turns)
 
-    for frame in missing(camera=own, iso=400.0, dng=True):
-        rendered(squares, tmp_path / "a", camera=own, iso=400.0, dng=True, frame=frame)
+    rendered(squares, tmp_path / "a", camera=own, iso=400.0, dng=True, frame=1)
+    assert missing(camera=own, iso=400.0, dng=True) == [1], "a still is metered by itself, not by its shot"
+    addon.render_animation(squares, [1], lens="tessar-50mm", wavelengths_nm=WAVELENGTHS_NM, depth="off", dng=True,
+                           output_folder=tmp_path / "a", lens_quality="preview", camera=own, iso=400.0)
     assert missing(camera=own, iso=400.0, dng=True) == []
     assert missing(camera=own, iso=800.0, dng=True) == [1]
     own.write_text(camera_text(replace(COARSE, dark_noise_e=9.0)), encoding="utf-8")
@@ -120,3 +123,35 @@ def test_an_unknown_camera_is_refused_before_the_render(squares, tmp_path):
     assert not list(tmp_path.iterdir())
     assert addon.camera_words(addon.RenderRequest(camera=COARSE, wavelengths_nm=(500.0, 600.0)))[0].startswith(
         "the wavelengths leave out part")
+
+
+def test_a_shot_has_the_exposure_of_its_first_frame(squares, tmp_path):
+    """The light doubles from frame to frame; a marker cuts to another camera at frame 3; keyframes are metered."""
+    strength = bpy.data.materials["Dim"].node_tree.nodes["Emission"].inputs["Strength"]
+    for frame in range(1, 5):
+        strength.default_value = 0.2 * 2**frame
+        strength.keyframe_insert("default_value", frame=frame)
+    other = bpy.data.objects.new("Other", squares.camera.data.copy())
+    squares.collection.objects.link(other)
+    other.matrix_world = squares.camera.matrix_world
+    for frame, camera in ((1, squares.camera), (3, other)):
+        squares.timeline_markers.new("cut", frame=frame).camera = camera
+    squares.frame_start, squares.frame_end = 1, 4
+
+    def seconds(frames, **given):
+        animation = addon.render_animation(squares, frames, lens="tessar-50mm", wavelengths_nm=WAVELENGTHS_NM,
+                                           depth="off", lens_quality="preview", camera=COARSE, **given)
+        facts = [json.loads(result.record.read_text())["camera"] for result in animation.results.values()]
+        assert all(each["metered"] for each in facts)
+        return [each["shutter_s"] for each in facts]
+
+    first, second, third, fourth = seconds([1, 2, 3, 4], output_folder=tmp_path / "all")
+    assert first == second and third == fourth and third < 0.6 * first
+    assert seconds([2], output_folder=tmp_path / "farm") == [second], "whatever frames a process renders"
+    assert seconds([1, 2, 3, 4], output_folder=tmp_path / "all") == [], "finished frames stay"
+    alone = rendered(squares, tmp_path / "alone", camera=COARSE, frame=2)
+    assert alone.report.as_dict()["camera"]["shutter_s"] < 0.7 * second, "a still is metered itself"
+    squares.timeline_markers.clear()
+    squares.camera.data.lensfield.keyframe_insert("shutter_s", frame=1)
+    first, second = seconds([1, 2], output_folder=tmp_path / "frames")
+    assert second < 0.7 * first
