@@ -5,6 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import bpy
 
+from ...commands.messages import duration
 from ...engine.image.detail import splitting_bytes
 from ...engine.image.sampling import Sampling
 from ...engine.plan.plan_cache import cached_plan
@@ -14,10 +15,11 @@ from ..job.radiance import detail_bytes, pass_bytes
 from ..job.sampled_passes import detail_times
 from ..scene.camera import frame_capture, frame_grid, frame_px, lens_for_view
 from .areas import areas
+from .learned_time import expected_seconds
 from .lint_panel import checked_settings
 from .session import session
 
-TICK_S = 0.1
+TICK_S, LEAST_S = 0.1, 0.1
 
 MOST_PLANS = 4  # enough for two windows that draw theirs in turn
 
@@ -27,7 +29,7 @@ _plans = {}  # Futures of the latest requests, newest last
 
 def plan_text(scene, lens):
     """The cost of rendering a scene by its settings through an unscaled lens: Cycles passes, then the seconds and the
-    memory that the lens takes.
+    memory that the lens takes; and all of the time, once a render of the scene has shown it.
 
     Does not change the scene and does not block: the engine's part is added once it is computed.
 
@@ -52,7 +54,10 @@ def plan_text(scene, lens):
     memory_mb = light_mb + 1e-6 * detail_bytes(pixels, times) + max(pass_mb, filter_mb + light_mb)  # and irradiance
     memory = f"{memory_mb / 1e3:.1f} GB" if memory_mb >= 1e3 else f"{memory_mb:.0f} MB"
     detail = " with detail" * (plan.known > 1)
-    return f"{text}, then {max(plan.seconds, 0.1):.1f} s for the lens{detail} \u00b7 {memory} of memory"
+    renders_s, lens_s = expected_seconds(scene, request, plan.seconds) or (0.0, max(plan.seconds, LEAST_S))
+    total = f"About {duration(renders_s + lens_s)}: " if renders_s else ""
+    text = f"{total}{text[0].lower() if total else text[0]}{text[1:]}"
+    return f"{text}, then about {lens_s:.1f} s for the lens{detail} \u00b7 {memory} of memory"
 
 
 def _checked(scene):

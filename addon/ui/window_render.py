@@ -36,6 +36,7 @@ from ..scene.compositor import (
 )
 from ..scene.requirements import check_scene
 from .areas import fit_picture, image_areas, image_editors, redraw_panels, tool_in_use
+from .learned_time import learn_time
 from .lens_worker import requested_lens
 from .preview import unaffected
 from .previews import load_sheet
@@ -230,6 +231,8 @@ def _finish(render):
     sheet = _take_sheet(render, outcome) if "sheet" in outcome else None
     with render.folder:
         if "messages" in outcome:
+            if newest and not sheet:
+                learn_time(render.scene_uid, newest)
             _notify("INFO", outcome["messages"] + render.remarks, newest, sheet)
         elif "error" in outcome:
             _notify("ERROR", [outcome["error"], *_left(render)], newest)

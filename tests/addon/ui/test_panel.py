@@ -1,5 +1,6 @@
 """From a new scene to the picture: the panel's options, predictions and fixes."""
 
+import json
 from types import SimpleNamespace
 
 import bpy
@@ -8,6 +9,7 @@ import pytest
 from bpy_extras.object_utils import world_to_camera_view
 
 from layouts import Layout
+from lensfield import addon
 from lensfield.addon.job.job import folder_for, unsaved_folder
 from lensfield.addon.job.radiance import pass_bytes
 from lensfield.addon.job.remarks import ENOUGH_SAMPLES
@@ -15,6 +17,7 @@ from lensfield.addon.scene.camera import capture_grid
 from lensfield.addon.scene.errors import SceneError
 from lensfield.addon.scene.requirements import check_scene
 from lensfield.addon.ui import lens_worker, lint_panel, panels, plan_line
+from lensfield.addon.ui.learned_time import learn_time
 from lensfield.addon.ui.panels import draw_settings
 from lensfield.addon.ui.properties import DEFAULT_LENS, forget_items, offered_lenses, searched_lens_items
 from lensfield.addon.ui.session import LastRender, session
@@ -277,7 +280,35 @@ def test_the_plan_line_states_engine_time_and_peak_memory(lit_scene, denoise):
     assert plan == make_plan(Options(accuracy=0.01), lens, Sampling(grid, tuple(settings.wavelengths_nm())))
     pass_mb = 1e-6 * pass_bytes(cube[0].size, 1, denoise == "ON")
     memory_mb = 1e-6 * cube.nbytes + max(pass_mb, plan.memory_mb + 1e-6 * cube.nbytes)
-    assert text.endswith(f", then {max(plan.seconds, 0.1):.1f} s for the lens \u00b7 {memory_mb:.0f} MB of memory")
+    lens_s = max(plan.seconds, 0.1)
+    assert text.endswith(f", then about {lens_s:.1f} s for the lens \u00b7 {memory_mb:.0f} MB of memory")
+
+
+@pytest.mark.one_blender
+def test_the_plan_line_learns_from_the_last_render(lit_scene, tmp_path, monkeypatch):
+    monkeypatch.setattr(session, "times", {})
+    settings = lit_scene.lensfield
+    lit_scene.render.resolution_x, lit_scene.render.resolution_y, lit_scene.cycles.samples = 24, 16, 2
+    settings.tier, settings.depth = "PREVIEW", "OFF"
+    result = addon.render_through_lens(lit_scene, output_folder=tmp_path, lens_quality="preview")
+    facts = json.loads(result.record.read_text())
+    facts["stages_s"] = {"multispectral render": 100.0, "filtering": 6.0, "write pictures": 4.0}
+    facts["plan"]["seconds"] = 2 * settled_plan(lit_scene).seconds
+    result.record.write_text(json.dumps(facts))
+    learn_time(lit_scene.session_uid, result.lens_image)
+    assert settled(lit_scene).startswith("About 2 min: 1 render, then about 5.0 s for the lens"), settled(lit_scene)
+    lit_scene.cycles.samples = 60
+    assert settled(lit_scene).startswith("About 50 min: ")
+    settings.tier = "STANDARD"
+    assert settled(lit_scene).startswith("Up to "), "other renders, of unknown time"
+    settings.tier = "PREVIEW"
+    learn_time(lit_scene.session_uid, tmp_path / "missing_0001_lens_image.exr")
+    assert settled(lit_scene).startswith("About 50 min: ")
+
+
+def settled_plan(scene):
+    settled(scene)
+    return list(plan_line._plans.values())[-1].result()[1]
 
 
 def test_the_plan_line_counts_detail(lit_scene):
