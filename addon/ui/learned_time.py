@@ -1,4 +1,4 @@
-"""The time that a scene's next render takes on this machine, learned from its last one in this session."""
+"""The time that a scene's next render takes on this machine, learned from its last ones in this session."""
 
 import json
 import math
@@ -41,22 +41,35 @@ def learn_time(scene_uid, lens_image):
     try:
         facts = json.loads(Result.from_file(Path(lens_image), "lens_image").record.read_text(encoding="utf-8"))
         stages, job = facts["stages_s"], facts["job"]
-        session.times[scene_uid] = LearnedTime(
-            _kind(job["spectral"], job["wavelengths_nm"], job["depth"]),
-            job["settings"]["samples"] * math.prod(facts["frame_px"]), stages[RENDER],
-            sum(stages.values()) - stages[RENDER], facts["plan"]["seconds"])
+        new = LearnedTime(_kind(job["spectral"], job["wavelengths_nm"], job["depth"]),
+                          job["settings"]["samples"] * math.prod(facts["frame_px"]), stages[RENDER],
+                          sum(stages.values()) - stages[RENDER], facts["plan"]["seconds"])
     except (OSError, ValueError, KeyError):  # of another lens on stored light, or of a traced lens
         return
+    others = [each for each in session.times.get(scene_uid, ())
+              if each.kind == new.kind and each.samples != new.samples]
+    session.times[scene_uid] = *others[-1:], new
 
 
 def expected_seconds(scene, request, planned_s):
     """Seconds of a scene's renders, and of the lens after them; None before the first render with these settings."""
-    learned = session.times.get(scene.session_uid)
+    known = session.times.get(scene.session_uid, ())
     kind = _kind(json_value(asdict(request.spectral)), request.wavelengths_nm, request.depth)
-    if learned is None or learned.kind != kind or not learned.planned_s:
+    if not known or known[-1].kind != kind or not known[-1].planned_s:
         return None
     samples = scene.cycles.samples * math.prod(frame_px(scene))
-    return learned.render_s * samples / learned.samples, learned.lens_s * planned_s / learned.planned_s
+    return _render_s(known, samples), known[-1].lens_s * planned_s / known[-1].planned_s
+
+
+def _render_s(known, samples):
+    """Seconds of renders with so many samples: in proportion to the last; after two that differ, with the time that
+    renders take whatever their samples."""
+    first, last = known[0], known[-1]
+    if len(known) > 1:
+        rate_s = (last.render_s - first.render_s) / (last.samples - first.samples)
+        if rate_s > 0 and (fixed_s := last.render_s - rate_s * last.samples) > 0:
+            return fixed_s + rate_s * samples
+    return last.render_s * samples / last.samples
 
 
 def _kind(spectral, wavelengths_nm, depth):

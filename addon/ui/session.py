@@ -137,8 +137,8 @@ class Session:
     live_failure : str
         Why the live view was switched off; "" if the user did.
     check : Check
-    times : dict of int: LearnedTime
-        Of the last render of scenes, by their session_uid.
+    times : dict of int: tuple of LearnedTime
+        Of the last renders of scenes, by their session_uid: of one or two, with different numbers of samples.
     """
 
     render: Any = None
@@ -152,7 +152,7 @@ class Session:
     live: Any = None
     live_failure: str = ""
     check: Check = Check()
-    times: dict[int, Any] = field(default_factory=dict)
+    times: dict[int, tuple[Any, ...]] = field(default_factory=dict)
 
 
 session = Session()

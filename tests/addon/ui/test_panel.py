@@ -299,11 +299,17 @@ def test_the_plan_line_learns_from_the_last_render(lit_scene, tmp_path, monkeypa
     assert settled(lit_scene).startswith("About 2 min: 1 render, then about 5.0 s for the lens"), settled(lit_scene)
     lit_scene.cycles.samples = 60
     assert settled(lit_scene).startswith("About 50 min: ")
+    facts["job"]["settings"]["samples"], facts["stages_s"]["multispectral render"] = 60, 1260.0
+    result.record.write_text(json.dumps(facts))
+    learn_time(lit_scene.session_uid, result.lens_image)
+    lit_scene.cycles.samples = 118
+    assert settled(lit_scene).startswith("About 40 min: "), "60 s, and 20 s for a sample"
+    lit_scene.cycles.samples = 60
     settings.tier = "STANDARD"
     assert settled(lit_scene).startswith("Up to "), "other renders, of unknown time"
     settings.tier = "PREVIEW"
     learn_time(lit_scene.session_uid, tmp_path / "missing_0001_lens_image.exr")
-    assert settled(lit_scene).startswith("About 50 min: ")
+    assert settled(lit_scene).startswith("About 21 min: ")
 
 
 def settled_plan(scene):
