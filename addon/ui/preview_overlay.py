@@ -10,12 +10,14 @@ import numpy as np
 from bpy_extras.view3d_utils import location_3d_to_region_2d
 from mathutils import Vector
 
+from ...engine.spectral.colour import decode_srgb
 from . import focus_overlay
 from .areas import areas
 from .preferences import IN_CAMERA, preview_place
 from .previews import open_png
 from .session import CameraOverlay, session
 
+ENCODED_SINCE = 5, 0, 0  # in earlier versions, viewports encode what add-ons draw, as if it were linear
 FONT, TEXT_PX = 0, 13
 
 
@@ -154,9 +156,11 @@ def _pixels(path):
 
 
 def _texture(pixels):
-    """A GPU texture of an array (row, column, 4), bottom row first."""
+    """A GPU texture of an array (row, column, 4) of displayed colours, bottom row first."""
     import gpu
 
+    if bpy.app.version < ENCODED_SINCE:
+        pixels = np.concatenate([decode_srgb(pixels[..., :3]), pixels[..., 3:]], axis=-1, dtype=np.float32)
     height, width, _ = pixels.shape
     buffer = gpu.types.Buffer("FLOAT", pixels.size, np.ascontiguousarray(pixels).ravel())
-    return gpu.types.GPUTexture((width, height), format="RGBA8", data=buffer)
+    return gpu.types.GPUTexture((width, height), format="RGBA16F", data=buffer)

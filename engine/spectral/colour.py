@@ -65,3 +65,9 @@ def encode_srgb(linear: ArrayLike) -> np.ndarray:
     """The sRGB transfer curve of values clipped to [0, 1]."""
     clipped = np.clip(linear, 0, 1)
     return np.where(clipped <= 0.0031308, 12.92 * clipped, 1.055 * np.power(clipped, 1 / 2.4) - 0.055)
+
+
+def decode_srgb(encoded: ArrayLike) -> np.ndarray:
+    """Linear values from 0 to 1 of the sRGB standard's encoded ones."""
+    encoded = np.asarray(encoded)
+    return np.where(encoded <= 0.04045, encoded / 12.92, np.power((encoded + 0.055) / 1.055, 2.4))

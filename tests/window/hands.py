@@ -360,6 +360,19 @@ def frame_width_px(view):
     return round(min(max(across) - min(across), scene.render.resolution_x * scene.render.resolution_percentage // 100))
 
 
+def frame_as_drawn(view):
+    """The mean colour of the camera's frame in a viewport, as the screen shows it, without the part under the sidebar.
+    """
+    scene, place = bpy.context.scene, region(view)
+    matrix = scene.camera.matrix_world.normalized()
+    corners = [location_3d_to_region_2d(place, view.spaces.active.region_3d, matrix @ corner)
+               for corner in scene.camera.data.view_frame(scene=scene)]
+    left, right = (round(side(corner.x for corner in corners)) for side in (min, max))
+    bottom, top = (round(side(corner.y for corner in corners)) for side in (min, max))
+    shoot("frame", place)
+    return pixels(FOLDER.parent / f"{STEP}-frame.png")[bottom:top, left:right, :3].mean((0, 1))
+
+
 def session():
     return sys.modules[f"{MODULE}.addon.ui.session"].session
 

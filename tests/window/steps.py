@@ -32,6 +32,7 @@ from hands import (
     drag,
     drawn,
     find,
+    frame_as_drawn,
     frame_width_px,
     in_a_pass,
     lens_image_path,
@@ -1113,8 +1114,10 @@ def click_pictures():
     panel = region(view, "UI")
     yield from click("lensfield.preview", panel, across=0.25)
     yield from until(preview_is_fresh)
-    yield DRAW_S
+    yield from until(lambda: not preview_under_way().job)  # its finest picture
+    yield 1
     shoot("preview")
+    assert np.allclose(frame_as_drawn(view), pixels(preview_under_way().picture)[..., :3].mean((0, 1)), atol=0.03)
     yield from click("lensfield.preview", panel, across=0.15)
     assert not preview_under_way()
     yield from click("lensfield.live", panel, across=0.7)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lensfield.engine.spectral.colour import encode_srgb, rec709_weights
+from lensfield.engine.spectral.colour import decode_srgb, encode_srgb, rec709_weights
 from lensfield.engine.spectral.spectra import emission_basis, load_spectrum, reflectance_basis, white_density
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions, choose_wavelengths
 
@@ -73,6 +73,7 @@ def test_illuminant_a_has_its_colour():
                                              (0.5, 0.7353570), (1.0, 1.0), (-1.0, 0.0), (7.0, 1.0), (0.001, 0.01292)])
 def test_srgb_curve(linear, encoded):
     assert encode_srgb(np.array(linear)) == pytest.approx(encoded, abs=1e-6)
+    assert decode_srgb(np.array(encoded)) == pytest.approx(np.clip(linear, 0, 1), abs=1e-6)
 
 
 def test_infrared_is_invisible_and_finite():
