@@ -7,11 +7,12 @@ from threading import Event
 import numpy as np
 
 from ..runtime.threads import thread_count
-from .diffraction import point_spread
+from .diffraction import WORST_FIT_WAVES, point_spread
 from .pupil_fit import fit_pupils
 from .quality import Quality
 from .wavefront import Wavefronts
 
+HIGHER_DEGREES = 16, 20, 24  # of polynomials for wavefronts that those of a quality do not fit
 SURVEY_SHARE = 0.2  # approximate share of the bake's time, for the progress bar
 
 
@@ -38,14 +39,23 @@ def psfs_of(traced: Wavefronts, wavefronts: Wavefronts, height: int, pitch_um: f
         Number of the finest fringes in a sample.
     """
     nm = wavefronts.wavelengths_nm
-    fits = fit_pupils([traced.one(wavelength, height) for wavelength in range(traced.wavelengths_nm.size)],
-                      quality.sums.degree, nm)
+    fits = _fits([traced.one(wavelength, height) for wavelength in range(traced.wavelengths_nm.size)],
+                 quality.sums.degree, nm)
     psfs = np.zeros((nm.size, samples, samples))
     for wavelength, fit in enumerate(fits):
         if stopped.is_set():
             break
         psfs[wavelength] = point_spread(wavefronts.one(wavelength, height), pitch_um, samples, quality.sums, fit)
     return psfs, fits[0].fringes(nm[0], pitch_um)
+
+
+def _fits(traced, degree, wavelengths_nm):
+    """The `fit_pupils` of the lowest degree, from the given one, that fits the wavefronts, or else of the highest."""
+    for higher in (degree, *(each for each in HIGHER_DEGREES if each > degree)):
+        fits = fit_pupils(traced, higher, wavelengths_nm)
+        if fits[0].error_um < WORST_FIT_WAVES * wavelengths_nm.min() * 1e-3:
+            break
+    return fits
 
 
 def in_threads(compute: Callable[[int, Event], object], number: int, workers: int | None,
