@@ -44,10 +44,11 @@ def _status(preview):
     """Lines about the current picture and the running job."""
     if preview_place() == IN_CAMERA and not is_visible():
         yield "Not visible: view the scene through its camera (Numpad 0), with Viewport Overlays on"
-    yield from preview.facts
     if preview.error:
-        yield preview.error
-    elif preview.job:
+        yield preview.error  # alone: the facts are about a picture that is hidden
+        return
+    yield from preview.facts
+    if preview.job:
         yield "Refining" if preview.shown else "Applying the lens" if preview.job[0] == "lens" else "Rendering"
     elif preview.slow and preview.changes is None and not preview.fresh:
         yield f"Out of date: click Refresh Preview, which copies this file in {preview.copies_s[-1]:.1f} s"
