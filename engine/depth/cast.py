@@ -26,7 +26,7 @@ from .prepared_layer import PreparedLayer, prepare_layers
 
 FAINT = 1e-3  # of a picture's mean radiance
 LAYER_PLANES, PREPARING_PLANES = 3, 10  # planes in memory of a prepared layer, and during its preparation
-LEVELS_PX = 1.6  # pixels of a layer's levels, relative to the layer's
+LEVELS_PX = 2.2  # pixels of the levels of a slanted layer, relative to the layer's
 COVER_PLANES = 5  # planes of the capture for the cover of nearer layers, while levels are made
 SAMPLE_RAYS = 256  # for the reach of all
 SUMMABLE = 2.0**88  # radiance whose sums over rays stay within float32

@@ -22,7 +22,7 @@ COLOURS_NM = 610.0, 550.0, 465.0  # red, green, blue
 STEEPEST_RAD = 1.55  # a plane shows no light from behind
 NODES = 193  # down and across the frame: bilinear interpolation is accurate to 0.1 px of 1080 rows, even of fisheyes
 BOKEH_NODES = 17
-RAYS = 64  # of a place, one of `SQUARES`
+RAYS = 64  # of a place, one of `RAY_COUNTS`
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,8 +1,10 @@
-"""Levels of layers, each with larger pixels than the previous one, for rays that represent a part of the pupil.
+"""Levels of layers, each softer than the previous one, for rays that represent a part of the pupil.
 
-Such a ray looks up the mean over the blur of its part of the pupil, a square that is at most as large as a pixel of
-the level. The pixels of a level are means of light and of alpha, so that surfaces do not mix. Adjacent rays look up
-adjacent squares, so that their parts merge.
+Such a ray looks up the mean over the blur of its part of the pupil, weighted with nearly a Gaussian: the look-ups of
+rays that lie like a lattice then add up to an even disc, however far the lens's aberrations stretch the lattice. A
+square would show it as rings. A level is the layer smoothed by a B-spline, at about half the distance between rays,
+so that positions between its pixels can be interpolated. Light and alpha are smoothed together, so that surfaces do
+not mix.
 
 A surface that continues from a layer to the next one covers parts of a pixel in both. Rays that pass one part meet the
 other, but the loops assume that alphas of different layers are independent, and would let light through. The pixels of
@@ -12,6 +14,7 @@ the same place: the loops' product of transmissions is then the mean of the prod
 
 from collections.abc import Sequence
 from functools import reduce
+from math import comb
 
 import numpy as np
 import scipy
@@ -21,10 +24,13 @@ from ..lens import Lens
 from .depth_range import blur_per_nearness_px
 from .prepared_layer import PreparedLayer
 
-# Sides of the levels' pixels: in finer steps than halves, look-ups spread less.
-SIZES = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48)
-BORDER = 2  # pixels around a level: one that stays empty, and one into which hidden surfaces continue
-SAME_PLACE = 1.0  # of a level's pixels: the largest difference in blur; a ray's two places differ by at most half of it
+# Sides of the levels' pixels, powers of two, and how often each was averaged with its neighbour after that.
+LEVELS = ((1, 0), (1, 1), (1, 2), (1, 4), (1, 8), (2, 2), (2, 4), (2, 8), (2, 14), (4, 4), (4, 8), (4, 14), (8, 4),
+          (8, 8), (8, 14), (16, 4), (16, 8))
+# Of a level: the side of pixels that are as soft when their positions are interpolated.
+SOFTNESS_PX = tuple((2 * (size**2 - 1) + size**2 * (1 + 1.5 * averages)) ** 0.5 for size, averages in LEVELS)
+HALVING = 1, 4, 6, 4, 1  # sixteenths of pixels in one that is twice as large: a spline, whose parts have even sums
+SAME_PLACE = 1.0  # of a level's softness: the largest difference in blur; a ray's places differ by at most half of it
 ROUNDING = 1e-6  # of alpha
 VISIBLE = 1e-3  # smallest share of a level's pixel that counts as visible
 
@@ -39,7 +45,7 @@ def layer_arrays(layers: Sequence[PreparedLayer], lens: Lens, wavelengths: slice
     lens : Lens
     wavelengths : slice
     used : sequence of sequences of int
-        For each layer, the levels that rays look up, ascending indices in SIZES. Any others are the capture's pixels.
+        For each layer, the levels that rays look up, ascending indices in LEVELS. Any others are the capture's pixels.
     scale : float
         Factor on light.
     """
@@ -50,88 +56,78 @@ def layer_arrays(layers: Sequence[PreparedLayer], lens: Lens, wavelengths: slice
         place = layer.depth[..., 0] * np.float32(blur_per_nearness_px(lens, layer.capture.pitch_um))
         light = layer.layer.cube[wavelengths]
         planes = [alpha, *(light if scale == 1 else light * np.float32(scale))]
-        coarse = _visible_levels(layer, planes, place, nearer, [SIZES[level] for level in levels if level])
-        arrays.append(layer.of(finest, [coarse.get(size, finest) for size in SIZES[1:1 + max(levels)]]))
+        soft = _visible_levels(layer, planes, place, nearer, [level for level in levels if level])
+        arrays.append(layer.of(finest, [soft.get(level, finest) for level in range(1, 1 + max(levels))]))
         cover, cover_place = nearer[:, *layer.layer.place]
         np.minimum(cover + alpha, 1, out=cover)
         np.copyto(cover_place, place, where=alpha > 0)
     return tuple(arrays)
 
 
-def _visible_levels(layer, planes, place, nearer, sizes):
-    """Levels of these sizes, without the parts that nearer layers hide from all rays.
+def _visible_levels(layer, planes, place, nearer, levels):
+    """Levels by index, without the parts that nearer layers hide from all rays.
 
     `nearer` is the cover of the nearer layers and the place of the farthest of them, in the capture's pixels.
     """
-    coarse = _levels(layer.layer.origin_px, planes, layer.sides, sizes)
+    soft = _levels(layer.layer.origin_px, planes, layer.sides, levels)
     cover, cover_place = nearer
-    if sizes and cover.any():
+    if levels and cover.any():
         beyond = [(side.start, n - side.stop) for side, n in zip(layer.layer.place, cover.shape, strict=True)]
-        apart = cover * np.abs(cover_place - np.pad(place, beyond, mode="edge"))
-        covers = _levels((0, 0), [cover, apart], [(True, True)] * 2, sizes)
-        for size, (first, stack) in coarse.items():
-            window = tuple(slice(at + BORDER, at + BORDER + n) for at, n in zip(first, stack.shape[1:], strict=True))
-            covered, distance = covers[size][1][:, *window]
-            hidden = np.where(distance <= SAME_PLACE * size * covered, covered, 0)
-            _leave_out_hidden(layer, planes, cover, hidden, size, first, stack)
-            _fill_hidden(stack, hidden)
-    return {size: _level_arrays(layer, size, *level) for size, level in coarse.items()}
+        apart = np.abs(cover_place - np.pad(place, beyond, mode="edge"))
+        for level in levels:
+            visible = 1 - cover * (apart <= SAME_PLACE * SOFTNESS_PX[level])
+            if visible.min() < 1:
+                _leave_out_hidden(layer, planes, visible, level, *soft[level])
+    return {level: _level_arrays(layer, *LEVELS[level], *arrays) for level, arrays in soft.items()}
 
 
-def _leave_out_hidden(layer, planes, cover, hidden, size, first, stack):
+def _leave_out_hidden(layer, planes, visible, level, first, stack):
     """Replace partly hidden pixels of a level by means over their visible parts.
 
     In a pixel of the capture, surfaces at the same place cover different parts, as at the border between two slabs.
     """
-    partly = np.nonzero((hidden > 0) & (hidden < 1 - VISIBLE))
-    inside, of_layer, of_capture = [], [], []
-    for index, at, start, n, count in zip(partly, first, layer.layer.origin_px, planes[0].shape, cover.shape,
-                                          strict=True):
-        blocks = np.clip(at + index[:, None], 0, (count - 1) // size)
-        pixels = np.minimum(blocks * size + np.arange(size), count - 1)
-        of_capture.append(pixels)
-        of_layer.append(np.clip(pixels - start, 0, n - 1))
-        inside.append((pixels >= start) & (pixels < start + n))
-    alpha, *_ = planes
-    of_layer = np.s_[of_layer[0][:, :, None], of_layer[1][:, None]]
-    visible = 1 - cover[of_capture[0][:, :, None], of_capture[1][:, None]]
-    parts = np.minimum(1, visible / np.maximum(alpha[of_layer], ROUNDING)) * inside[0][:, :, None] * inside[1][:, None]
-    parts /= visible.sum(axis=(1, 2), keepdims=True)
-    for plane, level in zip(planes, stack, strict=True):
-        level[partly] = np.einsum("nij,nij->n", parts, plane[of_layer])
+    own = visible[layer.layer.place]
+    parts = np.minimum(1, own / np.maximum(planes[0], ROUNDING))
+    (start, shares), = _levels((0, 0), [visible], [(True, True)] * 2, [level]).values()
+    share = shares[0][tuple(slice(at - before, at - before + n)
+                            for at, before, n in zip(first, start, stack.shape[1:], strict=True))]
+    for plane, to in zip(planes, stack, strict=True):
+        (_, (of_parts,)), = _levels(layer.layer.origin_px, [plane * parts], layer.sides, [level]).values()
+        np.divide(of_parts, share, out=to, where=share > VISIBLE)
 
 
-def _fill_hidden(stack, hidden):
-    """Continue the visible parts of a level by a pixel where it is hidden: rays between two pixels look up both."""
-    visible = np.where(hidden < 1 - VISIBLE, 1 - hidden, 0)
-    row, column = np.nonzero(((visible == 0) & (scipy.ndimage.maximum_filter(visible, 3) > 0))[1:-1, 1:-1])
-    around = row[:, None] + np.repeat(range(3), 3), column[:, None] + np.tile(range(3), 3)
-    parts = visible[around] / visible[around].sum(axis=1, keepdims=True)
-    for level in stack:
-        level[row + 1, column + 1] = (parts * level[around]).sum(axis=1)
-
-
-def _levels(origin_px, planes, sides, sizes):
-    """For each size: row and column of the first pixel, and array (plane, row, column); pixels are means over blocks of
-    the capture's."""
-    stacks = {size: [] for size in sizes}
+def _levels(origin_px, planes, sides, levels):
+    """For each level: row and column of the first pixel, and array (plane, row, column)."""
+    stacks, firsts = {level: [] for level in levels}, {}
     for plane in planes:
         coarse = {1: (origin_px, plane)}
-        for size, stack in stacks.items():
-            finer = size // 2 if size // 2 in coarse and size % 2 == 0 else 1
-            coarse[size] = _coarser(*coarse[finer], size // finer, sides)
-            stack.append(_continued(coarse[size][1], [(BORDER, BORDER)] * 2, sides))
-    return {size: (tuple(at // size - BORDER for at in origin_px), np.stack(stack, dtype=np.float32))
-            for size, stack in stacks.items()}
+        for level, stack in stacks.items():
+            size, averages = LEVELS[level]
+            while size not in coarse:
+                coarse[2 * max(coarse)] = _halved(*coarse[max(coarse)], sides)
+            firsts[level], soft = _smoothed(*coarse[size], averages, sides)
+            stack.append(soft)
+    return {level: (firsts[level], np.stack(stacks.pop(level), dtype=np.float32)) for level in levels}
 
 
-def _coarser(first, plane, times, sides):
-    """Row and column of the first pixel, and means over blocks of `times` x `times` pixels, from a plane's."""
-    widths = [(at % times, -(at + n) % times) for at, n in zip(first, plane.shape, strict=True)]
+def _halved(first, plane, sides):
+    """Row and column of the first pixel, and pixels twice as large, in the middle of every second one of a plane."""
+    widths = [(at % 2 + 4, 5 - (at + n) % 2) for at, n in zip(first, plane.shape, strict=True)]
     plane = _continued(plane, widths, sides)
     for _ in range(2):
-        plane = reduce(np.add, [plane[n::times] for n in range(times)]).T
-    return [at // times for at in first], plane * np.float32(1 / times**2)
+        count = (len(plane) - 3) // 2
+        plane = reduce(np.add, [np.float32(part / 16) * plane[n:n + 2 * count:2] for n, part in enumerate(HALVING)]).T
+    return [at // 2 - 1 for at in first], plane
+
+
+def _smoothed(first, plane, averages, sides):
+    """Row and column of the first pixel, and a plane averaged with its neighbours, with empty pixels around it."""
+    width = (averages + 1) // 2 + 1
+    plane = _continued(plane, [(width, width)] * 2, sides).astype(np.float32, copy=False)
+    parts = np.array([comb(averages, n) for n in range(averages + 1)]) / 2**averages
+    for axis in (0, 1):
+        plane = scipy.ndimage.correlate1d(plane, parts, axis, mode="nearest")
+    return [at - width for at in first], plane
 
 
 def _continued(plane, widths, sides):
@@ -144,6 +140,7 @@ def _continued(plane, widths, sides):
     return plane
 
 
-def _level_arrays(layer, size, first, stack):
-    axis_px = tuple((axis + 0.5) / size - 0.5 - at for axis, at in zip(layer.capture.centre_px, first, strict=True))
+def _level_arrays(layer, size, averages, first, stack):
+    before = averages % 2 / 2  # an odd number of averages ends half a pixel before
+    axis_px = tuple(axis / size - at + before for axis, at in zip(layer.capture.centre_px, first, strict=True))
     return LevelArrays(stack[1:], stack[0], axis_px, 1 / size, (-np.inf, np.inf) * 2)

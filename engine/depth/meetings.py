@@ -12,20 +12,20 @@ import numpy as np
 from ..field.field_map import RayReach, RaySample, Tiles
 from ..image.pixel_grid import PixelGrid
 from ..kernels.cast import MEETING
-from ..rays.stop_places import SQUARES
-from .levels import SIZES
+from ..rays.stop_places import RAY_COUNTS
+from .levels import SOFTNESS_PX
 from .prepared_layer import PreparedLayer
 
 TILE_PX, BLOCK_PX = 16, 8
 LAMP_PX = 4  # side of the squares whose light counts as a lamp: wider things have rims as soft as they are wide
 QUANTITIES = 7  # with extremes in the lookup
-COUNTS = np.array(SQUARES)  # of rays
+COUNTS = np.array(RAY_COUNTS)  # of rays
 FINEST_PX, FINEST_PARTS = 0.5, 0.35  # smallest useful side of a ray's cell in a blur: in pixels; if these are divided,
 # in their parts: the rays of lamps with sharp cores are closer together than a cell's
 RAYS_PER_PX = 4  # of a blur, at most, for light without lamps
 OVERLAP = 1.75  # side of a look-up in distances between rays: aberrations stretch the rays' lattice, and narrower
 # look-ups show it as rings in the discs of lamps
-COARSEST = 1.15  # side of a look-up in pixels of the layer's level
+REACH = 1.5  # of a look-up, beyond its middle, in its sides
 STEPS = np.array([1, 2, 4])  # distances between cast pixels
 SMOOTH = 1.75  # least side of a tile's look-ups, in these distances: pixels between cast ones then differ from
 # interpolated ones by a tenth of the rays' error, and lamps have all of their light
@@ -33,7 +33,7 @@ STEP = 0.05  # at the rim of a lamp's disc, relative to the light around it, fro
 OPAQUE = 0.998
 EVEN_SHARE = 2e-3  # largest difference of focus shares in a tile whose rays all have the mean of both
 AREA_ROWS = 8  # of tiles that are cast in parts together, for which layers are divided into parts
-BESIDE_PX = 2 * SIZES[-1]  # pixels around what the rays of such tiles reach: for the pixels of levels
+BESIDE_PX = 96  # pixels around what the rays of such tiles reach: for the pixels of levels
 RISE = 1.0  # of a lamp's disc above the light around it, relative to this, from which its tiles are cast in parts
 NARROW_PX = 12.0  # largest blur of such a lamp: pixels misplace 0.04 of the light of a disc this wide
 STEPS_PX = (0.25, 1.0, 4.0)  # largest differences in blur for 0, 1 and 2 steps of the search; 3 beyond
@@ -175,9 +175,8 @@ def areas_of(meetings: Meetings) -> Iterator[Area]:
 
 
 def around_px(area_px: np.ndarray) -> np.ndarray:
-    """The farthest that a look-up reaches beyond a blur of this area, with the fewest rays: half a pixel of a level and
-    half of its own side."""
-    return 1 + np.ceil(_look_up_px(area_px, COUNTS[0]) * (1 / COARSEST + 0.5))
+    """The farthest that a look-up reaches beyond a blur of this area, with the fewest rays."""
+    return 1 + np.ceil(REACH * _look_up_px(area_px, COUNTS[0]))
 
 
 def _finest_px(parts):
@@ -233,9 +232,9 @@ class _Blur:
     def level(self, side_px):
         """The level of the layer's pixels that suits look-ups of this side, 0 for light in focus and for rays that miss
         the layer; and the number of look-ups along a side of its pixels, at least 1."""
-        level = np.minimum(np.searchsorted(SIZES, side_px / COARSEST), len(SIZES) - 1)
+        level = np.minimum(np.searchsorted(SOFTNESS_PX, side_px), len(SOFTNESS_PX) - 1)
         level = np.where(self.met & (self.look.sharpest <= 0), level, 0)
-        return level, np.maximum(np.array(SIZES)[level] / side_px, 1)
+        return level, np.where(level == 0, np.maximum(1 / side_px, 1), 1)
 
 
 def _tiles(sensor):

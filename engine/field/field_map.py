@@ -233,7 +233,7 @@ class PixelRays(Protocol):
     """The rays of a lens from the pixels of a sensor."""
 
     def sample(self, wavelengths_nm: np.ndarray, focal_mm: float, count: int, reach: float) -> RaySample:
-        """Rays for a capture of this focal length, through the stop out to `reach`; `count` is one of `SQUARES`."""
+        """Rays for a capture of this focal length, through the stop out to `reach`; `count` is one of `RAY_COUNTS`."""
 
     def packed(self, wavelengths_nm: np.ndarray, focal_mm: float, counts: Sequence[int],
                reach: float) -> HeightRays | MeshRays:

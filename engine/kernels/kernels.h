@@ -244,7 +244,7 @@ typedef int lf_spots_loop(const lf_bundle *, double *out, double *light);
 /* cast */
 
 #define LF_TOGETHER 6  /* limit of wavelengths in one call */
-#define LF_LEVELS 11  /* limit of a layer's resolutions */
+#define LF_LEVELS 17  /* limit of a layer's resolutions */
 
 typedef struct {         /* a layer at one resolution */
     lf_picture light;    /* (wavelength): premultiplied by alpha; at least 2 x 2 pixels */

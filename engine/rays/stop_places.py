@@ -2,7 +2,7 @@
 
 import numpy as np
 
-SQUARES = tuple(side**2 for side in (4, 8, 12, 16, 20, 24, 28, 32, 40, 48, 64))
+RAY_COUNTS = tuple(side**2 for side in (4, 8, 12, 16, 20, 24, 28, 32, 40, 48, 64))
 """Numbers of places that fill a square and are multiples of 8."""
 
 
@@ -16,7 +16,7 @@ def stop_places(count: int) -> np.ndarray:
     Parameters
     ----------
     count : int
-        One of `SQUARES`.
+        One of `RAY_COUNTS`.
     """
     side = round(count**0.5)
     across, up = np.meshgrid(*[(2 * np.arange(side) + 1) / side - 1] * 2)

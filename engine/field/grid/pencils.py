@@ -10,7 +10,7 @@ import numpy as np
 from ...image.pixel_grid import PixelGrid
 from ...kernels.cast import MeshRays, rays_shape
 from ...rays.grid_rays import GridRayTable
-from ...rays.stop_places import SQUARES, cell_size, stop_places
+from ...rays.stop_places import RAY_COUNTS, cell_size, stop_places
 from ..ray_blur import DEPTHS, NodeRays, Tiles, area_px, cells_inside, in_eights, packed_sets, tangents
 
 STEPS = 20  # of the mesh from the axis to the farthest corner: rays are interpolated linearly between its nodes,
@@ -271,7 +271,7 @@ def packed_values(mirrored: tuple[bool, bool], count: int, wavelengths: int) -> 
     """Maximum number of values in the rays that `PixelRays.packed` returns, for sets of up to this many rays."""
     half = STEPS / np.sqrt(2)  # of a square, which has the largest area of all sensors with its diagonal
     nodes = math.prod(math.ceil(half if of_axis else 2 * half) + 1 for of_axis in mirrored)
-    return math.prod(rays_shape(nodes, sum(each for each in SQUARES if each <= count) // 8, wavelengths))
+    return math.prod(rays_shape(nodes, sum(each for each in RAY_COUNTS if each <= count) // 8, wavelengths))
 
 
 class PixelRays:

@@ -10,7 +10,7 @@ import scipy
 from ...image.pixel_grid import PixelGrid
 from ...kernels.cast import HeightRays, rays_shape
 from ...rays.ray_table import RayTable
-from ...rays.stop_places import SQUARES, cell_size, stop_places
+from ...rays.stop_places import RAY_COUNTS, cell_size, stop_places
 from ..ray_blur import DEPTHS, NodeRays, Tiles, area_px, cells_inside, in_eights, packed_sets, tangents
 
 HEIGHTS = 65  # with linear interpolation of rays between them
@@ -177,7 +177,7 @@ def pencils(rays: RayTable, wavelengths_nm: np.ndarray, sensor: PixelGrid, focal
     focal_mm : float
         Focal length of the capture.
     count : int
-        Number of rays, one of `SQUARES`.
+        Number of rays, one of `RAY_COUNTS`.
     reach : float
         Radius of the part of the stop's plane that they pass, in semi-apertures: 1 for a round stop, more for the
         corners of an iris; at most the table's reach.
@@ -213,7 +213,7 @@ def packed_pencils(rays: RayTable, wavelengths_nm: np.ndarray, sensor: PixelGrid
 
 def packed_values(count: int, wavelengths: int) -> int:
     """Maximum number of values in the rays that `packed_pencils` returns, for sets of up to this many rays."""
-    return math.prod(rays_shape(HEIGHTS, sum(each for each in SQUARES if each <= count) // 8, wavelengths))
+    return math.prod(rays_shape(HEIGHTS, sum(each for each in RAY_COUNTS if each <= count) // 8, wavelengths))
 
 
 class PixelRays:
