@@ -26,7 +26,7 @@ def current_exposure(scene, camera):
 
 
 def fixed_value(camera, name):
-    """The value with which a camera's ISO or shutter is fixed: the metered one, or else a usual one."""
+    """The value that a camera's ISO or shutter has once it is fixed: the metered one, or else a usual one."""
     shutter_s, iso = current_exposure(bpy.context.scene, camera)
     known = {"shutter_s": shutter_s, "iso": iso}[name]
     if known is None:

@@ -12,7 +12,7 @@ from .pupil_fit import fit_pupils
 from .quality import Quality
 from .wavefront import Wavefronts
 
-HIGHER_DEGREES = 16, 20, 24  # of polynomials for wavefronts that those of a quality do not fit
+HIGHER_DEGREES = 16, 20, 24  # of polynomials, for wavefronts that a quality's own do not fit
 SURVEY_SHARE = 0.2  # approximate share of the bake's time, for the progress bar
 
 

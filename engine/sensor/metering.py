@@ -48,7 +48,7 @@ def metered(irradiance: SpectralImage, camera: Camera, iso: float | None = None,
 
 def metered_rec709(rec709: np.ndarray, camera: Camera, f_number_effective: float, iso: float | None = None,
                    shutter_s: float | None = None) -> Exposure:
-    """As `metered`, for the picture that a lens makes of light of which only colours are known.
+    """As `metered`, for a lens image in colours, whose spectra are unknown.
 
     Parameters
     ----------

@@ -23,7 +23,7 @@ from .kit import (
 WARM_BLUE = 9.7
 """CIEDE2000 between the blue paint's spectrum in the light of 2800 K and the product of red, green and blue."""
 RED_BLUE = 2.0
-"""The same in the light of the red lamp and as much of the world's: 3.4 without the world's."""
+"""The same in equal light of the red lamp and of the world; in that of the lamp alone it is 3.4."""
 IES = """IESNA:LM-63-2002
 [TEST] narrow downlight
 TILT=NONE

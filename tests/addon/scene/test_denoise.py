@@ -34,7 +34,7 @@ def test_small_lamps_on_a_transparent_film_keep_their_light(scene, tmp_path, rad
 
 
 def test_light_that_nothing_covers_is_kept(scene, tmp_path):
-    """A flame has no alpha."""
+    """As of a flame, where alpha is 0."""
     flame = disc(20, 18, 5.0)
     clean = cleaned(scene, tmp_path, LIGHT * flame, np.zeros_like(flame))
     np.testing.assert_allclose(clean.sum(axis=(1, 2)), LIGHT[:, 0, 0] * flame.sum(), rtol=0.05)

@@ -1,4 +1,4 @@
-"""The exposure of light of which only colours are known: as of its spectra."""
+"""The exposure of a lens image in colours is that of its spectra."""
 
 import numpy as np
 import pytest
