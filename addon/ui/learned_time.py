@@ -37,7 +37,7 @@ class LearnedTime:
 
 
 def learn_time(scene_uid, lens_image):
-    """Remember the time of a scene's finished frame, by the record next to its lens image, unless its light was stored."""
+    """Remember the time of a scene's finished frame, by the record next to its lens image."""
     try:
         facts = json.loads(Result.from_file(Path(lens_image), "lens_image").record.read_text(encoding="utf-8"))
         stages, job = facts["stages_s"], facts["job"]
