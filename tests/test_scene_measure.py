@@ -65,6 +65,17 @@ def _alpha(planes):
     planes[3, :8] = 0.97
 
 
+def test_almost_black_pixels_of_a_mostly_black_picture_show_nothing():
+    """Colours are relative to what is lit, however little that is."""
+    spot = np.zeros((4, *SHAPE))
+    spot[:3, 16:20, 24:28] = np.array([0.5, 0.4, 0.3])[:, None, None]
+    picture = spot.copy()
+    picture[:3, 0, 0] = 1e-5
+    assert compare(picture, [spot, spot], Marks({}, spot, SAMPLES)).faults == ()
+    picture[2] *= 1.1
+    assert any("block 2, 3" in fault for fault in compare(picture, [spot, spot], Marks({}, spot, SAMPLES)).faults)
+
+
 @pytest.mark.parametrize("change, words", [
     (_darker, "mean colour"), (_tinted, "mean colour"), (_missing_thing, "block"), (_missing_mark, "Mark 1 is missing"),
     (_alpha, "alpha")])

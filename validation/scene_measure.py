@@ -30,6 +30,7 @@ DARK = 0.01  # of the brightest pixel: a block with less light counts as this br
 XYZ = np.array([[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750],
                 [0.0193339, 0.1191920, 0.9503041]])  # of linear Rec. 709
 WHITE_PERCENTILE = 90  # of the luminance: lamps are brighter than white
+BLACK = 1e-3  # of the mean luminance: darker pixels show nothing
 
 
 @dataclass(frozen=True)
@@ -128,7 +129,7 @@ def compare(picture, plain, marks, limits=Limits()):
     true = (first + second) / 2
     blocks, true_blocks = _means(picture), _means(true)
     slack = SIGMAS * _sigma(first, second) + limits.misplaced * _around(true_blocks)
-    white = max(np.percentile(_luminance(true), WHITE_PERCENTILE), 1e-9)
+    white = _white(_luminance(true))
     colours = _colour_difference(blocks[:3], true_blocks[:3], slack[:3], white)
     rest = _beyond(blocks[3] - true_blocks[3], slack[3])
     mean, true_mean, slack_mean = (planes.mean(axis=(1, 2))[:, None, None] for planes in (picture, true, true))
@@ -143,6 +144,12 @@ def compare(picture, plain, marks, limits=Limits()):
                        float(np.abs(rest).max()), {name: found for name, (found, _) in off.items()},
                        {name: most for name, (_, most) in off.items()}, of_mean, ())
     return _judged(found, limits)
+
+
+def _white(luminance):
+    """The luminance of bright surfaces. Black pixels do not count: they may be nearly all of the picture."""
+    lit = luminance[luminance > BLACK * luminance.mean()]
+    return max(np.percentile(lit, WHITE_PERCENTILE), 1e-9) if lit.size else 1e-9
 
 
 def _judged(found, limits):
