@@ -36,6 +36,7 @@ def coloured_specular_tint(stage):
 @ordinary()
 def glass(stage):
     """Clear glass in front of things"""
+    stage.scene.cycles.samples *= 4  # for the caustics of small lamps
     _on(stage, painted("Glass", (1, 1, 1), 0.0, Transmission_Weight=1.0))
     stage.ball.location = 0.05, -0.35, 0.15
 
