@@ -66,7 +66,7 @@ def _alpha(planes):
 
 
 def test_almost_black_pixels_of_a_mostly_black_picture_show_nothing():
-    """Colours are relative to what is lit, however little that is."""
+    """Colours are relative to the lit pixels, however few."""
     spot = np.zeros((4, *SHAPE))
     spot[:3, 16:20, 24:28] = np.array([0.5, 0.4, 0.3])[:, None, None]
     picture = spot.copy()

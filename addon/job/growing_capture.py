@@ -12,12 +12,12 @@ from time import monotonic
 import numpy as np
 
 from ...engine.runtime.files import temporary_folder
-from ..scene.denoise import can_denoise, denoise_quickly, denoised, guide_planes, render_with_guides
+from ..scene.denoise import can_denoise, denoise_quickly, guide_planes, render_with_guides
 from ..scene.render_state import rendered_layer, show_samples, show_slab
 from ..scene.undo import Journal
 from .light import place_in
 from .radiance import Captured, captured_from, light_steps, planned_steps, sliced_steps, unfocused_light
-from .sampled_passes import Samples, WholePasses, mean_light
+from .sampled_passes import Samples, WholePasses, denoised_light, mean_light
 
 FINER = 3  # fine pixels in a coarse one, down and across
 LONGEST_S, SHORTEST_S = 0.2, 1e-3  # of a render, which cannot be stopped; and of a sample
@@ -141,11 +141,7 @@ class _GrowingPasses(WholePasses):
             part = _sum(part, (yield from self._range(index, gathered, step, first, count, again)))
             again = True
         self._parts[index, slab.near_m] = slab.region, part
-        if not self._guides:
-            return part.light
-        picture = denoised(self._scene, part.light.cube[0, ::-1], part.light.alpha, part.light.guides,
-                           self._path.parent)
-        return replace(part.light, cube=picture[None, ::-1])
+        return denoised_light(self._scene, part.light, self._path.parent) if self._guides else part.light
 
     def _range(self, index, gathered, step, first, count, again):
         """Steps that render a range of a pass's samples; returns Samples. `again`: the pass follows another range."""

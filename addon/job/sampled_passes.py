@@ -191,12 +191,7 @@ class SampledPasses(WholePasses):
     def light(self, index, gathered, step):
         steps = self._control_steps if index == self.order[0] else self._helped_steps
         light = yield from steps(index, gathered, step)
-        return self._denoised(light) if self._guides else light
-
-    def _denoised(self, light):
-        """The denoised PassLight; all its lamps are in one group."""
-        picture = denoised(self._scene, light.cube[0, ::-1], light.alpha, light.guides, self._path.parent)
-        return replace(light, cube=picture[None, ::-1])
+        return denoised_light(self._scene, light, self._path.parent) if self._guides else light
 
     def _control_steps(self, index, gathered, step):
         """Steps of the pass with all samples; returns its PassLight."""
@@ -310,6 +305,12 @@ class Samples:
     def within(self, part):
         """The same samples in a part of the picture, given as slices of rows and columns."""
         return Samples(self.count[part] if np.ndim(self.count) else self.count, self.light.within(part))
+
+
+def denoised_light(scene, light, folder):
+    """The denoised PassLight, whose lamps are in one group. The folder is for files."""
+    picture = denoised(scene, light.cube[0, ::-1], light.alpha, light.guides, folder)
+    return replace(light, cube=picture[None, ::-1])
 
 
 def _mean_alpha(parts):

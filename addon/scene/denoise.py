@@ -67,8 +67,8 @@ def denoised(scene, picture, alpha, guides, folder):
     covered = np.where(alpha >= LEAST_ALPHA, alpha, picture.any(axis=0)).astype(np.float32)  # 1 for a flame's light
     if not covered.any():
         return np.zeros_like(picture)
-    whole = [_continued(planes / np.where(covered, covered, 1), covered > 0) for planes in (picture, guides)]
-    return _denoised(scene, *whole, folder) * covered
+    continued = [_continued(planes / np.where(covered, covered, 1), covered > 0) for planes in (picture, guides)]
+    return _denoised(scene, *continued, folder) * covered
 
 
 def _continued(planes, known):

@@ -4,6 +4,8 @@ Cycles finds a pixel's depth with the ray of its first sample, which records non
 fog, a fifth of the surfaces' pixels seem to be at infinity.
 """
 
+import bpy
+
 from .instances import cycles_output, rendered_instances
 from .render_state import rendered_world
 
@@ -21,7 +23,10 @@ def hide_volumes(scene, journal):
     bool
         Whether there are any.
     """
-    world, linked, gas = rendered_world(scene), {}, set()
+    world = rendered_world(scene)
+    if not (bpy.data.volumes or any(map(has_volume, bpy.data.materials)) or world and has_volume(world)):
+        return False  # without a look at all instances, of which there may be many
+    linked, gas = {}, set()
     for instance in rendered_instances(scene):
         for material in instance.materials - linked.keys():
             linked[material] = has_volume(material), _is_linked(material, "Surface")

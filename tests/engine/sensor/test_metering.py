@@ -1,4 +1,4 @@
-"""The exposure of a lens image in colours is that of its spectra."""
+"""A lens image in colours and its spectra have the same exposure."""
 
 import numpy as np
 import pytest
