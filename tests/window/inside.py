@@ -32,7 +32,8 @@ def take(step):
 
 def main():
     step = getattr(steps, hands.STEP)()
-    bpy.context.preferences.view.show_splash = False
+    view = bpy.context.preferences.view
+    view.show_splash, view.render_display_type = False, "WINDOW"  # the step before may have saved another type on exit
     bpy.app.timers.register(lambda: take(step), first_interval=FIRST_S, persistent=True)
 
 

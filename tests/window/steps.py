@@ -193,7 +193,6 @@ def guide_pictures():
     yield 2  # for the drawing
     shoot("dialog")
     yield from press("ESC", view)
-    bpy.context.preferences.view.render_display_type = "WINDOW"  # Blender saves the preferences on exit
 
 
 def another_lens():
@@ -240,7 +239,6 @@ def compare():
     assert abs(scene.camera.data.dof.aperture_fstop / compared.f_number - 1) < 1e-6
     yield from press("Z", place, ctrl=True)
     assert bpy.context.scene.camera.data.lensfield.lens == before
-    bpy.context.preferences.view.render_display_type = "WINDOW"  # Blender saves the preferences on exit
 
 
 def own_lens():
@@ -435,7 +433,6 @@ def no_stalls():
         print(f"{name}: the window stands still for up to {max(noted['gaps_s']):.3f} s; the longest uses of its thread "
               f"by Lensfield: {used or 'below 0.01 s'}", flush=True)
     yield from start("preview")
-    bpy.context.preferences.view.render_display_type = "WINDOW"  # Blender saves the preferences on exit
 
 
 def one_look():
@@ -1235,7 +1232,6 @@ def click_compare():
     yield 0.5
     shoot("chosen")
     assert scene.camera.data.lensfield.lens == other.lens
-    bpy.context.preferences.view.render_display_type = "WINDOW"  # Blender saves the preferences on exit
 
 
 def click_focus():
@@ -1291,7 +1287,6 @@ def click_tilt():
         pictures.append(pixels(lens_image_path()))
     assert abs(math.degrees(settings.tilt_deg[0]) - 3) < 1e-4 and settings.copy == 7
     assert not alike(pictures[0], pictures[1]) and not alike(pictures[1], pictures[2])
-    bpy.context.preferences.view.render_display_type = "WINDOW"  # Blender saves the preferences on exit
 
 
 def click_names():
@@ -1324,4 +1319,3 @@ def click_names():
     assert "evening" in lens_image_path().name
     shoot("saved-as")
     assert "Saved copy" not in (yield from blenders_log())
-    bpy.context.preferences.view.render_display_type = "WINDOW"  # Blender saves the preferences on exit
