@@ -9,7 +9,7 @@ from layouts import Layout
 from lensfield.addon.job.named_files import named_files
 from lensfield.addon.job.photo import ShownExposure
 from lensfield.addon.scene import trust
-from lensfield.addon.ui.camera_panel import draw_camera
+from lensfield.addon.ui.camera_panel import draw_camera, exposure_text
 from lensfield.addon.ui.lens_worker import facts_now
 from lensfield.addon.ui.panels import draw_settings
 from lensfield.addon.ui.properties import body_items
@@ -50,9 +50,9 @@ def test_the_exposure_is_shown_as_photographers_write_it(scene):
     settings, dof = scene.camera.data.lensfield, scene.camera.data.dof
     settings.lens, settings.body = "cooke-triplet-50mm", "sony-a7-iv"
     settings.shutter_s = 1 / 125
-    assert "1/125 s" in drawn(scene).labels
-    settings.iso = 800
     facts_now(scene)
+    assert "1/125 s, f/5" in drawn(scene).labels
+    settings.iso = 800
     assert "1/125 s, f/5, ISO 800, EV 8.6" in drawn(scene).labels  # log2(25 * 125 / 8)
     dof.use_dof, dof.aperture_fstop, settings.shutter_s = True, 8.0, 2.5
     facts_now(scene)
@@ -64,6 +64,7 @@ def test_the_exposure_is_shown_as_photographers_write_it(scene):
     other.lensfield.body, other.lensfield.shutter_s, other.lensfield.iso = "sony-a7-iv", 1 / 8000, 100
     draw_camera(layout, scene, other)
     assert "1/8000 s, ISO 100" in layout.labels, "only the lens of the scene's camera is read"
+    assert exposure_text(1 / 125, 0) == "1/125 s", "without an ISO, or an f-number, which may not be known yet"
 
 
 def test_auto_fixes_a_value_as_metered(scene, monkeypatch):
