@@ -14,7 +14,8 @@ from ..footprints import Footprints
 ORDERS = range(4, 9)
 DISTORTION_TOLERANCE = 1e-5  # of the last real height: 0.03 um for a 3 mm field
 ILLUMINATION_TOLERANCE = 1e-3
-STEEP = 4.0  # tangent of the last field angle: the data of wider lenses are smoother over angles
+STEEP = 2.0  # tangent of the last field angle: the data of wider lenses are smoother over angles, and a polynomial in
+# height may meet all of them and swing by percents of the field between them
 INVERSE_SAMPLES = 8193  # linear interpolation between them is accurate to 3e-9 of the field
 
 CaptureRadius = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -113,13 +114,14 @@ def _fit_lit(optics, table):
 
 
 def _fit(optics, table, first_power, tolerance):
-    """The polynomial over the first heights of lens data, or over angles if these fit a very wide field better."""
+    """The polynomial over the first heights of lens data, or over angles if these fit a very wide field well."""
     heights_mm, focal_mm = optics.heights_mm[:table.size], optics.capture_focal_length_mm
-    by_height = fit_polynomial(heights_mm, table, first_power, tolerance)
-    if by_height.residual <= tolerance or heights_mm[-1] <= STEEP * focal_mm:
-        return by_height
-    by_angle = fit_polynomial(heights_mm, table, first_power, tolerance, focal_mm)
-    return min(by_height, by_angle, key=lambda fit: fit.residual)
+    fits = []
+    for focal in [focal_mm, np.inf] if heights_mm[-1] > STEEP * focal_mm else [np.inf]:
+        fits.append(fit_polynomial(heights_mm, table, first_power, tolerance, focal))
+        if fits[-1].residual <= tolerance:
+            break
+    return min(fits, key=lambda fit: fit.residual)
 
 
 def lit_heights(illumination: np.ndarray) -> int:

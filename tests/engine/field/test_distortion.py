@@ -126,9 +126,13 @@ def test_light_ends_at_the_first_dark_height():
     assert field.illumination.residual < 1e-12
 
 
-def test_very_wide_fields_are_fitted_over_angles():
-    """An equal-area fisheye to 89.5 degrees: heights are infinite at a right angle."""
-    focal_mm, degrees = 10.0, np.append(np.linspace(0, 88.5, 17), [89.0, 89.5])
+@pytest.mark.parametrize("degrees", [
+    np.append(np.linspace(0, 88.5, 17), [89.0, 89.5]),  # heights are infinite at a right angle
+    [0, 8.8, 17.6, 26.3, 30.9, 35.0, 43.7, 48.4, 52.4, 61.1, 69.9],  # a polynomial in height meets these, and folds
+    [0, 9, 18, 27, 36, 45, 54, 63, 72]])
+def test_very_wide_fields_are_fitted_over_angles(degrees):
+    """An equal-area fisheye, also at few heights and uneven ones."""
+    focal_mm = 10.0
     paraxial_mm = focal_mm * np.tan(np.radians(degrees))
 
     def real(p):
@@ -137,7 +141,7 @@ def test_very_wide_fields_are_fitted_over_angles():
     lens = make_lens(real_height_mm=lambda nm, p: real(p), heights_mm=paraxial_mm, magnification=0.0,
                      object_distance_mm=np.inf)
     field = FieldGeometry(lens.at_wavelength(550), lens.name)
-    between_mm = focal_mm * np.tan(np.radians(np.linspace(1, 89.4, 60)))
+    between_mm = focal_mm * np.tan(np.radians(np.linspace(1, degrees[-1] - 0.1, 60)))
     step = 1e-5 * between_mm
     slope = (real(between_mm + step) - real(between_mm - step)) / (2 * step)
     np.testing.assert_allclose(field.real_height_mm(between_mm), real(between_mm), atol=2e-4)  # the fit's tolerance
