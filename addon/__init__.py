@@ -4,18 +4,18 @@ import bpy
 
 from ..engine.runtime.cache import set_cache_folder
 from ..request import RenderRequest
-from .job.animation import Animation, render_animation
-from .job.child import sweep
-from .job.comparison import plan_comparison, render_comparison
 from .job.job import check_output_folder, folder_for, set_blend_folder
 from .job.photo import camera_words
-from .job.preflight import preflight
-from .job.refilter import apply_lens
-from .job.render import render_through_lens, shared_cache
 from .job.result import check_next_to_frames
-from .job.scene_preview import changed_scene, moved_preview, open_preview, opened_preview
-from .job.session import take_session
 from .job.source import source_digest
+from .render.animation import Animation, render_animation
+from .render.child import sweep
+from .render.comparison import plan_comparison, render_comparison
+from .render.preflight import preflight
+from .render.refilter import apply_lens
+from .render.render import render_through_lens, shared_cache
+from .render.scene_preview import changed_scene, moved_preview, open_preview, opened_preview
+from .render.session import take_session
 from .scene.active_camera import camera_settings
 from .scene.compositor_watch import start_watching, stop_watching
 from .scene.lens_cache import forget_lenses

@@ -16,9 +16,9 @@ from noise_of_samples import CORNELL, drained, open_scene
 from scene_figures import SCENE, colour_errors
 
 from lensfield import addon
-from lensfield.addon.job.radiance import capture
-from lensfield.addon.job.render import job_of_frame
+from lensfield.addon.capture.radiance import capture
 from lensfield.addon.job.result import Result
+from lensfield.addon.render.render import job_of_frame
 from lensfield.commands.terminal import quiet
 from lensfield.engine import Options, simulate
 

@@ -24,10 +24,10 @@ from mathutils import Vector
 from scene_figures import SCENE, colour_errors
 
 from lensfield import addon
-from lensfield.addon.job import radiance
-from lensfield.addon.job.render import job_of_frame
+from lensfield.addon.capture import radiance
 from lensfield.addon.job.result import Result
 from lensfield.addon.job.steps import RenderPass
+from lensfield.addon.render.render import job_of_frame
 from lensfield.commands.terminal import quiet
 from lensfield.engine.runtime.errors import InputError
 from lensfield.engine.spectral.wavelength_choice import sensor_error

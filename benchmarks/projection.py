@@ -16,8 +16,8 @@ import bpy
 import numpy as np
 
 from lensfield import addon
-from lensfield.addon.job.render import job_of_frame, render_steps
 from lensfield.addon.job.steps import RenderPass
+from lensfield.addon.render.render import job_of_frame, render_steps
 from lensfield.commands.terminal import quiet
 from lensfield.engine.field import overscan
 from lensfield.engine.image.projection import fitted_projection

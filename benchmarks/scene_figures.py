@@ -17,8 +17,8 @@ import bpy
 import numpy as np
 
 from lensfield import addon
-from lensfield.addon.job.render import job_of_frame, render_steps
 from lensfield.addon.job.steps import RenderPass
+from lensfield.addon.render.render import job_of_frame, render_steps
 from lensfield.commands.terminal import quiet
 from lensfield.engine import Options
 from lensfield.engine.pictures.spectral_exr import read_exr

@@ -18,8 +18,8 @@ from pathlib import Path
 import bpy
 
 from lensfield import addon
-from lensfield.addon.job.render import job_of_frame, render_steps
 from lensfield.addon.job.steps import RenderPass
+from lensfield.addon.render.render import job_of_frame, render_steps
 from lensfield.commands.terminal import quiet
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 

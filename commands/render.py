@@ -62,7 +62,7 @@ def add_copy_options(group):
                        help="folder of the original .blend, for the // paths of the scene's Lensfield settings, if "
                             "SCENE is a copy of it elsewhere")
     group.add_argument("--session", type=Path, metavar="FILE.npz",
-                       help="state of the Blender window that the copied file lacks (addon/job/session.py)")
+                       help="state of the Blender window that the copied file lacks (addon/render/session.py)")
 
 
 def _folders(options):

@@ -52,10 +52,13 @@ FLOORS = {
     # Blender's side
     "addon.scene": {"engine"},
     "addon.shading": {"addon.scene", "engine"},
-    "addon.job": {"addon.shading", "addon.scene", "commands.child", "request", "engine"},
-    "addon.ui": {"addon.job", "addon.shading", "addon.scene", "commands.child", "commands.messages", "request",
-                 "engine"},
-    "addon": {"addon.ui", "addon.job", "addon.scene", "request", "engine"},
+    "addon.job": {"addon.shading", "addon.scene", "request", "engine"},
+    "addon.capture": {"addon.job", "addon.shading", "addon.scene", "request", "engine"},
+    "addon.render": {"addon.capture", "addon.job", "addon.shading", "addon.scene", "commands.child", "request",
+                     "engine"},
+    "addon.ui": {"addon.render", "addon.capture", "addon.job", "addon.shading", "addon.scene", "commands.child",
+                 "commands.messages", "request", "engine"},
+    "addon": {"addon.ui", "addon.render", "addon.job", "addon.scene", "request", "engine"},
     # the command, and the entry points of Blender and Python
     "commands": {"commands.child", "commands.messages", "addon", "addon.shading", "request", "engine"},
     "cli": {"commands", "engine", ""},

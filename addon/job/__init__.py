@@ -1,1 +1,1 @@
-"""The main job, step by step: the scene's plan, its passes, their radiance, the lens image."""
+"""What capture and render both know: the job, its files and their record, its result, and its steps."""

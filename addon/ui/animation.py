@@ -2,7 +2,7 @@
 
 import bpy
 
-from ..job.animation import frames_of, render_animation
+from ..render.animation import frames_of, render_animation
 from . import window_render
 from .flamenco import draw_flamenco
 from .operators import LensRender

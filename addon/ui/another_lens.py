@@ -2,7 +2,7 @@
 
 import bpy
 
-from ..job.refilter import applied_fields, apply_lens, may_have_radiance, rendered_state, saved_radiance
+from ..render.refilter import applied_fields, apply_lens, may_have_radiance, rendered_state, saved_radiance
 from ..scene.compositor import lay_into_compositor
 from . import window_render
 from .operators import LensRender

@@ -3,7 +3,7 @@
 import bpy
 
 from ...engine.runtime.errors import InputError
-from ..job.preflight import preflight
+from ..render.preflight import preflight
 from ..scene.active_camera import camera_settings
 from ..scene.rings import rings_for
 from ..shading.lint import counts_text

@@ -6,8 +6,8 @@ import bpy
 
 from ...engine.field.overscan import CAMERA_VIEW
 from ...engine.runtime.errors import InputError, one_line
-from ..job.remarks import ENOUGH_SAMPLES
-from ..job.render import render_through_lens
+from ..capture.remarks import ENOUGH_SAMPLES
+from ..render.render import render_through_lens
 from ..scene.active_camera import camera_data, camera_settings, settings_to_edit
 from ..scene.camera import aim_camera, check_camera, frame_grid, match_camera_to_lens, pixel_aspect, size_for_view
 from ..scene.compositor import show_file

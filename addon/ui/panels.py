@@ -15,9 +15,9 @@ from ...engine.field.overscan import LENS_VIEW
 from ...engine.lens.formats import crop_factor
 from ...engine.library import has_rings
 from ...engine.runtime.errors import InputError
+from ..capture.remarks import MANY_SAMPLES, SAME_VIEW
 from ..job.job import folder_for, is_temporary
 from ..job.named_files import FROM_FILE, named_files
-from ..job.remarks import MANY_SAMPLES, SAME_VIEW
 from ..job.result import Result
 from ..scene.active_camera import camera_data, camera_settings
 from ..scene.camera import (

@@ -9,10 +9,10 @@ from ...commands.messages import duration
 from ...engine.image.detail import splitting_bytes
 from ...engine.image.sampling import Sampling
 from ...engine.plan.plan_cache import cached_plan
-from ..job.bands import pass_count
+from ..capture.bands import pass_count
+from ..capture.radiance import detail_bytes, pass_bytes
+from ..capture.sampled_passes import detail_times
 from ..job.job import denoises
-from ..job.radiance import detail_bytes, pass_bytes
-from ..job.sampled_passes import detail_times
 from ..scene.camera import frame_capture, frame_grid, frame_px, lens_for_view
 from .areas import areas
 from .learned_time import expected_seconds

@@ -19,11 +19,11 @@ from bpy.app.handlers import persistent
 
 from ...commands.child import Child
 from ...engine.runtime.errors import InputError
-from ..job.child import CONTINUE, lensfield_command, preview_arguments, save_copy, work_folder
-from ..job.growing_capture import FINER
+from ..capture.growing_capture import FINER
 from ..job.named_files import check_named_files, named_files
 from ..job.photo import ShownExposure
 from ..job.result import Result
+from ..render.child import CONTINUE, lensfield_command, preview_arguments, save_copy, work_folder
 from ..scene.active_camera import camera_settings
 from ..scene.camera import check_camera, frame_px, view_tangents
 from ..scene.changes import (

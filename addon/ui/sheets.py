@@ -16,7 +16,7 @@ from ...engine.inspection.sheet import write_lens_plot
 from ...engine.library import has_rings
 from ...engine.runtime import cache
 from ...engine.runtime.files import atomic_path
-from ..job.child import work_folder
+from ..render.child import work_folder
 from .areas import redraw_panels
 
 TICK_S = 0.2

@@ -15,16 +15,16 @@ from bpy.app.handlers import persistent
 from ...commands.child import Child
 from ...commands.messages import duration, time_left
 from ...engine.runtime.errors import InputError
-from ..job.animation import frames_of
-from ..job.child import apply_command, compare_command, render_command, save_copy, work_folder
-from ..job.finished_passes import passes_left
+from ..capture.finished_passes import passes_left
+from ..capture.scene_plan import check_wavelengths
 from ..job.job import check_output_folder, folder_for, requested
 from ..job.named_files import check_named_files
 from ..job.photo import chosen_camera
-from ..job.refilter import rendered_state, saved_radiance
-from ..job.scene_plan import check_wavelengths
-from ..job.session import lost_images
 from ..job.source import check_sources, window_digest
+from ..render.animation import frames_of
+from ..render.child import apply_command, compare_command, render_command, save_copy, work_folder
+from ..render.refilter import rendered_state, saved_radiance
+from ..render.session import lost_images
 from ..scene.compositor import (
     fingerprint_now,
     follow_frames,

@@ -59,7 +59,7 @@ def test_package_is_valid_and_contains_the_runtime_files(package):
     names = zipfile.ZipFile(package).namelist()
     assert {"blender_manifest.toml", "__init__.py", "cli.py", "request.py", "commands/render.py",
             "engine/simulation/simulate.py",
-            "addon/job/render.py", "engine/library/edmund-54852.npz",
+            "addon/render/render.py", "engine/library/edmund-54852.npz",
             "addon/scene/traced_camera.osl",
             "engine/library/prescriptions/tessar-50mm.toml", "engine/library/pictures/tessar-50mm.jpg",
             "engine/spectral/data/cie1931_2deg.csv",

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from lensfield import addon
-from lensfield.addon.job import animation as animation_module
-from lensfield.addon.job import pictures
 from lensfield.addon.job.result import FRAME_FILES, LENS_FILES
+from lensfield.addon.render import animation as animation_module
+from lensfield.addon.render import pictures
 from lensfield.engine.pictures.spectral_exr import read_exr
 from lensfield.engine.runtime.errors import InputError
 from small_scenes import keyframe_world, light, material, set_world, wall

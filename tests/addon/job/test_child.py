@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from lensfield.addon.job import child
 from lensfield.addon.job.job import set_blend_folder, unsaved_folder
+from lensfield.addon.render import child
 from lensfield.addon.scene.errors import SceneError
 from lensfield.commands.child import Child
 from small_scenes import light, material, wall

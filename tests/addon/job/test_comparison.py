@@ -6,7 +6,7 @@ import pytest
 from PIL import Image
 
 from lensfield import addon
-from lensfield.addon.job import comparison as comparison_module
+from lensfield.addon.render import comparison as comparison_module
 from lensfield.addon.scene.look import look_of, shown_pixels
 from lensfield.cli import main
 from lensfield.engine import InputError, Options

@@ -11,10 +11,11 @@ import kill
 import pytest
 
 from lensfield import addon
-from lensfield.addon.job import finished_passes, source
-from lensfield.addon.job.render import job_of_frame, render_steps, run
+from lensfield.addon.capture import finished_passes
+from lensfield.addon.job import source
 from lensfield.addon.job.result import Result
 from lensfield.addon.job.steps import RenderPass
+from lensfield.addon.render.render import job_of_frame, render_steps, run
 from lensfield.engine.runtime import files
 from lensfield.engine.runtime.errors import InputError
 from lensfield.engine.runtime.locks import Busy
@@ -212,7 +213,7 @@ def test_one_capture_of_a_focus_rack_is_cached_until_its_last_frame(deep, tmp_pa
     assert "one capture" in animation.plan
     animation.render(1)
     assert passes(tmp_path / "one")
-    monkeypatch.setattr("lensfield.addon.job.render._render", lambda scene: 1 / 0)  # everything is cached
+    monkeypatch.setattr("lensfield.addon.render.render._render", lambda scene: 1 / 0)  # everything is cached
     addon.render_animation(deep, [1, 2, 3], output_folder=tmp_path / "one", **options)
     assert not kill.differing(tmp_path / "whole", tmp_path / "one")
     assert not (tmp_path / "one" / ".lensfield").exists()

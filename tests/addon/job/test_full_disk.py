@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from full_disk import room_for
-from lensfield.addon.job import finished_passes, light
-from lensfield.addon.job.render import render_through_lens
-from lensfield.addon.job.session import write_session
+from lensfield.addon.capture import finished_passes, light
+from lensfield.addon.render.render import render_through_lens
+from lensfield.addon.render.session import write_session
 from lensfield.addon.scene.denoise import denoised
 from lensfield.commands.child import Child
 from lensfield.engine import InputError

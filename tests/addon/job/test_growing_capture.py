@@ -4,12 +4,12 @@ import bpy
 import numpy as np
 import pytest
 
-from lensfield.addon.job import growing_capture as growing
-from lensfield.addon.job.growing_capture import FINER, Grown, growing_capture, sample_ends
-from lensfield.addon.job.render import job_of_frame, render_through_lens
-from lensfield.addon.job.scene_preview import COARSE_NM, metameric
-from lensfield.addon.job.slabs import Cut, Slab
+from lensfield.addon.capture import growing_capture as growing
+from lensfield.addon.capture.growing_capture import FINER, Grown, growing_capture, sample_ends
+from lensfield.addon.capture.slabs import Cut, Slab
 from lensfield.addon.job.steps import RenderPass, Work
+from lensfield.addon.render.render import job_of_frame, render_through_lens
+from lensfield.addon.render.scene_preview import COARSE_NM, metameric
 from lensfield.engine import Options
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.pictures.preview import to_rec709

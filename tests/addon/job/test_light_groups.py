@@ -433,7 +433,7 @@ def test_scene_and_groups_are_restored_afterwards(scene, tmp_path, monkeypatch, 
     bpy.context.view_layer.update()
     before = snapshot()
     if fails:
-        monkeypatch.setattr("lensfield.addon.job.finished_passes.read_pass", lambda *_: 1 / 0)
+        monkeypatch.setattr("lensfield.addon.capture.finished_passes.read_pass", lambda *_: 1 / 0)
         with pytest.raises(ZeroDivisionError):
             radiance(scene, tmp_path, depth="auto")
     else:

@@ -11,10 +11,11 @@ import OpenEXR
 import pytest
 
 from lensfield import addon
-from lensfield.addon.job import one_capture, slabs
-from lensfield.addon.job.one_capture import OneCapture
-from lensfield.addon.job.render import job_of_frame
+from lensfield.addon.capture import slabs
 from lensfield.addon.job.result import FRAME_FILES
+from lensfield.addon.render import one_capture
+from lensfield.addon.render.one_capture import OneCapture
+from lensfield.addon.render.render import job_of_frame
 from lensfield.engine.pictures.spectral_exr import read_exr
 from lensfield.engine.runtime import files
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions

@@ -7,8 +7,8 @@ import pytest
 
 from lensfield import addon, cli
 from lensfield.addon import preflight
-from lensfield.addon.job import preflight as before_a_render
-from lensfield.addon.job.remarks import UNLAYERED
+from lensfield.addon.capture.remarks import UNLAYERED
+from lensfield.addon.render import preflight as before_a_render
 from lensfield.engine.runtime.errors import InputError
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 from small_scenes import adjust, light, material, set_world, wall

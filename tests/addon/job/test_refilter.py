@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lensfield import addon
-from lensfield.addon.job import refilter
+from lensfield.addon.render import refilter
 from lensfield.engine import ImageError, InputError, Options, load_lens
 from lensfield.engine.field.field_map import field_map
 from lensfield.engine.pictures.spectral_exr import (

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from lensfield.addon.job.job import Job
-from lensfield.addon.job.render import render_steps, run
 from lensfield.addon.job.steps import RenderPass
+from lensfield.addon.render.render import render_steps, run
 from lensfield.addon.scene.errors import SceneError
 from lensfield.addon.scene.render_state import stand_in_camera
 from lensfield.addon.scene.undo import Journal
@@ -309,7 +309,7 @@ def test_only_the_compositor_changes_on_request(rich_scene, tmp_path):
 
 def test_scene_is_the_same_after_an_unexpected_failure(rich_scene, tmp_path, monkeypatch):
     before = snapshot()
-    monkeypatch.setattr("lensfield.addon.job.finished_passes.read_pass", lambda *_: 1 / 0)
+    monkeypatch.setattr("lensfield.addon.capture.finished_passes.read_pass", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         run(render_steps(rich_scene, job(tmp_path)))
     assert not differences(before, snapshot())

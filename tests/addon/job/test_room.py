@@ -4,9 +4,9 @@ import re
 
 import pytest
 
-from lensfield.addon.job import render as render_module
-from lensfield.addon.job.preflight import preflight
-from lensfield.addon.job.render import render_through_lens
+from lensfield.addon.render import render as render_module
+from lensfield.addon.render.preflight import preflight
+from lensfield.addon.render.render import render_through_lens
 from lensfield.engine import InputError
 from lensfield.engine.runtime import memory
 

@@ -6,10 +6,10 @@ import bpy
 import numpy as np
 import pytest
 
-from lensfield.addon.job import radiance, sampled_passes
-from lensfield.addon.job.light import GatheredLight
-from lensfield.addon.job.refilter import apply_lens
-from lensfield.addon.job.render import render_through_lens
+from lensfield.addon.capture import radiance, sampled_passes
+from lensfield.addon.capture.light import GatheredLight
+from lensfield.addon.render.refilter import apply_lens
+from lensfield.addon.render.render import render_through_lens
 from lensfield.engine import Options
 from lensfield.engine.image.supersampling import split_pixels
 from lensfield.engine.pictures.spectral_exr import read_exr, read_with_layers, read_with_planes

@@ -235,7 +235,7 @@ def test_a_coloured_specular_tint_is_rendered_one_wavelength_at_a_time(scene, tm
 def test_rendering_tinted_wavelengths_together_would_be_wrong(scene, tmp_path, monkeypatch):
     """Otherwise the test above would prove nothing."""
     tinted_ball(scene)
-    monkeypatch.setattr("lensfield.addon.job.scene_plan.judge", lambda *_: ())
+    monkeypatch.setattr("lensfield.addon.capture.scene_plan.judge", lambda *_: ())
     together, facts = rendered(scene, tmp_path, WAVELENGTHS_NM, "reference")
     assert facts["passes"] == 1
     blue, _ = rendered(scene, tmp_path, WAVELENGTHS_NM[:1])

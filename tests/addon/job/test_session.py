@@ -7,7 +7,7 @@ import OpenEXR
 import pytest
 from PIL import Image
 
-from lensfield.addon.job import session
+from lensfield.addon.render import session
 from lensfield.addon.ui import window_render
 from small_scenes import material, wall
 from snapshot import differences, snapshot

@@ -8,7 +8,7 @@ import pytest
 
 from layouts import Layout
 from lensfield import addon
-from lensfield.addon.job.render import shared_cache
+from lensfield.addon.render.render import shared_cache
 from lensfield.addon.scene.lens_cache import load_lens
 from lensfield.addon.ui.panels import draw_settings
 from lensfield.addon.ui.properties import LensfieldSettings, offered_lenses

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from lensfield import addon
-from lensfield.addon.job import slabs
+from lensfield.addon.capture import slabs
 from lensfield.addon.scene.bodies import EVERYWHERE_MM, uncut_depths_mm
 from lensfield.addon.scene.camera import capture_grid
 from lensfield.engine import InputError, load_lens

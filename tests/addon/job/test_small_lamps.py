@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from lensfield import addon
-from lensfield.addon.job.emitters import emitters_of
+from lensfield.addon.capture.emitters import emitters_of
+from lensfield.addon.capture.radiance import job_grid
 from lensfield.addon.job.job import job_of
-from lensfield.addon.job.radiance import job_grid
 from lensfield.addon.shading.lobes import shines
 from lensfield.engine.depth.depth_range import blur_px
 from lensfield.engine.pictures.spectral_exr import read_exr, read_with_layers

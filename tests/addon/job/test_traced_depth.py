@@ -10,8 +10,8 @@ import pytest
 
 from afocal import AFOCAL
 from lensfield.addon import render_through_lens
-from lensfield.addon.job.child import preview_arguments
-from lensfield.addon.job.preflight import preflight
+from lensfield.addon.render.child import preview_arguments
+from lensfield.addon.render.preflight import preflight
 from lensfield.addon.scene import traced_camera
 from lensfield.engine import InputError, load_lens
 from lensfield.engine.bake.bake import bake

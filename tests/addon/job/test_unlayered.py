@@ -8,7 +8,7 @@ import pytest
 from mathutils import Euler, Vector
 
 from lensfield.addon import preflight, render_through_lens
-from lensfield.addon.job.unlayered import MIRRORED, REFRACTED, VOLUME, unlayered
+from lensfield.addon.capture.unlayered import MIRRORED, REFRACTED, VOLUME, unlayered
 from lensfield.addon.scene import depth
 from lensfield.addon.scene.camera import capture_grid
 from lensfield.addon.scene.depth import View

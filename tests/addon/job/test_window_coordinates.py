@@ -6,7 +6,7 @@ import pytest
 
 from lenses import gaussian_psf, make_lens, tinted
 from lensfield import addon
-from lensfield.addon.job.preflight import preflight
+from lensfield.addon.render.preflight import preflight
 from lensfield.addon.scene.render_state import effective_samples
 from lensfield.engine import load_lens
 from lensfield.engine.pictures.spectral_exr import read_exr

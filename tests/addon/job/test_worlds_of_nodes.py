@@ -9,12 +9,12 @@ from mathutils import Vector
 from scipy.ndimage import center_of_mass, label
 
 from lensfield.addon import apply_lens
-from lensfield.addon.job import sky
-from lensfield.addon.job.growing_capture import growing_capture
-from lensfield.addon.job.outside_sources import outside_steps
-from lensfield.addon.job.radiance import WholePasses, light_steps, planned_steps, sliced_steps
-from lensfield.addon.job.render import job_of_frame, render_steps, run
+from lensfield.addon.capture import sky
+from lensfield.addon.capture.growing_capture import growing_capture
+from lensfield.addon.capture.outside_sources import outside_steps
+from lensfield.addon.capture.radiance import WholePasses, light_steps, planned_steps, sliced_steps
 from lensfield.addon.job.steps import RenderPass
+from lensfield.addon.render.render import job_of_frame, render_steps, run
 from lensfield.addon.scene.undo import Journal
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.pictures.spectral_exr import read_exr

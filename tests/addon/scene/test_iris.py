@@ -10,7 +10,7 @@ import pytest
 
 from lensfield import addon
 from lensfield.addon.job.record import read_record
-from lensfield.addon.job.render import job_of_frame
+from lensfield.addon.render.render import job_of_frame
 from lensfield.addon.scene import rings
 from lensfield.addon.scene.rings import scene_iris, scene_lens
 from lensfield.cli import _parser

@@ -9,7 +9,7 @@ import pytest
 from mathutils import Matrix
 
 from lensfield import addon
-from lensfield.addon.job.render import job_of_frame
+from lensfield.addon.render.render import job_of_frame
 from lensfield.addon.scene.rings import FIXED, ring_fields, rings_for, scene_lens, scene_rings
 from lensfield.cli import _parser
 from lensfield.commands.arguments import rings_option

@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 import pytest
 
-from lensfield.addon.job.bands import passes
+from lensfield.addon.capture.bands import passes
 from lensfield.addon.scene.errors import SceneError
 from lensfield.addon.shading.wiring import single_shader
 from lensfield.engine.pictures.spectral_exr import read_exr

@@ -6,7 +6,7 @@ import bpy
 import pytest
 
 from layouts import Layout
-from lensfield.addon.job.child import COMPARISON
+from lensfield.addon.render.child import COMPARISON
 from lensfield.addon.ui import comparison, window_render
 from lensfield.addon.ui.panels import draw_settings
 from lensfield.addon.ui.properties import offered_lenses

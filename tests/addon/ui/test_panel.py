@@ -10,9 +10,9 @@ from bpy_extras.object_utils import world_to_camera_view
 
 from layouts import Layout
 from lensfield import addon
+from lensfield.addon.capture.radiance import pass_bytes
+from lensfield.addon.capture.remarks import ENOUGH_SAMPLES
 from lensfield.addon.job.job import folder_for, unsaved_folder
-from lensfield.addon.job.radiance import pass_bytes
-from lensfield.addon.job.remarks import ENOUGH_SAMPLES
 from lensfield.addon.scene.camera import capture_grid
 from lensfield.addon.scene.errors import SceneError
 from lensfield.addon.scene.requirements import check_scene

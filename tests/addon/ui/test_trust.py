@@ -12,8 +12,8 @@ import pytest
 from PIL import Image
 
 from layouts import Layout
-from lensfield.addon.job.child import save_copy
 from lensfield.addon.job.named_files import named_files
+from lensfield.addon.render.child import save_copy
 from lensfield.addon.scene import trust
 from lensfield.addon.scene.compositor import compositor_state, lay_into_compositor
 from lensfield.addon.scene.compositor_watch import check, look_again

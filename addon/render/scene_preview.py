@@ -24,17 +24,17 @@ from ...engine.runtime.errors import InputError
 from ...engine.simulation.lens_image import lens_image
 from ...engine.spectral.colour import metamer_weights
 from ...request import RING_FIELDS, RenderRequest
+from ..capture.growing_capture import FINER, Grown, Moved, growing_capture
+from ..job.photo import exposed
+from ..job.result import Result
+from ..job.steps import Work
 from ..scene.changes import take_changes
 from ..scene.lens_cache import SKETCHED, load_lens
 from ..scene.moves import take_moves
 from ..scene.rings import ring_fields, scene_rings
-from .growing_capture import FINER, Grown, Moved, growing_capture
-from .photo import exposed
 from .pictures import alpha_through_lens
 from .refilter import edges_on_lens_mm, fitted, rings_in_view
 from .render import job_of_frame, run
-from .result import Result
-from .steps import Work
 
 CACHE_MB = 256  # for the lens at each size
 REST_S, POLL_S = 0.25, 0.02

@@ -10,10 +10,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..job.steps import RenderPass
 from ..scene.render_state import show_slab
 from ..scene.units import metres_per_unit
 from .slabs import BEYOND_ALL_UNITS
-from .steps import RenderPass
 
 WITHOUT_SCENE = {"max_bounces": 0, "use_adaptive_sampling": False, "use_denoising": False}
 

@@ -18,10 +18,10 @@ from ...engine.runtime.errors import InputError
 from ...engine.runtime.files import discard, hidden_folder, matching, move, note_resumable, remove, uninterrupted
 from ...engine.runtime.locks import Busy, only_writer
 from ...engine.runtime.values import json_value
+from ..job.record import recorded_fields
+from ..job.result import stem_of
+from ..job.steps import Work
 from .light import read_pass
-from .record import recorded_fields
-from .result import stem_of
-from .steps import Work
 
 LEFT_FREE = 3  # in units of the radiance's size: disk space for the frame's own files
 WAIT_S = 0.5

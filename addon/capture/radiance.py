@@ -26,6 +26,9 @@ from ...engine.runtime.scratch import SAMPLE_BYTES, check_disk, folder_if_large,
 from ...engine.simulation.report_parts import SceneFacts
 from ...engine.spectral.wavelength_choice import FOREIGN_SURPRISE
 from ...engine.stray.sources import Sources
+from ..job.shown import write_growing
+from ..job.steps import RenderPass, Work
+from ..job.targets import check_files
 from ..scene.camera import capture_grid, captured_region, frame_grid, render_region
 from ..scene.render_state import (
     clamps_of,
@@ -61,11 +64,8 @@ from .sampled_passes import (
     shares_noise,
 )
 from .scene_plan import plan_scene
-from .shown import write_growing
 from .sky import map_steps
 from .slabs import cut_steps, finer_region, looked_at, single_slab
-from .steps import RenderPass, Work
-from .targets import check_files
 
 BACKGROUND_M = 1e10
 OPAQUE = 1 - 1e-5  # least alpha of an opaque pixel, by rounding

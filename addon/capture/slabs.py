@@ -12,13 +12,13 @@ from ...engine.depth.depth_range import BACKGROUND_MM, blur_per_nearness_px, pla
 from ...engine.depth.iris import opening
 from ...engine.depth.slabs import MOST_SLABS, SlabPlan, plan_slabs
 from ...engine.image.pixel_grid import PixelGrid
+from ..job.steps import RenderPass
 from ..scene.bodies import uncut_depths_mm
 from ..scene.render_state import guard_render_state, rendered_layer
 from ..scene.undo import Journal
 from ..scene.units import M_TO_MM, depth_pass_m, metres_per_unit
 from ..scene.volumes import hide_volumes
 from .light import depth_pass
-from .steps import RenderPass
 
 PREVIEW_SLABS = 4
 OVERLAP_PX = 0.5  # blur difference by which slabs overlap in a body that they cut

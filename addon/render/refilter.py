@@ -36,23 +36,23 @@ from ...engine.runtime.errors import absence
 from ...engine.runtime.files import check_target, discard, file_status, link_or_copy, stamp_of
 from ...engine.simulation.report_parts import FileFacts
 from ...request import CAMERA, CAMERA_FIELDS, RING_FIELDS, RenderRequest
+from ..capture.radiance import Captured
+from ..capture.remarks import ROUND_BLUR
+from ..capture.slabs import finer_region
+from ..job.job import check_output_folder, folder_for
+from ..job.origin import is_light_of, stored_origin
+from ..job.photo import check_photo, chosen_camera
+from ..job.result import Result
+from ..job.shown import LOOK
+from ..job.steps import Work
 from ..scene.camera import captured_region, frame_px, sensor_warning, shift_warning, size_warning
 from ..scene.compositor import laid_fingerprint, shown_folder
 from ..scene.lens_cache import lens_on_sensor, load_lens, scaled_lens
 from ..scene.look import look_of
 from ..scene.look import to_text as look_text
 from ..scene.rings import ring_fields, rings_for, scene_iris
-from .job import check_output_folder, folder_for
-from .origin import is_light_of, stored_origin
-from .photo import check_photo, chosen_camera
 from .pictures import REGION
-from .radiance import Captured
-from .remarks import ROUND_BLUR
 from .render import lens_steps, run
-from .result import Result
-from .shown import LOOK
-from .slabs import finer_region
-from .steps import Work
 
 APPLIED_DEPTHS = AUTO, OFF
 APPLIED_FIELDS = ("lens", "output_folder", "options", "stray", "view", *RING_FIELDS, "iris", "lens_quality",

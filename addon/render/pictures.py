@@ -12,7 +12,7 @@ from ...engine.pictures.preview import to_rec709
 from ...engine.pictures.spectral_exr import write_exr, write_plane_exr, write_rgb_exr
 from ...engine.runtime.files import stamp_of
 from ...engine.spectral.colour import REC709_LUMINANCE, rec709_weights
-from .shown import write_shown
+from ..job.shown import write_shown
 
 REGION = "region"  # the channel of Blender's render region
 _written = {}  # by path: the lens and frame that it is for, and its stamp

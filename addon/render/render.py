@@ -10,6 +10,16 @@ from ...engine.image.spectral_image import IRRADIANCE
 from ...engine.runtime.files import discard
 from ...engine.runtime.locks import only_writer
 from ...engine.simulation.lens_image import lens_image
+from ..capture.finished_passes import remove_passes
+from ..capture.radiance import capture
+from ..capture.scene_plan import check_job
+from ..job.job import check_output_folder, job_of
+from ..job.origin import attribute_of, check_replaced, origin_of
+from ..job.photo import shown_picture, take_photo
+from ..job.record import write_record
+from ..job.result import PINHOLE_FILES, Result
+from ..job.shown import LOOK, look_for
+from ..job.steps import RenderPass, Work
 from ..scene.compositor import fingerprint_anew, key_of, lay_into_compositor
 from ..scene.errors import SceneError
 from ..scene.lens_cache import unwatched
@@ -17,17 +27,7 @@ from ..scene.render_state import go_to_frame
 from ..scene.requirements import check_scene
 from ..scene.undo import Journal
 from ..scene.watch import samples_watched
-from .finished_passes import remove_passes
-from .job import check_output_folder, job_of
-from .origin import attribute_of, check_replaced, origin_of
-from .photo import shown_picture, take_photo
 from .pictures import write_film_pictures, write_irradiance, write_pictures, write_radiance
-from .radiance import capture
-from .record import write_record
-from .result import PINHOLE_FILES, Result
-from .scene_plan import check_job
-from .shown import LOOK, look_for
-from .steps import RenderPass, Work
 
 RENDER_SHARE = 0.85  # of the progress bar; the rest is the engine's and the files'
 WRITING = 0.96  # of the progress bar, when the files are about to be written

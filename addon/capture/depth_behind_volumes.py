@@ -1,10 +1,10 @@
 """Depth of the surfaces behind volumes, from a render without these."""
 
+from ..job.steps import RenderPass
 from ..scene.render_state import read_again, show_samples, show_slab
 from ..scene.undo import Journal
 from ..scene.volumes import hide_volumes
 from .slabs import LOOK
-from .steps import RenderPass
 
 
 def depth_behind_volumes(ready, lights, capture_px, fraction):

@@ -10,6 +10,17 @@ from ...engine.depth.depth_range import AUTO
 from ...engine.depth.slabs import SlabPlan
 from ...engine.runtime.errors import InputError
 from ...engine.runtime.files import nearest_existing
+from ..capture.emitters import emitters_of
+from ..capture.empty_frame import empty_reasons
+from ..capture.radiance import job_grid, room_for_capture
+from ..capture.remarks import Remark, colour_remarks, depth_remarks, scale_remarks, scene_remarks, unlayered_remarks
+from ..capture.scene_plan import ScenePlan, check_job, plan_scene
+from ..capture.slabs import looked_at, plan_by
+from ..job.job import check_output_folder, job_of
+from ..job.origin import check_replaced
+from ..job.photo import camera_words
+from ..job.result import Result
+from ..job.targets import check_files
 from ..scene.compositor import fingerprint_now
 from ..scene.depth import visible_depth_mm
 from ..scene.render_state import go_to_frame, stand_in_camera, turn_on_layer
@@ -18,17 +29,6 @@ from ..scene.undo import Journal
 from ..shading.lint import lint
 from ..shading.lobes import shines
 from ..shading.repeated import tinting_objects
-from .emitters import emitters_of
-from .empty_frame import empty_reasons
-from .job import check_output_folder, job_of
-from .origin import check_replaced
-from .photo import camera_words
-from .radiance import job_grid, room_for_capture
-from .remarks import Remark, colour_remarks, depth_remarks, scale_remarks, scene_remarks, unlayered_remarks
-from .result import Result
-from .scene_plan import ScenePlan, check_job, plan_scene
-from .slabs import looked_at, plan_by
-from .targets import check_files
 
 
 @dataclass(frozen=True, eq=False)

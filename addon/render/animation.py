@@ -10,18 +10,18 @@ from ...engine.runtime.errors import InputError, one_line
 from ...engine.runtime.files import remove_half_written, stamp_of
 from ...engine.runtime.locks import Busy, only_writer
 from ...engine.simulation.report import together
+from ..capture.finished_passes import remove_passes
+from ..job.job import check_output_folder, folder_for
+from ..job.origin import check_replaced
+from ..job.record import read_record
+from ..job.result import Result
 from ..scene.compositor import fingerprint_anew, lay_into_compositor
 from ..scene.errors import SceneError
 from ..scene.fingerprint import comparable
 from ..scene.motion import moving, rings_animated
 from ..scene.requirements import check_scene
-from .finished_passes import remove_passes
-from .job import check_output_folder, folder_for
 from .one_capture import OneCapture
-from .origin import check_replaced
-from .record import read_record
 from .render import baking, job_of_frame, render_steps, run
-from .result import Result
 from .shot_meter import shot_exposure, shot_of
 
 UNKNOWN = "unknown"  # the build of a frame whose record is older than build identities

@@ -10,12 +10,12 @@ from ...engine import SpectralImage
 from ...engine.image.directions import solid_angles_sr
 from ...engine.image.pixel_grid import PixelGrid
 from ...engine.image.projection import FISHEYE
+from ..job.steps import RenderPass
 from ..scene.render_state import guard_render_state, read_again, rendered_layer, rendered_world, show_slab
 from ..scene.undo import Journal
 from ..scene.units import metres_per_unit
 from .light import GatheredLight
 from .slabs import BEYOND_ALL_UNITS, LOOK, Slab
-from .steps import RenderPass
 
 SIDE_PX = 512  # 0.35 degrees per pixel: the centre of at least one is in the sun
 MAP_PX, SUN_MAP_PX = 512, 2048  # width of the map for a world without bright places, and with these

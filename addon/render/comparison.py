@@ -25,22 +25,22 @@ from ...engine.rays.rings import AT_REST, Rings
 from ...engine.runtime.files import check_target, discard
 from ...engine.runtime.locks import only_writer
 from ...request import RING_FIELDS, RenderRequest
+from ..capture.radiance import capture
+from ..capture.scene_plan import check_job
+from ..job.job import Job
+from ..job.origin import check_replaced
+from ..job.result import Result
+from ..job.shown import look_for, pixels_of
+from ..job.steps import Work
+from ..job.targets import check_files
 from ..scene.camera import frame_grid, frame_px, pixel_aspect
 from ..scene.lens_facts import lens_facts, squeeze_of
 from ..scene.requirements import check_scene
 from ..scene.rings import FIXED, ring_fields, scene_rings
 from ..scene.undo import Journal
-from .job import Job
-from .origin import check_replaced
 from .pictures import write_radiance
-from .radiance import capture
 from .refilter import apply_lens, check_capture, requested_rings, stored_radiance, with_stored_look
 from .render import attributes_of, job_of_frame, run
-from .result import Result
-from .scene_plan import check_job
-from .shown import look_for, pixels_of
-from .steps import Work
-from .targets import check_files
 
 CAPTURE = "capture"  # the folder of the stored light; the pictures' folders end with an f-number
 CAPTURE_SHARE = 0.5  # of the progress bar

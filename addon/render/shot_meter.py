@@ -13,13 +13,13 @@ from ...engine.sensor.metering import metered
 from ...engine.simulation.photograph import held
 from ...engine.spectral.wavelength_choice import SpectralOptions
 from ...engine.stray.options import StrayOptions
+from ..capture.radiance import capture
+from ..job.job import Shot
+from ..job.result import Result
 from ..scene.motion import camera_at, exposure_animated
 from ..scene.render_state import rendered_layer
 from ..scene.undo import Journal
-from .job import Shot
-from .radiance import capture
 from .render import job_of_frame, run
-from .result import Result
 
 PREVIEW = "preview"
 LONG_SIDE_PX, SAMPLES = 128, 16

@@ -18,11 +18,11 @@ from ...engine.plan.options import TIER_ACCURACY
 from ...engine.runtime.files import remove_left_work, work_prefix
 from ...engine.spectral.wavelength_choice import SpectralOptions
 from ...request import CAMERA, EXPOSED_FIELDS, ON, argument, to_arguments
+from ..job.job import folder_for, unsaved_folder
+from ..job.result import UNSAVED
 from ..scene.errors import SceneError
 from ..scene.rings import ring_fields
-from .job import folder_for, unsaved_folder
 from .refilter import applied_fields
-from .result import UNSAVED
 from .session import write_session
 
 PREVIEW_WAVELENGTHS = 7

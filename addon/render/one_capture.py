@@ -8,13 +8,13 @@ import numpy as np
 from ...engine.field.field_map import field_map
 from ...engine.runtime.files import link_or_copy
 from ...request import RING_FIELDS
+from ..capture.radiance import capture
+from ..capture.remarks import scene_remarks
+from ..job.record import recorded_fields
 from ..scene.render_state import go_to_frame, turn_on_layer
 from ..scene.rings import scene_rings
 from ..scene.undo import Journal
 from .pictures import write_radiance
-from .radiance import capture
-from .record import recorded_fields
-from .remarks import scene_remarks
 from .render import job_of_frame
 
 OF_LENS = "lens", "lens_digest", "iris"  # the recorded fields that focus and f-stop change

@@ -20,6 +20,7 @@ from ...engine.plan.options import OFF
 from ...engine.runtime.scratch import new_array, release_memory
 from ...engine.spectral.control_variate import estimate, noise_growth, remaining_shares
 from ...engine.spectral.wavelength_choice import STANDARD
+from ..job.steps import Work
 from ..scene.denoise import denoised, guide_planes, render_with_guides
 from ..scene.render_state import (
     divide_samples,
@@ -33,7 +34,6 @@ from ..scene.render_state import (
 from ..scene.undo import Journal
 from .bands import WAVELENGTHS_PER_PASS
 from .light import PassLight, place_in
-from .steps import Work
 
 FEW, LEAST_FEW = 32, 2  # the first number of samples to try: one in 32, but at least 2
 ADAPTIVE_FEW = 64  # one in 64 of the limit of adaptive sampling, which takes fewer

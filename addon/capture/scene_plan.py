@@ -8,6 +8,8 @@ from ...engine.runtime.errors import InputError
 from ...engine.spectral.colour import rec709_weights
 from ...engine.spectral.spectra import BAND_NM, white_density
 from ...engine.spectral.wavelength_choice import WavelengthChoice, choose_wavelengths
+from ..job.photo import check_photo
+from ..job.source import check_sources
 from ..scene.camera import frame_grid, in_view
 from ..scene.errors import SceneError
 from ..scene.instances import rendered_blocks, rendered_instances
@@ -21,8 +23,6 @@ from ..shading.node_rules import REJECTED, SEPARATED
 from ..shading.repeated import repeated_colours, tinting_objects
 from ..shading.substitution import Substitution
 from .bands import WAVELENGTHS_PER_PASS, passes
-from .photo import check_photo
-from .source import check_sources
 
 
 @dataclass(frozen=True, eq=False)

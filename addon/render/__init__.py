@@ -1,0 +1,1 @@
+"""Radiance -> files: renders of a frame, of an animation and of a preview, other lenses, and their processes."""
