@@ -13,9 +13,9 @@ from pathlib import Path
 from .engine import Lens, Options
 from .engine.bake.quality import QUALITIES
 from .engine.depth.depth_range import AUTO, OFF, TRACED
-from .engine.depth.iris import Iris
 from .engine.field.overscan import CAMERA_VIEW, LENS_VIEW, VIEWS
 from .engine.lens.formats import FORMATS, format_mm
+from .engine.lens.iris import Iris
 from .engine.library import LensSource
 from .engine.library.bodies import CameraSource, load_camera
 from .engine.prescription.coatings import AS_LENS, IDEAL, MULTI, NONE, SINGLE

@@ -13,7 +13,7 @@ from timing import machine, quickest
 
 from lensfield.engine import Options, Report, SpectralImage, load_lens, simulate
 from lensfield.engine.image.irradiance import irradiance_per_radiance
-from lensfield.engine.simulation.tradeoff import errors
+from lensfield.engine.inspection.tradeoff import errors
 
 ACCURACIES = 0.1, 0.03, 0.01, 0.003, 1e-3, 1e-4
 SECTIONS_PX = 16, 8, 4

@@ -23,8 +23,8 @@ from timing import least_s, machine, quickest
 from worst_points import table_lines
 
 from lensfield.engine import Options, load_lens, simulate
+from lensfield.engine.inspection.tradeoff import errors
 from lensfield.engine.plan.choose import make_plan
-from lensfield.engine.simulation.tradeoff import errors
 
 HERE = Path(__file__).resolve().parent
 WIDTHS = {"case": 39, "target": 8, "now": 9, "paper": 8, "clock": 8, "off": 7, "again": 7, "bound": 9, "L2": 9, "MB": 7,

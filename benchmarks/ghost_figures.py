@@ -15,12 +15,12 @@ import numpy as np
 from cases import HD
 from timing import machine
 
-from lensfield.engine.depth.iris import Iris, opening_within
 from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.image.sources import Sources
+from lensfield.engine.lens.iris import Iris, opening_within
 from lensfield.engine.library import prescription_of
 from lensfield.engine.rays.rings import Rings, turned
 from lensfield.engine.stray.ghosts import Ghosts, direct_light, ghosts
-from lensfield.engine.stray.sources import Sources
 
 LENSES = "cooke-triplet-50mm", "pentax-macro-200mm", "arri-master-prime-100mm"
 LAMPS, FARTHEST_DEG, SPIRAL_RAD, WAVELENGTHS, F_NUMBER, BLADES = 10, 24.0, 0.65, 12, 4.0, 7

@@ -9,7 +9,7 @@ import time
 import numpy as np
 
 from lensfield.engine import Rings, SpectralImage, load_lens
-from lensfield.engine.depth.iris import Iris
+from lensfield.engine.lens.iris import Iris
 from lensfield.engine.stray.options import PARTS, StrayOptions
 from lensfield.engine.stray.stray_light import stray_light
 

@@ -15,9 +15,9 @@ import numpy as np
 import scipy
 
 from lensfield.engine import load_lens, simulate
-from lensfield.engine.depth.iris import Iris, opening_within
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.image.spectral_image import SpectralImage
+from lensfield.engine.lens.iris import Iris, opening_within
 from lensfield.engine.rays.rings import Rings
 from lensfield.engine.stray.arrivals import arrivals
 from lensfield.engine.stray.star import add_stars, star_share

@@ -6,7 +6,7 @@ from math import inf, isfinite
 from pathlib import Path
 
 from ..engine import InputError, Options
-from ..engine.depth.iris import Iris
+from ..engine.lens.iris import Iris
 from ..engine.library import (
     ALL_LENSES,
     clamped_rings,

@@ -11,12 +11,12 @@ from pathlib import Path
 from queue import SimpleQueue
 
 from ..engine import InputError
+from ..engine.runtime.child import Child
 from ..engine.runtime.errors import shown
 from ..engine.runtime.files import temporary_folder
+from ..engine.runtime.messages import paced
 from ..engine.simulation.report import together
-from .child import Child
 from .farm_log import LENS_IMAGE
-from .messages import paced
 from .sequence import frames_text
 from .task import frames_by_task, lensfield_in, scene_path, task_arguments
 from .terminal import progress_bar, say

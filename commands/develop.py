@@ -3,9 +3,9 @@
 from pathlib import Path
 
 from ..engine import ImageError, InputError, Report, load_camera, photograph
+from ..engine.photo.photograph import CameraFacts, held, missing_channels, missing_text
+from ..engine.photo.raw_file import check_lens, write_raw_file
 from ..engine.sensor.exposure import FRAMES, covered_px
-from ..engine.simulation.photograph import CameraFacts, held, missing_channels, missing_text
-from ..engine.simulation.raw_file import check_lens, write_raw_file
 from ..engine.simulation.report import together
 from ..request import RenderRequest
 from .arguments import add_lens_settings, add_settings, add_untrusted, check_outputs, chosen_lens, given_fields

@@ -9,12 +9,12 @@ import numpy as np
 
 from ..engine import ChannelCache, ImageError, InputError, Report
 from ..engine.depth.depth_range import AUTO, OFF
-from ..engine.depth.iris import opening
 from ..engine.depth.slabs import plan_slabs
 from ..engine.field.field_map import field_map
-from ..engine.pictures.file_depth import DEPTH_KINDS
+from ..engine.lens.iris import opening
 from ..engine.runtime.build_identity import is_accepted, other_builds_line
 from ..engine.runtime.locks import Busy, only_writer
+from ..engine.simulation.file_depth import DEPTH_KINDS
 from ..engine.simulation.lens_image import lens_image
 from ..engine.simulation.report import FIGURE, together
 from ..engine.simulation.report_parts import FileFacts

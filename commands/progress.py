@@ -3,8 +3,8 @@
 from contextlib import contextmanager
 
 from ..engine.runtime.errors import one_line
+from ..engine.runtime.messages import message_lines, paced
 from .farm_log import FARM_LOGS, PACE_S, farm_log
-from .messages import message_lines, paced
 from .outcome import FAILURES
 from .terminal import progress_bar, quiet
 
@@ -12,9 +12,9 @@ from .terminal import progress_bar, quiet
 def add_progress_options(group):
     """Add the arguments for programs that start a command and follow it."""
     group.add_argument("--progress", choices=("bar", "lines", *FARM_LOGS), default="bar",
-                       help="bar: a bar, on a terminal; lines: messages on standard output (commands/messages.py); "
-                            "openjd, flamenco: messages for these farms, ending when standard output loses its reader "
-                            "(default: bar)")
+                       help="bar: a bar, on a terminal; lines: messages on standard output "
+                            "(engine/runtime/messages.py); openjd, flamenco: messages for these farms, ending when "
+                            "standard output loses its reader (default: bar)")
     group.add_argument("--end-with-stdin", action="store_true",
                        help="end as soon as standard input closes, as when its writer ends, without half-written files")
 

@@ -10,12 +10,12 @@ from ..engine.depth.depth_range import OFF
 from ..engine.depth.slabs import SlabPlan
 from ..engine.image.layers import LayeredRadiance
 from ..engine.image.pixel_grid import PixelGrid
+from ..engine.image.sources import Sources
 from ..engine.lens.pinhole import field_of_view_deg, fitting_pitch_um, fov_pitch_um
-from ..engine.pictures.file_depth import FileDepth, deep_in_mm, file_depth, layers_of_deep, layers_of_flat
+from ..engine.simulation.file_depth import FileDepth, deep_in_mm, file_depth, layers_of_deep, layers_of_flat
 from ..engine.simulation.report_parts import Upsampling
 from ..engine.spectral.spectra import parse_wavelengths
 from ..engine.spectral.wavelength_choice import RGB_WAVELENGTHS
-from ..engine.stray.sources import Sources
 from .arguments import MM, number_pair
 
 RGB_ONLY = ("wavelengths", "layer", "fov", "focal_mm", "sensor_width_mm", "shift")

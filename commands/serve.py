@@ -13,8 +13,8 @@ from queue import SimpleQueue
 from threading import Event
 
 from ..engine.runtime.errors import InputError
+from ..engine.runtime.messages import STOP, message_lines
 from .arguments import add_untrusted
-from .messages import STOP, message_lines
 from .stopping import stoppable
 from .task import arguments_of
 from .untrusted import OPTIONS

@@ -6,7 +6,7 @@ import time
 from contextlib import contextmanager
 
 from ..engine.runtime.errors import printable
-from .messages import time_left
+from ..engine.runtime.messages import time_left
 
 BAR_CELLS = 24
 

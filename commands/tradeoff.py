@@ -25,8 +25,8 @@ def add_options(tradeoff):
 
 def _tradeoff(options):
     from ..engine.inspection.style import require_matplotlib
+    from ..engine.inspection.tradeoff import description, measure, write_table
     from ..engine.inspection.tradeoff_plot import write_plot
-    from ..engine.simulation.tradeoff import description, measure, write_table
 
     require_matplotlib()
     table, plot = (options.output / f"tradeoff.{kind}" for kind in ("csv", "png"))
@@ -45,8 +45,8 @@ def _tradeoff(options):
 
 def _tradeoff_pictures(options, lens):
     """The test pictures by name, and one of them by its number of wavelengths."""
+    from ..engine.inspection.tradeoff import DEFAULT_SHAPE_PX, cropped_frame, standard_pictures, thinned
     from ..engine.pictures.spectral_exr import read_exr
-    from ..engine.simulation.tradeoff import DEFAULT_SHAPE_PX, cropped_frame, standard_pictures, thinned
 
     shape_px = resolution(options.size, "--size")[::-1] if options.size else None
     if not options.image:

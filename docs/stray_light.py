@@ -14,11 +14,11 @@ import numpy as np
 from PIL import Image
 
 from lensfield.engine import Options, Report, Rings, SpectralImage, load_lens
-from lensfield.engine.depth.iris import Iris
+from lensfield.engine.image.sources import Sources
+from lensfield.engine.lens.iris import Iris
 from lensfield.engine.pictures.preview import srgb_pixels, to_rec709
 from lensfield.engine.simulation.lens_image import lens_image
 from lensfield.engine.stray.options import StrayOptions
-from lensfield.engine.stray.sources import Sources
 
 NM = np.linspace(420, 680, 9)
 WIDTH_PX, OVERSCAN_PX = 480, (12, 18)

@@ -12,13 +12,13 @@ if TYPE_CHECKING:
     from .lens import Lens
     from .library import load_lens
     from .library.bodies import load_camera
+    from .photo.photograph import photograph
     from .plan.options import Options
     from .prescription.readers import ReadingOptions, read_prescription
     from .rays.rings import Rings
     from .runtime.errors import CameraError, ImageError, InputError, LensError
     from .simulation.channel_cache import ChannelCache
     from .simulation.lens_image import lens_image
-    from .simulation.photograph import photograph
     from .simulation.report import Report
     from .simulation.simulate import simulate
     from .stray.options import StrayOptions
@@ -32,8 +32,8 @@ _MODULES = {"CameraError": "runtime.errors", "ChannelCache": "simulation.channel
             "ReadingOptions": "prescription.readers", "Report": "simulation.report", "Rings": "rays.rings",
             "SpectralImage": "image.spectral_image", "StrayOptions": "stray.options",
             "lens_image": "simulation.lens_image", "load_camera": "library.bodies", "load_lens": "library",
-            "photograph": "simulation.photograph",
-            "read_prescription": "prescription.readers", "simulate": "simulation.simulate"}
+            "photograph": "photo.photograph", "read_prescription": "prescription.readers",
+            "simulate": "simulation.simulate"}
 
 
 def __getattr__(name: str) -> Any:

@@ -23,7 +23,7 @@ OTHER_GEOMETRY = {
     "engine.depth.depth_range": "the projection of a panoramic capture",
     "engine.depth.parallax": "the distance between two places",
     "engine.depth.slabs": "the projection of a panoramic capture; distances from the frame",
-    "engine.depth.iris": "blades around the stop",
+    "engine.lens.iris": "blades around the stop",
     "engine.field.ray_blur": "the radius of places in the stop",
     "engine.stray.ghost_beams": "the plane of a source and the axis of a rotationally symmetric lens",
     "engine.stray.ghost_survey": "that plane, and the slope of the light's edge",

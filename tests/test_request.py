@@ -8,7 +8,7 @@ import pytest
 from lensfield.cli import _parser
 from lensfield.commands.arguments import given_fields, given_settings, iris_option, stray_option
 from lensfield.engine import InputError, Options
-from lensfield.engine.depth.iris import Iris
+from lensfield.engine.lens.iris import Iris
 from lensfield.engine.runtime.setting import option_of, settings_of
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 from lensfield.engine.stray.options import StrayOptions

@@ -17,13 +17,13 @@ import sys
 import mitsuba
 import numpy as np
 
-from lensfield.engine.depth.iris import Iris, opening_within
 from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.image.sources import Sources
+from lensfield.engine.lens.iris import Iris, opening_within
 from lensfield.engine.prescription.prescription import Prescription, Surface
 from lensfield.engine.prescription.system import system_of
 from lensfield.engine.rays.rings import turned
 from lensfield.engine.stray.ghosts import direct_light, ghosts
-from lensfield.engine.stray.sources import Sources
 
 NM, INDEX = 587.5618, 2.0
 FRONT_MM, BACK_MM, THICKNESS_MM, RIM_MM = 40.0, -60.0, 8.0, 4.8

@@ -27,14 +27,14 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"
 from converters import CONVERTERS, installed  # noqa: E402
 from dng_fields import fields  # noqa: E402
 from lensfield.engine import load_camera, photograph  # noqa: E402
+from lensfield.engine.photo.photograph import shutter_text  # noqa: E402
+from lensfield.engine.photo.raw_file import write_raw_file  # noqa: E402
 from lensfield.engine.pictures.develop import developed  # noqa: E402
 from lensfield.engine.pictures.dng import dng_samples  # noqa: E402
 from lensfield.engine.pictures.preview import to_rec709, write_png  # noqa: E402
 from lensfield.engine.pictures.spectral_exr import read_exr  # noqa: E402
 from lensfield.engine.sensor.colour import filter_channels  # noqa: E402
 from lensfield.engine.sensor.resampling import pixel_means  # noqa: E402
-from lensfield.engine.simulation.photograph import shutter_text  # noqa: E402
-from lensfield.engine.simulation.raw_file import write_raw_file  # noqa: E402
 from lensfield.engine.spectral.colour import REC709_TO_XYZ  # noqa: E402
 from lensfield.engine.spectral.colour_difference import ciede2000, lab_from_xyz  # noqa: E402
 from raw_pictures import GREYS, chart_xyz  # noqa: E402

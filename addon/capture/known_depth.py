@@ -3,7 +3,7 @@
 import numpy as np
 import scipy
 
-from ...engine.depth.depth_range import BACKGROUND_MM
+from ...engine.image.layers import BACKGROUND_MM
 from ..scene.units import M_TO_MM
 from .emitters import SAME_DEPTH
 

@@ -19,13 +19,13 @@ from ...engine.depth.depth_range import (
 from ...engine.field.overscan import columns_for_blur
 from ...engine.image.layers import Layer, LayeredRadiance
 from ...engine.image.pixel_grid import PixelGrid
+from ...engine.image.sources import Sources
 from ...engine.plan.options import DEFAULT_ACCURACY, ON
 from ...engine.runtime.files import temporary_folder
 from ...engine.runtime.memory import check_room, taken_bytes
 from ...engine.runtime.scratch import SAMPLE_BYTES, check_disk, folder_if_large, zeros_stored_like
 from ...engine.simulation.report_parts import SceneFacts
 from ...engine.spectral.wavelength_choice import FOREIGN_SURPRISE
-from ...engine.stray.sources import Sources
 from ..job.shown import write_growing
 from ..job.steps import RenderPass, Work
 from ..job.targets import check_files

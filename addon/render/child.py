@@ -1,6 +1,6 @@
 """A render in a child process: `lensfield render` on a copy of the file, which leaves this session untouched.
 
-The child (`commands/child.py`) is Blender in the background or, with Blender's Python wheel, Python.
+The child (`engine/runtime/child.py`) is Blender in the background or, with Blender's Python wheel, Python.
 """
 
 import os

@@ -11,12 +11,12 @@ import numpy as np
 
 from ...engine import ImageError, InputError, Lens
 from ...engine.depth.depth_range import AUTO, OFF, blur_px, focus_in_capture
-from ...engine.depth.iris import opening
 from ...engine.field.field_map import field_map
 from ...engine.field.overscan import CAMERA_VIEW, LENS_VIEW
 from ...engine.image.extension import extended_image, extended_layers, extended_plane
 from ...engine.image.layers import covered
 from ...engine.lens.formats import format_mm
+from ...engine.lens.iris import opening
 from ...engine.lens.pinhole import fitting_pitch_um
 from ...engine.library import clamped_rings, fits_all_frames, has_rings, iris_is_visible, pinhole_of, prescription_of
 from ...engine.pictures.spectral_exr import (

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 from ...engine import Options, simulate
 from ...engine.depth.depth_range import OFF
+from ...engine.photo.photograph import held
 from ...engine.plan.options import TIER_ACCURACY
 from ...engine.runtime.files import temporary_folder
 from ...engine.sensor.metering import metered
-from ...engine.simulation.photograph import held
 from ...engine.spectral.wavelength_choice import SpectralOptions
 from ...engine.stray.options import StrayOptions
 from ..capture.radiance import capture

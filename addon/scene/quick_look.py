@@ -8,9 +8,9 @@ sensor.
 import bpy
 import numpy as np
 
-from ...engine.depth.lens_curves import POINTS, LensCurves
-from ...engine.depth.lens_maps import LensMaps
-from ...engine.depth.lens_tables import NODES
+from ...engine.look.lens_curves import POINTS, LensCurves
+from ...engine.look.lens_maps import LensMaps
+from ...engine.look.lens_tables import NODES
 from .compositor import QUICK_LOOK
 
 NAME = "Quick Look"

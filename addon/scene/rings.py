@@ -6,7 +6,7 @@ from math import degrees
 from mathutils import Vector
 
 from ...engine import Lens
-from ...engine.depth.iris import Iris
+from ...engine.lens.iris import Iris
 from ...engine.library import clamped_rings, has_rings, iris_is_visible, pinhole_of, prescription_of
 from ...engine.prescription.coatings import AS_LENS, coating_of
 from ...engine.prescription.tolerances import copy_of

@@ -3,9 +3,9 @@
 from contextlib import suppress
 
 from ...engine.library.bodies import load_camera
+from ...engine.photo.photograph import missing_channels, missing_text, shutter_text
 from ...engine.runtime.errors import InputError
 from ...engine.sensor.exposure import exposure_value
-from ...engine.simulation.photograph import missing_channels, missing_text, shutter_text
 from ..job.named_files import FROM_FILE
 from ..scene.active_camera import camera_data
 from .lens_worker import lens_request

@@ -5,9 +5,9 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ...engine.depth.lens_tables import COLOURS_NM
 from ...engine.lens.entrance_pupil import focus_nearness
 from ...engine.library import described_lenses
+from ...engine.look.lens_tables import COLOURS_NM
 from ...engine.rays.rings import AT_REST
 from ...engine.runtime.errors import InputError, one_line
 from ..scene.compositor import QUICK_LOOK

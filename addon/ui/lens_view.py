@@ -14,7 +14,7 @@ import gpu
 import numpy as np
 from gpu_extras.batch import batch_for_shader
 
-from ...engine.depth.lens_tables import BOKEH_NODES, NODES, RAYS, STEEPEST_RAD, LensTables
+from ...engine.look.lens_tables import BOKEH_NODES, NODES, RAYS, STEEPEST_RAD, LensTables
 from ...engine.rays.stop_places import cell_size
 
 SOURCES = Path(__file__).parent / "shaders"

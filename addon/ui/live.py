@@ -19,15 +19,15 @@ import numpy as np
 from bpy.app.handlers import persistent
 
 from ...engine.depth.depth_range import blur_per_nearness_px
-from ...engine.depth.iris import opening
-from ...engine.depth.lens_tables import COLOURS_NM, LensTables, lens_tables
 from ...engine.field.field_map import field_map
 from ...engine.field.overscan import LENS_VIEW
 from ...engine.image.pixel_grid import PixelGrid
 from ...engine.lens.entrance_pupil import focus_nearness, focus_rise
+from ...engine.lens.iris import opening
 from ...engine.lens.pinhole import fitting_pitch_um
 from ...engine.library.bodies import load_camera
 from ...engine.library.rays import lens_rays
+from ...engine.look.lens_tables import COLOURS_NM, LensTables, lens_tables
 from ...engine.runtime.errors import InputError, one_line
 from ...engine.runtime.files import stamp_of
 from ...engine.sensor.metering import developed_white, metered_rec709

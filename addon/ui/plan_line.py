@@ -5,10 +5,10 @@ from concurrent.futures import ThreadPoolExecutor
 
 import bpy
 
-from ...commands.messages import duration
 from ...engine.image.detail import splitting_bytes
 from ...engine.image.sampling import Sampling
 from ...engine.plan.plan_cache import cached_plan
+from ...engine.runtime.messages import duration
 from ..capture.bands import pass_count
 from ..capture.radiance import detail_bytes, pass_bytes
 from ..capture.sampled_passes import detail_times

@@ -17,7 +17,7 @@ import bpy
 import numpy as np
 from bpy.app.handlers import persistent
 
-from ...commands.child import Child
+from ...engine.runtime.child import Child
 from ...engine.runtime.errors import InputError
 from ..capture.growing_capture import FINER
 from ..job.named_files import check_named_files, named_files

@@ -21,8 +21,8 @@ from bpy.props import (
 
 from ...engine import Options
 from ...engine.blur import METHODS
-from ...engine.depth.iris import Iris
 from ...engine.lens.formats import FORMATS
+from ...engine.lens.iris import Iris
 from ...engine.library import described_lenses
 from ...engine.library.bodies import bundled_cameras
 from ...engine.plan.options import AUTO, KNOBS, TIER_ACCURACY

@@ -12,12 +12,12 @@ import bpy
 import numpy as np
 from bpy.app.handlers import persistent
 
-from ...engine.depth.lens_curves import CompositorLens, lens_curves
-from ...engine.depth.lens_maps import lens_maps
 from ...engine.field.overscan import CAMERA_VIEW
 from ...engine.lens import RadialLens
 from ...engine.lens.entrance_pupil import focus_nearness
 from ...engine.lens.pinhole import fitting_pitch_um, turned_sensor_mm
+from ...engine.look.lens_curves import CompositorLens, lens_curves
+from ...engine.look.lens_maps import lens_maps
 from ...engine.runtime.errors import InputError, one_line
 from ..job.named_files import check_named_files
 from ..scene.active_camera import camera_settings

@@ -12,9 +12,9 @@ from pathlib import Path
 import bpy
 from bpy.app.handlers import persistent
 
-from ...commands.child import Child
-from ...commands.messages import duration, time_left
+from ...engine.runtime.child import Child
 from ...engine.runtime.errors import InputError
+from ...engine.runtime.messages import duration, time_left
 from ..capture.finished_passes import passes_left
 from ..capture.scene_plan import check_wavelengths
 from ..job.job import check_output_folder, folder_for, requested

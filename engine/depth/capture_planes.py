@@ -9,10 +9,10 @@ from ..image.layers import Radiance
 from ..image.nonfinite import clamp_fireflies, clamp_layers, refuse_fireflies
 from ..image.spectral_image import RADIANCE, SpectralImage
 from ..lens import Lens
+from ..lens.iris import Iris, opening
 from ..rays.grid_rays import LensRays
 from ..runtime.errors import ImageError
 from .cast import CastPlane, cast
-from .iris import Iris, opening
 
 
 def capture_planes(radiance: Radiance, lens: Lens, rays: Callable[[float], LensRays], *, fireflies: str,

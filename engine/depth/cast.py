@@ -14,11 +14,11 @@ from ..kernels.cast import cast as compiled_cast
 from ..kernels.library import NUMPY, running
 from ..kernels.numpy_cast import cast as numpy_cast
 from ..lens import Lens
+from ..lens.iris import Iris, Opening, opening
 from ..rays.grid_rays import LensRays
 from ..rays.stop_places import cell_size
 from ..runtime.scratch import SAMPLE_BYTES
 from ..runtime.threads import thread_pool
-from .iris import Iris, Opening, opening
 from .levels import layer_arrays
 from .meetings import AREA_ROWS, BESIDE_PX, TILE_PX, areas_of, around_px, plan_meetings, values_of_blocks
 from .parallax import parallax_per_nearness_px

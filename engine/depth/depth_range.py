@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..field.in_capture import from_capture
+from ..image.layers import BACKGROUND_MM
 from ..image.pixel_grid import PixelGrid
 from ..lens.entrance_pupil import entrance_pupil_diameter_mm, focus_nearness
 from ..lens.lens import Lens
@@ -18,7 +19,6 @@ from ..runtime.errors import ImageError, InputError
 AUTO, OFF, TRACED = DEPTHS = "auto", "off", "traced"
 """Depth in layers, if the lens data are not valid for the complete scene; off; or by rays traced through the lens."""
 SHARP_PX, BLURRED_PX = 0.8, 2.0  # blur that pixels hide, and blur that is visible
-BACKGROUND_MM = 1e12  # or more: renderers write a large number for the background, Cycles 1e10 m
 
 
 @dataclass(frozen=True)

@@ -8,13 +8,15 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from ..runtime.errors import ImageError
+from ..runtime.numbers import is_integer
 from ..runtime.scratch import zeros_stored_like
 from .detail import Detail
-from .pixel_grid import PixelGrid, is_integer
+from .pixel_grid import PixelGrid
 from .sampling import Sampling
 from .spectral_image import SpectralImage, check_capture
 from .supersampling import merge_columns
 
+BACKGROUND_MM = 1e12  # or more: renderers write a large number for the background, Cycles 1e10 m
 ALPHA_SLACK = 1e-3  # accepted excess over the range from 0 to 1, from filters and half floats
 
 

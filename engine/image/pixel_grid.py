@@ -2,11 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeGuard
 
 import numpy as np
 
 from ..runtime.errors import ImageError
+from ..runtime.numbers import is_integer, is_number, is_positive
 from .projection import PLANE, Projection
 
 MOST_PITCH_UM, FOCAL_LIMITS_MM = 1e9, (1e-4, 1e12)
@@ -72,7 +72,7 @@ class PixelGrid:
             raise ImageError("image", "across", self.across, "expected a whole number of columns")
         if min(overscan) < 0 or 2 * overscan[0] >= rows or 2 * overscan[1] >= columns:
             raise ImageError("image", "overscan_px", overscan, f"expected less than half of {rows} x {columns} px")
-        if np.shape(centre) != (2,) or not all(_is_number(c) and np.isfinite(c) for c in centre):
+        if np.shape(centre) != (2,) or not all(is_number(c) and np.isfinite(c) for c in centre):
             raise ImageError("image", "centre_px", centre, "expected a row and a column")
         object.__setattr__(self, "shape_px", (rows, columns))
         object.__setattr__(self, "pitch_um", float(self.pitch_um))
@@ -219,17 +219,3 @@ def check_focal_length(where: str, focal_mm: object) -> None:
     least_mm, most_mm = FOCAL_LIMITS_MM
     if not (is_positive(focal_mm) and least_mm <= focal_mm <= most_mm):  # type: ignore[operator]
         raise ImageError(where, "focal_mm", focal_mm, f"expected a positive number, from {least_mm:g} to {most_mm:g}")
-
-
-def is_integer(value: object) -> bool:
-    """Whether a value is an integer, of any numeric type."""
-    return _is_number(value) and bool(np.isfinite(value)) and value == int(value)
-
-
-def is_positive(value: object) -> bool:
-    """Whether a value is a finite number above 0."""
-    return _is_number(value) and bool(0 < value < np.inf)
-
-
-def _is_number(value: Any) -> TypeGuard[float]:
-    return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..runtime.errors import ImageError
+from ..runtime.numbers import is_positive
 from .detail import Detail, merged
-from .pixel_grid import PixelGrid, check_focal_length, is_positive
+from .pixel_grid import PixelGrid, check_focal_length
 from .projection import Projection
 from .sampling import Sampling
 

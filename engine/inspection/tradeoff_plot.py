@@ -7,8 +7,8 @@ import numpy as np
 
 from ..runtime.build_identity import software
 from ..runtime.files import atomic_path
-from ..simulation.tradeoff import AS_WRITTEN, EXACT, Row
 from .style import GRID_COLOUR, INK, require_matplotlib
+from .tradeoff import AS_WRITTEN, EXACT, Row
 
 
 @dataclass(frozen=True)

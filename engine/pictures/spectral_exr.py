@@ -17,19 +17,18 @@ from functools import partial
 import numpy as np
 import OpenEXR
 
-from ..depth.depth_range import BACKGROUND_MM
-from ..image.layers import Layer, LayeredRadiance
-from ..image.pixel_grid import is_integer
+from ..image.layers import BACKGROUND_MM, Layer, LayeredRadiance
 from ..image.projection import FISHEYE, PLANE, Projection
+from ..image.sources import Sources
 from ..image.spectral_image import RADIANCE, UNITS, SpectralImage
 from ..runtime.build_identity import software
 from ..runtime.errors import ImageError, printable
 from ..runtime.files import AnyPath, atomic_path
 from ..runtime.inputs import check_input
 from ..runtime.memory import check_room
+from ..runtime.numbers import is_integer
 from ..runtime.scratch import is_large, new_array, release_memory
 from ..runtime.threads import thread_count
-from ..stray.sources import Sources
 from .detail_channels import detail_of, detail_planes, is_detail
 from .exr_header import check_header
 from .preview import to_rec709

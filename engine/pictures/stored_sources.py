@@ -9,8 +9,8 @@ import math
 
 import numpy as np
 
+from ..image.sources import Sources
 from ..runtime.errors import ImageError
-from ..stray.sources import Sources
 
 ATTRIBUTE = "lensfield:sources"
 

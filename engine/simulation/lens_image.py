@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from ..depth.iris import Iris
 from ..image.layers import LayeredRadiance
+from ..image.sources import Sources
 from ..image.spectral_image import SpectralImage
 from ..lens import Lens
+from ..lens.iris import Iris
 from ..plan.options import DEFAULT_ACCURACY, Options
 from ..stray.options import StrayOptions
-from ..stray.sources import Sources
 from ..stray.stray_light import StrayLight, stray_light
 from .report import Report
 from .report_parts import Part, Parts

@@ -7,7 +7,6 @@ from functools import partial
 import numpy as np
 
 from ..depth.capture_planes import capture_planes
-from ..depth.iris import Iris
 from ..depth.jumps import without_jumps
 from ..image.layers import Radiance
 from ..image.projection import PLANE
@@ -16,6 +15,7 @@ from ..image.spectral_image import IRRADIANCE, SpectralImage
 from ..image.supersampling import merge_pixels, softening_px, split_pixels
 from ..kernels.library import running
 from ..lens import Lens
+from ..lens.iris import Iris
 from ..library.rays import Rays, lens_rays
 from ..plan.options import OFF, Options
 from ..runtime.errors import ImageError

@@ -11,11 +11,11 @@ from ..field.in_capture import from_capture
 from ..image.irradiance import irradiance_per_radiance
 from ..image.layers import LayeredRadiance
 from ..image.pixel_grid import PixelGrid
+from ..image.sources import Sources
 from ..image.spectral_image import SpectralImage
 from ..lens import Lens
 from ..lens.entrance_pupil import focus_nearness
 from ..prescription.system import system_of
-from .sources import Sources
 from .visible_light import composed, layers_within
 
 CELL_PX = 8

@@ -4,15 +4,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..depth.iris import Opening
+from ..image.sources import Sources
 from ..kernels.ghosts import Beam, Blades, Coated, Openings
 from ..kernels.tracing import TracedSurfaces
+from ..lens.iris import Opening
 from ..prescription.surfaces import sag_and_gradient
 from ..prescription.system import System
 from ..rays.fields import view_of
 from ..rays.trace import traced_surfaces
 from ..rays.view import View
-from .sources import Sources
 
 INVARIANT_STEPS = 128  # for each unit of (n sin)^2, over which reflectances are interpolated
 OUTLINE_RADII, OUTLINE_AZIMUTHS = 5, 32  # points of the first surface

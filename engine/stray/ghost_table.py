@@ -4,13 +4,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..depth.iris import Iris, opening
 from ..image.pixel_grid import PixelGrid
+from ..image.sources import Sources
 from ..lens import Lens
+from ..lens.iris import Iris, opening
 from ..prescription.coatings import IDEAL
 from ..runtime.errors import LensError
 from .ghosts import direct_light, ghosts
-from .sources import Sources
 from .stray_light import no_ghosts
 
 WIDTH_PX = 360

@@ -13,16 +13,16 @@ from itertools import product
 
 import numpy as np
 
-from ..depth.iris import Opening
 from ..image.pixel_grid import PixelGrid
+from ..image.sources import Sources
 from ..kernels.ghosts import RIM, Meshes, draw_ghosts, ghost_levels
+from ..lens.iris import Opening
 from ..prescription.prescription import Prescription
 from ..prescription.system import system_of
 from ..runtime.threads import thread_pool
 from .ghost_beams import beam_of, enters, ghost_lens
 from .ghost_rays import boxes_of, trace_ghosts
 from .ghost_survey import brightest, direct_light_mm2, survey
-from .sources import Sources
 
 SHARE = 0.01  # of the light that may be neglected
 PIXELS, LEAST_PIXELS, MOST_PIXELS = 6000.0, 1500.0, 300000.0  # of a ghost: on average, and limits

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..image.sources import Sources, widths_nm
 from ..runtime.errors import listed
-from .sources import Sources, widths_nm
 
 MOST_NAMED = 3
 

@@ -14,8 +14,8 @@ import scipy
 
 from ..image.directions import directions, places_of, solid_angles_sr
 from ..image.layers import LayeredRadiance
+from ..image.sources import Sources, widths_nm
 from ..image.spectral_image import SpectralImage
-from .sources import Sources, widths_nm
 from .visible_light import composed, layers_within
 
 LAMP = 8.0  # times the mean radiance: lamps begin there, and above twice this all light is a lamp's

@@ -18,9 +18,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from ..depth.iris import Opening
 from ..image.pixel_grid import PixelGrid
 from ..lens import Lens
+from ..lens.iris import Opening
 from .arrivals import CELL_PX, Arrivals
 from .cells import FineCells, spread_in_cells
 

@@ -6,13 +6,14 @@ from functools import cached_property
 
 import numpy as np
 
-from ..depth.iris import Iris, Opening, opening
 from ..image.irradiance import irradiance_per_radiance
 from ..image.layers import LayeredRadiance
 from ..image.nonfinite import clamp_fireflies, count_nonfinite
+from ..image.sources import Sources
 from ..image.spectral_image import SpectralImage
 from ..lens import Lens
 from ..lens.entrance_pupil import entrance_pupil_area_mm2
+from ..lens.iris import Iris, Opening, opening
 from ..prescription.system import system_of
 from ..runtime.scratch import zeros_stored_like
 from .arrivals import Arrivals, arrivals
@@ -20,7 +21,6 @@ from .ghosts import ghosts
 from .merging import merged_sources
 from .options import AUTO, GHOSTS, STAR, VEIL, StrayOptions
 from .picture_sources import picture_sources
-from .sources import Sources
 from .star import add_stars, star_share
 from .veil import Veil, add_veil, veil_of, veil_with_index
 

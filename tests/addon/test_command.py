@@ -20,10 +20,10 @@ from lensfield.addon.job.job import job_of
 from lensfield.addon.job.record import recorded_fields
 from lensfield.addon.job.result import FRAME_FILES, LENS_FILES
 from lensfield.cli import main
-from lensfield.commands.messages import read_message
 from lensfield.engine import ReadingOptions, read_prescription
 from lensfield.engine.library import BUNDLED
 from lensfield.engine.pictures.spectral_exr import read_exr
+from lensfield.engine.runtime.messages import read_message
 from places import SAMPLE_SCENE
 from signalled import heed_hangups, signalled
 from small_scenes import adjust, light, material, set_world, wall

@@ -5,11 +5,11 @@ import sys
 
 import pytest
 
-from lensfield.commands import messages
+from lensfield.engine.runtime import messages
 
 SPEAKER = """
 import os
-from lensfield.commands.messages import message_lines
+from lensfield.engine.runtime.messages import message_lines
 os.write(1, b"Blender says hello")
 with message_lines() as write:
     os.write(1, b"chatter amid")

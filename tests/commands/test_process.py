@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from lensfield.commands.messages import read_message
 from lensfield.commands.serve import Requests
+from lensfield.engine.runtime.messages import read_message
 from signalled import signalled
 
 SERVE = [sys.executable, "-c", "from lensfield.cli import console; console()", "serve"]

@@ -15,10 +15,10 @@ import pytest
 
 from lensfield.cli import _parser, main
 from lensfield.commands import confine, serve, untrusted
-from lensfield.commands.messages import read_message
 from lensfield.commands.parser import COMMANDS
 from lensfield.commands.task import task_arguments
 from lensfield.engine import InputError
+from lensfield.engine.runtime.messages import read_message
 from places import ROOT
 from rgb_files import planes_exr
 

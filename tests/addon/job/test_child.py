@@ -15,7 +15,7 @@ from PIL import Image
 from lensfield.addon.job.job import set_blend_folder, unsaved_folder
 from lensfield.addon.render import child
 from lensfield.addon.scene.errors import SceneError
-from lensfield.commands.child import Child
+from lensfield.engine.runtime.child import Child
 from small_scenes import light, material, wall
 from snapshot import differences, snapshot
 from waiting import wait_until
@@ -182,7 +182,7 @@ LEAVE_IT = """
 import os, sys, time
 import bpy
 from lensfield.addon.scene.errors import SceneError
-from lensfield.commands.child import Child
+from lensfield.engine.runtime.child import Child
 child = Child([sys.executable, *sys.argv[2:]], sys.argv[1])
 while "fraction" not in child.status: time.sleep(0.01)
 print(child._process.pid, flush=True)

@@ -13,8 +13,8 @@ from lensfield.addon.capture import finished_passes, light
 from lensfield.addon.render.render import render_through_lens
 from lensfield.addon.render.session import write_session
 from lensfield.addon.scene.denoise import denoised
-from lensfield.commands.child import Child
 from lensfield.engine import InputError
+from lensfield.engine.runtime.child import Child
 from small_scenes import set_world
 from snapshot import differences, snapshot
 from waiting import LAST_RESORT_S

@@ -16,10 +16,10 @@ from lensfield.addon.scene.rings import scene_iris, scene_lens
 from lensfield.cli import _parser
 from lensfield.commands.arguments import iris_option
 from lensfield.engine import InputError, load_lens, simulate
-from lensfield.engine.depth.iris import Iris, opening
 from lensfield.engine.image.layers import Layer, LayeredRadiance
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.lens.entrance_pupil import entrance_pupil_diameter_mm
+from lensfield.engine.lens.iris import Iris, opening
 from lensfield.engine.lens_files.package import write_package
 from lensfield.engine.library import PRESCRIPTIONS
 from lensfield.engine.pictures.spectral_exr import read_parts

@@ -13,13 +13,13 @@ from lensfield.addon.ui.lens_at_rest import facts_at_rest
 from lensfield.addon.ui.quick_look import compositor_lens, quick_look_question, read_look
 from lensfield.engine import load_lens
 from lensfield.engine.depth.depth_range import blur_per_nearness_px
-from lensfield.engine.depth.iris import Iris, opening
-from lensfield.engine.depth.lens_tables import BOKEH_NODES, COLOURS_NM, lens_tables
 from lensfield.engine.field.field_map import field_map
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.lens.entrance_pupil import focus_nearness
+from lensfield.engine.lens.iris import Iris, opening
 from lensfield.engine.lens.pinhole import fitting_pitch_um
 from lensfield.engine.library.rays import lens_rays
+from lensfield.engine.look.lens_tables import BOKEH_NODES, COLOURS_NM, lens_tables
 from lensfield.engine.rays.rings import Rings
 from small_scenes import set_world
 

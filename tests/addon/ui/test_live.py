@@ -13,8 +13,8 @@ from lensfield.addon.ui import lens_view, live
 from lensfield.addon.ui.lens_at_rest import facts_at_rest
 from lensfield.addon.ui.lens_view import SAMPLERS, SOURCES, VALUES, View
 from lensfield.addon.ui.session import session
-from lensfield.engine.depth.iris import Iris
-from lensfield.engine.depth.lens_tables import NODES
+from lensfield.engine.lens.iris import Iris
+from lensfield.engine.look.lens_tables import NODES
 from lensfield.engine.rays.rings import Rings
 from waiting import LAST_RESORT_S
 

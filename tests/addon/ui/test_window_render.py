@@ -17,8 +17,8 @@ from lensfield.addon.ui import window_render
 from lensfield.addon.ui.panels import draw_settings
 from lensfield.addon.ui.session import session
 from lensfield.cli import CANCELLED
-from lensfield.commands import child
 from lensfield.engine.pictures.spectral_exr import read_exr
+from lensfield.engine.runtime import child
 from lensfield.engine.runtime.errors import InputError
 from small_scenes import light, material, wall
 from snapshot import COMPOSITOR, differences, snapshot

@@ -7,9 +7,9 @@ import pytest
 from scipy.special import j1
 
 from lensfield.engine.bake.bake import bake
-from lensfield.engine.depth.iris import Iris, opening
 from lensfield.engine.inspection.info import lens_info, lens_text
 from lensfield.engine.lens.entrance_pupil import entrance_pupil_area_mm2
+from lensfield.engine.lens.iris import Iris, opening
 from lensfield.engine.lens_files.package import package_bytes, read_package
 from lensfield.engine.prescription.prescription import Pose
 from lensfield.engine.rays.axial_image import trace_axial_bundles

@@ -11,7 +11,6 @@ import lensfield.engine.depth.cast as cast_module
 from lenses import make_lens
 from lensfield.engine.depth.cast import cast, casting_bytes
 from lensfield.engine.depth.depth_range import blur_px
-from lensfield.engine.depth.iris import Iris
 from lensfield.engine.depth.meetings import plan_meetings
 from lensfield.engine.depth.prepared_layer import sharpened
 from lensfield.engine.field.radial.first_order import first_order_rays
@@ -20,6 +19,7 @@ from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.image.projection import FISHEYE, PLANE, Projection
 from lensfield.engine.kernels.library import available, running
 from lensfield.engine.lens.entrance_pupil import entrance_pupil_diameter_mm, focus_nearness
+from lensfield.engine.lens.iris import Iris
 from lensfield.engine.library.rays import lens_rays
 from lensfield.engine.runtime import threads
 from loops import using

@@ -10,11 +10,11 @@ from lenses import make_lens
 from lensfield.engine import Options, simulate
 from lensfield.engine.depth.cast import cast
 from lensfield.engine.depth.depth_range import blur_per_nearness_px, blur_px
-from lensfield.engine.depth.iris import Iris, opening, opening_within
 from lensfield.engine.field.radial.first_order import first_order_rays
 from lensfield.engine.image.layers import Layer, LayeredRadiance
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.lens.entrance_pupil import focus_nearness
+from lensfield.engine.lens.iris import Iris, opening, opening_within
 from lensfield.engine.library import prescription_of
 from lensfield.engine.library.rays import lens_rays
 from lensfield.engine.rays.rings import Rings, turned

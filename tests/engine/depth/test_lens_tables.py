@@ -7,11 +7,11 @@ import pytest
 
 from lenses import fine_grid_lens, tinted
 from lensfield.engine import load_lens
-from lensfield.engine.depth.iris import Iris, opening
-from lensfield.engine.depth.lens_tables import BOKEH_NODES, COLOURS_NM, NODES, lens_tables
 from lensfield.engine.field.field_map import field_map
 from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.lens.iris import Iris, opening
 from lensfield.engine.library.rays import lens_rays
+from lensfield.engine.look.lens_tables import BOKEH_NODES, COLOURS_NM, NODES, lens_tables
 from lensfield.engine.rays.rings import Rings
 
 MIDDLE = BOKEH_NODES // 2

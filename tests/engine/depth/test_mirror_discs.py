@@ -8,13 +8,13 @@ from scipy.stats import qmc
 
 from lensfield.engine import Options, Rings, load_lens, simulate
 from lensfield.engine.depth.depth_range import blur_per_nearness_px
-from lensfield.engine.depth.lens_curves import lens_curves
-from lensfield.engine.depth.lens_tables import lens_tables
 from lensfield.engine.field.radial.first_order import first_order_rays
 from lensfield.engine.image.layers import Layer, LayeredRadiance
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.lens.entrance_pupil import focus_nearness
 from lensfield.engine.library.rays import lens_rays
+from lensfield.engine.look.lens_curves import lens_curves
+from lensfield.engine.look.lens_tables import lens_tables
 from lensfield.engine.prescription.readers.toml import write_prescription
 from lensfield.engine.rays.focus import build_system
 from mirror_lens import MIRROR_LENS

@@ -12,9 +12,9 @@ import pytest
 from lens_texts import DEEPLENS, optiland
 from lenses import make_lens
 from lensfield.engine import ImageError, InputError, LensError, SpectralImage
-from lensfield.engine.depth.iris import Iris
 from lensfield.engine.image.layers import Layer, LayeredRadiance
 from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.lens.iris import Iris
 from lensfield.engine.lens_files.package import read_package, write_package
 from lensfield.engine.lens_files.psf_grid import PsfGrid
 from lensfield.engine.library import load_lens

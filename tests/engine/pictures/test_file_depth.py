@@ -12,7 +12,7 @@ from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.image.projection import FISHEYE
 from lensfield.engine.image.spectral_image import SpectralImage
 from lensfield.engine.pictures.deep_exr import DeepPicture
-from lensfield.engine.pictures.file_depth import deep_in_mm, file_depth, layers_of_deep, layers_of_flat
+from lensfield.engine.simulation.file_depth import deep_in_mm, file_depth, layers_of_deep, layers_of_flat
 
 LENS = make_lens()
 GRID = PixelGrid((30, 40), 200.0, centre_px=(12.0, 25.0))

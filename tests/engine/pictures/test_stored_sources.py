@@ -7,10 +7,10 @@ import OpenEXR
 import pytest
 
 from lensfield.engine import ImageError
+from lensfield.engine.image.sources import Sources
 from lensfield.engine.image.spectral_image import SpectralImage
 from lensfield.engine.pictures.spectral_exr import read_exr, read_sources, write_exr
 from lensfield.engine.pictures.stored_sources import ATTRIBUTE
-from lensfield.engine.stray.sources import Sources
 
 NM = np.array([450.0, 1e3 / 3 + 200])
 PICTURE = SpectralImage(np.ones((2, 4, 6), np.float32), NM, pitch_um=5.0, overscan_px=(1, 1))

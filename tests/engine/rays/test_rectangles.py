@@ -9,11 +9,11 @@ from crooked_lens import CROOKED
 from lensfield.engine import LensError
 from lensfield.engine.bake.bake import bake
 from lensfield.engine.depth.cast import cast
-from lensfield.engine.depth.iris import opening
 from lensfield.engine.image.layers import Layer, LayeredRadiance
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.inspection.screen import check_prescription
 from lensfield.engine.kernels.library import available
+from lensfield.engine.lens.iris import opening
 from lensfield.engine.prescription.mirrors import mirrored
 from lensfield.engine.prescription.prescription import Pose, Prescription, Surface
 from lensfield.engine.prescription.readers import read_prescription

@@ -16,12 +16,12 @@ import pytest
 from full_disk import room_for
 from lensfield.cli import main
 from lensfield.engine import InputError, Report, load_lens
+from lensfield.engine.inspection.tradeoff import Row, write_table
 from lensfield.engine.lens_files.package import write_package
 from lensfield.engine.library import PRESCRIPTIONS
 from lensfield.engine.pictures.preview import write_png
 from lensfield.engine.runtime import files
 from lensfield.engine.runtime.files import LONGEST_WRITE_S, atomic_path, check_target, link_or_copy
-from lensfield.engine.simulation.tradeoff import Row, write_table
 from places import SAMPLE_SCENE
 
 posix = pytest.mark.skipif(os.name != "posix", reason="Windows does not report which processes are running")

@@ -5,10 +5,10 @@ import pytest
 
 from lensfield.engine import SpectralImage, load_camera
 from lensfield.engine.image.irradiance import irradiance_per_radiance
+from lensfield.engine.photo.photograph import photograph
 from lensfield.engine.pictures.develop import developed_in
 from lensfield.engine.pictures.preview import to_rec709
 from lensfield.engine.sensor.metering import developed_white, metered, metered_rec709
-from lensfield.engine.simulation.photograph import photograph
 from lensfield.engine.spectral.colour import light_basis
 from seed import SEED
 

@@ -7,13 +7,13 @@ import pytest
 
 from lenses import make_lens, tinted
 from lensfield.engine import ImageError, InputError, LensError, Options, Report, SpectralImage, simulate
-from lensfield.engine.depth.iris import Iris, opening
+from lensfield.engine.image.sources import Sources
+from lensfield.engine.lens.iris import Iris, opening
 from lensfield.engine.pictures.spectral_exr import read_exr, read_parts, read_stray, read_with_layers, write_exr
 from lensfield.engine.runtime import scratch
 from lensfield.engine.simulation.lens_image import StrayFacts, lens_image
 from lensfield.engine.stray.ghost_table import ghost_table
 from lensfield.engine.stray.options import StrayOptions
-from lensfield.engine.stray.sources import Sources
 from lensfield.engine.stray.star import star_share
 from lensfield.engine.stray.stray_light import stray_light
 from varied_lenses import varied_lens

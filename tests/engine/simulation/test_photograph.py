@@ -7,10 +7,10 @@ import pytest
 
 from lensfield.engine import Report, SpectralImage
 from lensfield.engine.library.bodies import load_camera
+from lensfield.engine.photo.photograph import CameraFacts, missing_channels, missing_text, photograph, shutter_text
 from lensfield.engine.pictures.spectral_exr import read_exr, write_exr
 from lensfield.engine.runtime.errors import ImageError
 from lensfield.engine.sensor.exposure import Exposure, expose
-from lensfield.engine.simulation.photograph import CameraFacts, missing_channels, missing_text, photograph, shutter_text
 from lensfield.engine.spectral.spectra import load_spectrum
 from seed import SEED
 

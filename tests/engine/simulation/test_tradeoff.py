@@ -11,10 +11,9 @@ from lenses import comatic_lens, fine_grid_lens, gaussian_psf, make_lens
 from lensfield import cli
 from lensfield.engine import Options, SpectralImage
 from lensfield.engine.field.psf_samples import psf_radius_px
-from lensfield.engine.inspection import tradeoff_plot
+from lensfield.engine.inspection import tradeoff, tradeoff_plot
 from lensfield.engine.lens_files.package import write_package
 from lensfield.engine.pictures.spectral_exr import write_exr
-from lensfield.engine.simulation import tradeoff
 
 COLUMNS = ("image curve method section_size azimuths precision psf_energy accuracy wavelengths seconds "
            "seconds_over_paper peak_mb relative_l2 maximum_error l1 predicted_bound against").split()

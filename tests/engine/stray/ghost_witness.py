@@ -15,9 +15,10 @@ import batoid
 import numpy as np
 
 from fresnel import fresnel
-from lensfield.engine.depth.iris import Iris, opening_within
 from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.image.sources import Sources
 from lensfield.engine.kernels.ghosts import Beam
+from lensfield.engine.lens.iris import Iris, opening_within
 from lensfield.engine.library import prescription_of
 from lensfield.engine.prescription.coatings import Coating, MeasuredReflectance
 from lensfield.engine.prescription.prescription import Pose
@@ -29,7 +30,6 @@ from lensfield.engine.stray.ghost_beams import INVARIANT_STEPS, ghost_lens
 from lensfield.engine.stray.ghost_rays import boxes_of, trace_ghosts
 from lensfield.engine.stray.ghost_survey import open_square
 from lensfield.engine.stray.ghosts import ghosts
-from lensfield.engine.stray.sources import Sources
 
 NM = 550.0
 MM = 1e-3  # in batoid's metres

@@ -14,12 +14,12 @@ from lensfield.engine.depth.depth_range import blur_px
 from lensfield.engine.image.layers import Layer, LayeredRadiance
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.image.projection import FISHEYE
+from lensfield.engine.image.sources import Sources
 from lensfield.engine.image.spectral_image import SpectralImage
 from lensfield.engine.library import prescription_of
 from lensfield.engine.library.rays import sketched_rays
 from lensfield.engine.rays.rings import Rings, turned
 from lensfield.engine.stray.arrivals import arrivals
-from lensfield.engine.stray.sources import Sources
 
 pytestmark = pytest.mark.one_blender
 NM, FOCAL_MM = np.array([450.0, 600.0]), 10.0

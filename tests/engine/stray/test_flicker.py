@@ -3,9 +3,9 @@
 import numpy as np
 
 from lensfield.engine import Rings, load_lens
-from lensfield.engine.depth.iris import Iris
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.image.spectral_image import SpectralImage
+from lensfield.engine.lens.iris import Iris
 from lensfield.engine.stray.options import StrayOptions
 from lensfield.engine.stray.stray_light import stray_light
 

@@ -9,9 +9,10 @@ import pytest
 
 from fresnel import fresnel
 from lensfield.engine.bake.bake import bake
-from lensfield.engine.depth.iris import Iris, opening_within
 from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.image.sources import Sources
 from lensfield.engine.kernels.library import NUMPY, available
+from lensfield.engine.lens.iris import Iris, opening_within
 from lensfield.engine.library import prescription_of
 from lensfield.engine.prescription.prescription import Pose, Prescription, Surface
 from lensfield.engine.prescription.system import system_of
@@ -20,7 +21,6 @@ from lensfield.engine.rays.transmission import coating_transmittance
 from lensfield.engine.runtime import threads
 from lensfield.engine.stray.ghost_table import ghost_table
 from lensfield.engine.stray.ghosts import direct_light, ghosts
-from lensfield.engine.stray.sources import Sources
 from loops import using
 
 NM = 550.0

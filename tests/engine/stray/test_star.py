@@ -5,10 +5,10 @@ import pytest
 import scipy
 
 from lenses import make_lens, tinted
-from lensfield.engine.depth.iris import Iris, opening_within
 from lensfield.engine.image.layers import Layer, LayeredRadiance
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.image.spectral_image import SpectralImage
+from lensfield.engine.lens.iris import Iris, opening_within
 from lensfield.engine.stray.arrivals import arrivals
 from lensfield.engine.stray.options import StrayOptions
 from lensfield.engine.stray.star import add_stars, edges_of, star_share

@@ -6,10 +6,10 @@ import pytest
 from lenses import make_lens, tinted
 from lensfield.engine import simulate
 from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.image.sources import Sources
 from lensfield.engine.image.spectral_image import SpectralImage
 from lensfield.engine.runtime.errors import InputError
 from lensfield.engine.stray.arrivals import arrivals
-from lensfield.engine.stray.sources import Sources
 from lensfield.engine.stray.veil import (
     CLEANLINESS,
     Lobe,

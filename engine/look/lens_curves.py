@@ -7,7 +7,7 @@ import numpy as np
 
 from ..lens import Lens, RadialLens
 from ..lens.entrance_pupil import entrance_pupil_diameter_mm
-from .iris import Iris, opening
+from ..lens.iris import Iris, opening
 from .lens_tables import STEEPEST_RAD, colour_directions
 
 POINTS = 512  # linear interpolation is accurate to 0.02 px of 1080 rows

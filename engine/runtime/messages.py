@@ -15,7 +15,9 @@ import json
 import os
 import sys
 import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 MARK = "lensfield> "
 STOP = "stop"  # a line to `serve`: stop the running command
@@ -24,7 +26,7 @@ ENOUGH = 0.03  # fraction of the work needed to estimate the remaining time: the
 
 
 @contextmanager
-def message_lines():
+def message_lines() -> Iterator[Callable[..., object]]:
     """A function that writes facts as a message immediately.
 
     Within the context, all other output to standard output goes to standard error.
@@ -41,15 +43,16 @@ def message_lines():
         os.close(descriptor)
 
 
-def paced(write, pace_s=PACE_S, new_label_s=0.0):
+def paced(write: Callable[..., object], pace_s: float = PACE_S,
+          new_label_s: float = 0.0) -> Callable[[float, str], None]:
     """A progress function (fraction, label) that limits the rate of messages.
 
     A message with the same label as the last one is written only after `pace_s`, one with a new label only after
     `new_label_s`.
     """
-    last = {"label": None, "s": 0.0}
+    last: dict[str, Any] = {"label": None, "s": 0.0}
 
-    def on_progress(fraction, label):
+    def on_progress(fraction: float, label: str) -> None:
         now = time.monotonic()
         if now - last["s"] >= (pace_s if label == last["label"] else new_label_s):
             last.update(label=label, s=now)
@@ -58,20 +61,20 @@ def paced(write, pace_s=PACE_S, new_label_s=0.0):
     return on_progress
 
 
-def time_left(fraction, spent_s, since_s=0.0):
+def time_left(fraction: float, spent_s: float, since_s: float = 0.0) -> str:
     """Format the remaining time, from the seconds spent on this fraction and the seconds since then; "" if the fraction
     is too small for an estimate."""
     return f"{duration(max(spent_s * (1 / fraction - 1) - since_s, 0))} left" if fraction >= ENOUGH else ""
 
 
-def duration(seconds):
+def duration(seconds: float) -> str:
     """Format a duration briefly."""
     if seconds < 90:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
-def read_message(line):
+def read_message(line: str) -> dict[str, Any] | None:
     """The facts in a line, or None if it is not a message."""
     _, mark, message = line.partition(MARK)  # a library's unfinished line may precede the mark
     try:

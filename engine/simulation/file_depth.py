@@ -12,9 +12,9 @@ from ..image.layers import LayeredRadiance
 from ..image.pixel_grid import PixelGrid
 from ..image.spectral_image import SpectralImage
 from ..lens.lens import Lens
-from .deep_exr import DeepPicture
-from .depth_channel import depth_in_mm, numbers_of_depth, without_mixtures
-from .rgb_picture import RgbPicture
+from ..pictures.deep_exr import DeepPicture
+from ..pictures.depth_channel import depth_in_mm, numbers_of_depth, without_mixtures
+from ..pictures.rgb_picture import RgbPicture
 
 DEPTH_KINDS = "z", "distance"
 """How depth is measured: along the camera's axis, or as the distance from the camera to the visible point."""

@@ -23,10 +23,10 @@ from ..pictures.preview import to_rec709
 from ..plan.options import Options
 from ..runtime.errors import ImageError
 from ..runtime.files import atomic_path
+from ..simulation.channel_cache import ChannelCache
+from ..simulation.report import Report
+from ..simulation.simulate import simulate
 from ..spectral.spectra import blackbody, library_names, load_spectrum
-from .channel_cache import ChannelCache
-from .report import Report
-from .simulate import simulate
 
 DEFAULT_SHAPE_PX = 288, 384  # the paper's frame at twice its pitch: the exact operator takes half a minute
 POINT_SPACING_PX = 23  # coprime to section sizes, so points are at all positions in sections

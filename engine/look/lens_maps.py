@@ -7,7 +7,7 @@ import scipy
 
 from ..lens import GridLens
 from ..lens.entrance_pupil import focus_nearness
-from .iris import Iris, Opening, opening
+from ..lens.iris import Iris, Opening, opening
 from .lens_curves import BOKEH_PX, CompositorLens, common_values, farthest_corner_mm
 from .lens_tables import NODES, STEEPEST_RAD, colour_directions
 

@@ -6,10 +6,10 @@ from functools import lru_cache
 import numpy as np
 import scipy
 
-from ..image.pixel_grid import is_integer
-from ..lens import Lens
 from ..runtime.errors import InputError
+from ..runtime.numbers import is_integer
 from ..runtime.setting import setting
+from . import Lens
 
 MOST_BLADES = 64
 AZIMUTHS = 4096  # for integrating the edge of half a blade: areas are accurate to 1e-7

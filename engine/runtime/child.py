@@ -11,9 +11,12 @@ import subprocess
 import tempfile
 import threading
 import time
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
+from .files import AnyPath
 from .messages import STOP, read_message
 
 GRACE_S = 0.7  # for a child to remove half-written files
@@ -42,19 +45,24 @@ class Child:
     log : Path
     """
 
-    def __init__(self, command, folder, hear=None):
-        self._hear, self.status, self.lens_images, self.status_s = hear, {}, [], time.monotonic()
+    def __init__(self, command: Sequence[str], folder: AnyPath,
+                 hear: Callable[[dict[str, Any]], object] | None = None) -> None:
+        self._hear, self.status_s = hear, time.monotonic()
+        self.status: dict[str, Any] = {}
+        self.lens_images: list[str] = []
         self.log = Path(folder) / "render.log"
         self._log = open(self.log, "a", buffering=1, encoding="utf-8")
         self._process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._log, encoding="utf-8",
             errors="replace", env=os.environ | dict.fromkeys(("TMPDIR", "TMP", "TEMP"), str(folder)),
             start_new_session=True, creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0))
+        assert self._process.stdin and self._process.stdout, "both are pipes"
+        self._requests, self._messages = self._process.stdin, self._process.stdout
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
     def _read(self):
-        for line in self._process.stdout:
+        for line in self._messages:
             facts = read_message(line)
             if facts is None:
                 with suppress(OSError):  # on a full disk, continue to receive messages
@@ -65,37 +73,37 @@ class Child:
                 if self._hear:
                     self._hear(facts)
 
-    def ask(self, arguments):
+    def ask(self, arguments: Sequence[str]) -> None:
         """Let `lensfield serve` run a command; it reports a status at the end."""
         self.status = {}
         self._write(arguments)
 
-    def stop(self):
+    def stop(self) -> None:
         """Let `lensfield serve` stop its command, which then reports its status."""
         self._write(STOP)
 
     def _write(self, request):
         with suppress(OSError):  # the process has ended, which `ended` shows
-            print(json.dumps(request), file=self._process.stdin, flush=True)
+            print(json.dumps(request), file=self._requests, flush=True)
 
     @property
-    def ended(self):
+    def ended(self) -> bool:
         """Whether the process has ended by itself."""
         return self._process.poll() is not None
 
-    def ended_within(self, seconds):
+    def ended_within(self, seconds: float) -> bool:
         """Whether the process ends by itself within a time."""
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(seconds)
         return self.ended
 
-    def end(self):
+    def end(self) -> None:
         """End the process within GRACE_S, if it is still running.
 
         Afterwards all of its processes have ended and all of its messages have been received.
         """
         with suppress(OSError):  # a request that it can no longer read
-            self._process.stdin.close()
+            self._requests.close()
         try:
             self._process.wait(GRACE_S)
         except subprocess.TimeoutExpired:
@@ -103,7 +111,7 @@ class Child:
             self._process.wait()
         self._kill_workers()
         self._reader.join()
-        self._process.stdout.close()
+        self._messages.close()
         with suppress(OSError):  # the rest of the log, on a full disk
             self._log.close()
 
@@ -113,7 +121,7 @@ class Child:
             with suppress(ProcessLookupError):
                 os.killpg(self._process.pid, signal.SIGKILL)
 
-    def death(self):
+    def death(self) -> tuple[str, str]:
         """Why the process ended without reporting success or an error, and a lasting copy of its log: two strings."""
         lines = [line.strip() for line in self.log.read_text(encoding="utf-8", errors="replace").split("\n")]
         last = next((line for line in reversed(lines) if line and not line.startswith(CRASH)), "no output")

@@ -13,8 +13,8 @@ from ..sensor.camera import Camera
 from ..sensor.electrons import missing_response
 from ..sensor.exposure import RawImage, expose
 from ..sensor.metering import exposure_factor, metered, usual_exposure
-from .report import Report
-from .report_parts import Part, Parts
+from ..simulation.report import Report
+from ..simulation.report_parts import Part, Parts
 
 MISSING_LIMIT = 0.01  # of a channel's response
 DARKEST = 0.01  # share of the pixels

@@ -8,15 +8,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..depth.depth_range import blur_per_nearness_px
 from ..field.field_map import field_map
 from ..image.pixel_grid import PixelGrid
 from ..image.projection import FISHEYE
 from ..lens import Lens
 from ..lens.entrance_pupil import focus_nearness
+from ..lens.iris import Iris, opening
 from ..rays.grid_rays import LensRays
 from ..rays.stop_places import cell_size
-from .depth_range import blur_per_nearness_px
-from .iris import Iris, opening
 
 COLOURS_NM = 610.0, 550.0, 465.0  # red, green, blue
 STEEPEST_RAD = 1.55  # a plane shows no light from behind
