@@ -24,33 +24,28 @@ from .ui import (
     animation,
     another_lens,
     camera_presets,
-    click_focus,
     comparison,
     compositor_panel,
     favourites,
     fixes,
     flamenco,
     lens_assets,
-    lens_worker,
     lint_panel,
-    live,
     old_files,
     open_lens,
     operators,
     panels,
     plan_line,
-    preferences,
-    preview,
-    preview_panel,
-    properties,
-    quick_look,
     sheets,
     spectra_panels,
     trust_panel,
     window_render,
 )
+from .ui.common import lens_worker, preferences, properties
+from .ui.common.previews import forget_previews
 from .ui.keys import register_keys, unregister_keys
-from .ui.previews import forget_previews
+from .ui.live import live, quick_look
+from .ui.preview import click_focus, preview, preview_panel
 
 __all__ = ["Animation", "RenderRequest", "apply_lens", "camera_settings", "camera_words", "changed_scene",
            "check_next_to_frames", "check_output_folder", "folder_for", "moved_preview", "open_preview",

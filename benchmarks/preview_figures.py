@@ -17,8 +17,8 @@ from pathlib import Path
 import bpy
 
 from lensfield import addon
-from lensfield.addon.ui import preview
-from lensfield.addon.ui.session import session
+from lensfield.addon.ui.common.session import session
+from lensfield.addon.ui.preview import preview
 
 SAMPLE = Path(__file__).resolve().parents[1] / "sample_scenes" / "evening_chess.blend"
 RENDER_PX, PREVIEW_PX = (1920, 1080), (480, 270)

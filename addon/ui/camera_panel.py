@@ -3,16 +3,15 @@
 from contextlib import suppress
 
 from ...engine.library.bodies import load_camera
-from ...engine.photo.photograph import missing_channels, missing_text, shutter_text
+from ...engine.photo.photograph import missing_channels, missing_text
 from ...engine.runtime.errors import InputError
-from ...engine.sensor.exposure import exposure_value
 from ..job.named_files import FROM_FILE
 from ..scene.active_camera import camera_data
-from .lens_worker import lens_request
-from .listed_settings import draw_listed
-from .properties import NO_BODY
-from .shown_exposure import current_exposure
-from .text_wrap import draw_wrapped
+from .common.lens_worker import lens_request
+from .common.listed_settings import draw_listed
+from .common.properties import NO_BODY
+from .common.shown_exposure import current_exposure, exposure_text
+from .common.text_wrap import draw_wrapped
 
 
 def draw_camera(layout, scene, camera):
@@ -57,17 +56,6 @@ def _draw_exposure(layout, settings, name, auto, title):
     else:
         row.prop(settings, name)
         row.prop(settings, auto, toggle=True)
-
-
-def exposure_text(shutter_s, iso, f_number=None):
-    """An exposure as cameras show it: shutter and ISO, without unknown ones; and, if all is known, the exposure value.
-    """
-    parts = [shutter_text(shutter_s)] if shutter_s else []
-    parts += [f"f/{f_number:.3g}"] if f_number else []
-    parts += [f"ISO {iso:.0f}"] if iso else []
-    if shutter_s and iso and f_number:
-        parts.append(f"EV {exposure_value(f_number, shutter_s, iso):.1f}")
-    return ", ".join(parts)
 
 
 def _f_number(scene, camera):

@@ -15,11 +15,11 @@ from ..scene.active_camera import camera_settings
 from ..scene.camera import frame_px
 from ..scene.linked import check_editable
 from . import window_render
+from .common.plain_words import plain
+from .common.previews import lens_picture
+from .common.properties import lens_title, matching_lenses, offered_lenses
+from .common.session import session
 from .operators import LensRender
-from .plain_words import plain
-from .previews import lens_picture
-from .properties import lens_title, matching_lenses, offered_lenses
-from .session import session
 
 F_STOPS = "1", "1.4", "2", "2.8", "4", "5.6", "8", "11", "16"
 F_STOPS_TEXT = "F-stops. None: the camera's if its Depth of Field is on, otherwise each lens's widest"

@@ -3,7 +3,7 @@
 import bpy
 
 from ..scene.compositor import compositor_state, remove_from_compositor
-from .text_wrap import draw_wrapped
+from .common.text_wrap import draw_wrapped
 
 
 class LENSFIELD_OT_remove_from_compositor(bpy.types.Operator):

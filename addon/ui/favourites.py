@@ -4,8 +4,8 @@ import bpy
 
 from ..job.named_files import FROM_FILE
 from ..scene.active_camera import camera_in
-from .preferences import addon_preferences, favourite_lenses
-from .properties import forget_items
+from .common.preferences import addon_preferences, favourite_lenses
+from .common.properties import forget_items
 
 
 class LENSFIELD_OT_favourite(bpy.types.Operator):

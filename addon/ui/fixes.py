@@ -4,8 +4,8 @@ import bpy
 
 from ...engine.runtime.errors import InputError
 from ..scene.linked import check_editable
-from .plain_words import plain
-from .text_wrap import draw_wrapped
+from .common.plain_words import plain
+from .common.text_wrap import draw_wrapped
 
 
 def _make_perspective(camera):

@@ -8,7 +8,7 @@ from pathlib import Path
 from ...engine.runtime.values import json_value
 from ..job.result import Result
 from ..scene.camera import frame_px
-from .session import session
+from .common.session import session
 
 RENDER = "multispectral render"  # stage of a report; the others put its light through the lens
 

@@ -14,9 +14,9 @@ from ..scene.compositor import QUICK_LOOK
 from ..scene.lens_cache import load_lens
 from ..scene.lens_facts import lens_facts
 from ..scene.quick_look import new_quick_look, set_lens
-from .live import QUALITY
-from .previews import asset_preview
-from .quick_look import compositor_lens
+from .common.previews import asset_preview
+from .live.live import QUALITY
+from .live.quick_look import compositor_lens
 
 FILE, CATALOGUES = "lensfield_lenses.blend", "blender_assets.cats.txt"
 CATALOGUE, CATALOGUE_ID = "Lensfield", "6a3a9f0e-5f0b-4b0e-9c53-3f9b6a1d7c42"

@@ -8,10 +8,10 @@ from ..scene.active_camera import camera_settings
 from ..scene.rings import rings_for
 from ..shading.lint import counts_text
 from ..shading.node_rules import APPROXIMATED, REJECTED, SEPARATED
-from .lens_worker import is_baking
+from .common.lens_worker import is_baking
+from .common.session import Check, session
+from .common.text_wrap import draw_wrapped
 from .operators import nothing_renders
-from .session import Check, session
-from .text_wrap import draw_wrapped
 
 ICONS = {REJECTED: "CANCEL", SEPARATED: "MOD_ARRAY", APPROXIMATED: "ERROR"}
 """Icons of the verdicts with a line for each finding in the panel; the others are only counted."""

@@ -9,7 +9,7 @@ import bpy
 from bpy.app.handlers import persistent
 
 from ..scene.motion import curves_of, owned_curves
-from .properties import CAMERA_SETTINGS, body_items, lens_items
+from .common.properties import CAMERA_SETTINGS, body_items, lens_items
 
 NEW_NAMES = {name: name for name in ("lens", "lens_file", "iris_roundness", "sensor_mm", *CAMERA_SETTINGS)} | {
     "camera": "body", "camera_file": "body_file"}

@@ -30,8 +30,8 @@ from ...engine.runtime.inputs import note_who_names
 from ..job.named_files import FROM_FILE
 from ..scene.active_camera import settings_to_edit
 from ..scene.lens_file import lens_file_for_scene
-from .previews import drawing_preview
-from .text_wrap import WIDGET_PX, draw_wrapped
+from .common.previews import drawing_preview
+from .common.text_wrap import WIDGET_PX, draw_wrapped
 
 WIDTH_PX = 560  # of the dialog, at Blender's default scale
 PICTURE = 13  # widgets

@@ -13,12 +13,12 @@ from ..scene.camera import aim_camera, check_camera, frame_grid, match_camera_to
 from ..scene.compositor import show_file
 from ..scene.linked import check_editable
 from . import window_render
-from .areas import fit_picture
-from .lens_worker import facts_now, lens_now, requested_lens
-from .plain_words import plain
-from .previews import SHEET_MARK, load_sheet
-from .properties import searched_lens_items
-from .session import session
+from .common.areas import fit_picture
+from .common.lens_worker import facts_now, lens_now, requested_lens
+from .common.plain_words import plain
+from .common.previews import SHEET_MARK, load_sheet
+from .common.properties import searched_lens_items
+from .common.session import session
 from .sheets import draw_sheet, drawn_sheet, stored_sheet
 
 

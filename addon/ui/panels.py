@@ -35,24 +35,24 @@ from .animation import draw_animation
 from .another_lens import draw_another_lens
 from .camera_panel import draw_camera, draw_exposure
 from .camera_presets import draw_presets
+from .common.lens_worker import lens_request, requested_lens
+from .common.listed_settings import draw_listed
+from .common.panel_pictures import draw_picture
+from .common.plain_words import plain_line
+from .common.previews import growing_preview, sheet_preview
+from .common.properties import lens_title
+from .common.session import session
+from .common.text_wrap import draw_wrapped
 from .comparison import CHOOSE, draw_compare
 from .compositor_panel import draw_compositor, draw_shown
 from .favourites import draw_favourite
 from .fixes import draw_refusal
-from .lens_worker import lens_request, requested_lens
 from .lint_panel import draw_check
-from .listed_settings import draw_listed
-from .live import draw_live, draw_live_status
-from .panel_pictures import draw_picture
-from .plain_words import plain_line
+from .live.live import draw_live, draw_live_status
+from .live.quick_look import draw_quick_look
 from .plan_line import plan_text
-from .preview_panel import draw_preview, draw_preview_status
-from .previews import growing_preview, sheet_preview
-from .properties import lens_title
-from .quick_look import draw_quick_look
-from .session import session
+from .preview.preview_panel import draw_preview, draw_preview_status
 from .sheets import drawn_sheet, stored_sheet
-from .text_wrap import draw_wrapped
 from .trust_panel import draw_named_files
 
 OF_CAMERA = "view", "body", "sheet"  # the parts that need a camera

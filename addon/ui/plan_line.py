@@ -14,10 +14,10 @@ from ..capture.radiance import detail_bytes, pass_bytes
 from ..capture.sampled_passes import detail_times
 from ..job.job import denoises
 from ..scene.camera import frame_capture, frame_grid, frame_px, lens_for_view
-from .areas import areas
+from .common.areas import areas
+from .common.session import session
 from .learned_time import expected_seconds
 from .lint_panel import checked_settings
-from .session import session
 
 TICK_S, LEAST_S = 0.1, 0.1
 

@@ -2,7 +2,7 @@
 
 import bpy
 
-from .areas import image_editors, tool_in_use
+from .common.areas import image_editors, tool_in_use
 
 TICK_S = 0.2
 KEEP_USER_INTERFACE = "NONE"

@@ -17,7 +17,7 @@ from ...engine.library import has_rings
 from ...engine.runtime import cache
 from ...engine.runtime.files import atomic_path
 from ..render.child import work_folder
-from .areas import redraw_panels
+from .common.areas import redraw_panels
 
 TICK_S = 0.2
 KIND, MOST_BYTES = "sheets", 2**26

@@ -3,8 +3,8 @@
 import bpy
 
 from ..job.named_files import named_files, trust_named_files
-from .areas import redraw_panels
-from .text_wrap import draw_wrapped
+from .common.areas import redraw_panels
+from .common.text_wrap import draw_wrapped
 
 MOST_SHOWN = 20
 WORDS = {"lens": "Lens", "camera": "Camera", "spectrum": "Spectrum", "output": "Output folder"}

@@ -35,13 +35,13 @@ from ..scene.compositor import (
     show_file,
 )
 from ..scene.requirements import check_scene
-from .areas import fit_picture, image_areas, image_editors, redraw_panels, tool_in_use
+from .common.areas import fit_picture, image_areas, image_editors, redraw_panels, tool_in_use
+from .common.lens_worker import requested_lens
+from .common.previews import load_sheet
+from .common.session import ComparedLens, LastRender, LastSheet, session
 from .learned_time import learn_time
-from .lens_worker import requested_lens
-from .preview import unaffected
-from .previews import load_sheet
+from .preview.preview import unaffected
 from .render_display import open_as_render
-from .session import ComparedLens, LastRender, LastSheet, session
 
 TICK_S = 0.1
 PICTURE = "so_far.png"

@@ -9,7 +9,7 @@ from bpy.app.handlers import persistent
 
 from lensfield import addon
 from lensfield.addon.scene import depth
-from lensfield.addon.ui import focus_overlay, preview
+from lensfield.addon.ui.preview import focus_overlay, preview
 from lensfield.engine.runtime import child
 from seed import FIRST_CYCLES_SEED
 from waiting import LAST_RESORT_S

@@ -1,7 +1,7 @@
 """Follows a window's render without a window."""
 
 from lensfield.addon.ui import window_render
-from lensfield.addon.ui.session import session
+from lensfield.addon.ui.common.session import session
 from waiting import wait_until
 
 

@@ -25,8 +25,8 @@ os.environ["TMPDIR"] = tempfile.tempdir = str(TEMPORARY)  # no other program wri
 import bpy  # noqa: E402
 
 from lensfield import addon  # noqa: E402
-from lensfield.addon.ui import preview  # noqa: E402
-from lensfield.addon.ui.session import session  # noqa: E402
+from lensfield.addon.ui.common.session import session  # noqa: E402
+from lensfield.addon.ui.preview import preview  # noqa: E402
 from lensfield.commands.terminal import quiet  # noqa: E402
 from small_scenes import background, light, material, wall  # noqa: E402
 

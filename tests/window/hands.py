@@ -303,15 +303,16 @@ def stalls():
             setattr(module, name, call)
 
 
-OWN_FUNCTIONS = {"ui.window_render": ("start", "start_again", "tick"), "ui.preview": ("start", "tick", "on_update"),
+OWN_FUNCTIONS = {"ui.window_render": ("start", "start_again", "tick"),
+                 "ui.preview.preview": ("start", "tick", "on_update"),
                  "ui.operators": ("_match",), "ui.panels": ("draw_settings", "draw_camera_settings"),
-                 "ui.lens_worker": ("_tick",)}
+                 "ui.common.lens_worker": ("_tick",)}
 """What Lensfield runs in the window's thread: the work of operators, timers and handlers, and the panels."""
 
 
 def lens_request():
     """The panel's request for its lens, with the results so far."""
-    return sys.modules[f"{MODULE}.addon.ui.lens_worker"].lens_request(bpy.context.scene)
+    return sys.modules[f"{MODULE}.addon.ui.common.lens_worker"].lens_request(bpy.context.scene)
 
 
 def trust():
@@ -347,7 +348,7 @@ def preview_is_fresh():
     """Whether the preview shows the current scene through the chosen lens; it may still be refined."""
     preview = preview_under_way()
     assert preview and not preview.error, preview and preview.error
-    key = sys.modules[f"{MODULE}.addon.ui.preview"].lens_key(bpy.context.scene)
+    key = sys.modules[f"{MODULE}.addon.ui.preview.preview"].lens_key(bpy.context.scene)
     return preview.picture.is_file() and preview.fresh and preview.shown > 0 and preview.lens == key
 
 
@@ -374,7 +375,7 @@ def frame_as_drawn(view):
 
 
 def session():
-    return sys.modules[f"{MODULE}.addon.ui.session"].session
+    return sys.modules[f"{MODULE}.addon.ui.common.session"].session
 
 
 def rendering():

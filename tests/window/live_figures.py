@@ -121,7 +121,7 @@ class Judge:
 
     def __init__(self, viewport, name, rings):
         library, self._field_map = module("engine.library"), module("engine.field.field_map").field_map
-        self._live = module("addon.ui.live")
+        self._live = module("addon.ui.live.live")
         self.lens = library.load_lens(name, rings, "preview", wavelengths_nm=self._live.COLOURS_NM)
         self._stretch = np.array([self.lens.squeeze, 1.0])  # of the picture, as the viewport shows it
         pitch_mm = module("engine.lens.pinhole").fitting_pitch_um(self.lens, FRAME_PX) / 1e3
@@ -276,7 +276,7 @@ def place_error(viewport, judge):
     yield from viewport.settled()
     tangents = drawn_tangents(viewport, judge, tangents)
     worst_px = 0.0
-    for colour, nm in enumerate(module("addon.ui.live").COLOURS_NM):
+    for colour, nm in enumerate(module("addon.ui.live.live").COLOURS_NM):
         for position_px in judge.landing_px(tangents, nm):
             part, corner = around(viewport.light[..., colour], position_px, int(2 * DOT_PX))
             worst_px = max(worst_px, np.hypot(*(corner + moments(part)[0] + 0.5 - position_px)))

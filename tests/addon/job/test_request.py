@@ -6,7 +6,7 @@ import pytest
 
 from lensfield.addon.job.job import job_of
 from lensfield.addon.job.record import recorded_fields
-from lensfield.addon.ui.properties import SETTINGS, LensfieldCameraSettings, LensfieldSettings
+from lensfield.addon.ui.common.properties import SETTINGS, LensfieldCameraSettings, LensfieldSettings
 from lensfield.cli import _parser
 from lensfield.engine import InputError, Options
 from lensfield.engine.runtime.setting import settings_of

@@ -10,8 +10,8 @@ from layouts import Layout
 from lensfield import addon
 from lensfield.addon.render.render import shared_cache
 from lensfield.addon.scene.lens_cache import load_lens
+from lensfield.addon.ui.common.properties import LensfieldSettings, offered_lenses
 from lensfield.addon.ui.panels import draw_settings
-from lensfield.addon.ui.properties import LensfieldSettings, offered_lenses
 from lensfield.engine import Options, simulate
 from lensfield.engine.blur import METHODS
 from lensfield.engine.library import BUNDLED

@@ -8,10 +8,11 @@ from lensfield import addon, cli
 from lensfield.addon.job import job
 from lensfield.addon.scene.errors import SceneError
 from lensfield.addon.scene.requirements import check_scene
-from lensfield.addon.ui import preview, window_render
+from lensfield.addon.ui import window_render
+from lensfield.addon.ui.common.plain_words import plain
+from lensfield.addon.ui.common.session import session
 from lensfield.addon.ui.panels import draw_settings
-from lensfield.addon.ui.plain_words import plain
-from lensfield.addon.ui.session import session
+from lensfield.addon.ui.preview import preview
 from small_scenes import set_world
 
 RENDERS = bpy.ops.lensfield.render, bpy.ops.lensfield.render_animation

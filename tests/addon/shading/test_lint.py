@@ -15,7 +15,7 @@ from lensfield.addon.shading.lint import Finding, lint
 from lensfield.addon.shading.node_paths import constant_of
 from lensfield.addon.shading.node_rules import APPROXIMATED, REJECTED, SEPARATED, SUBSTITUTED, UPSAMPLED, VERDICTS
 from lensfield.addon.ui import lint_panel
-from lensfield.addon.ui.session import session
+from lensfield.addon.ui.common.session import session
 from lensfield.engine.spectral.spectra import (
     BAND_NM,
     blackbody,

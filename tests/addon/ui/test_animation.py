@@ -10,7 +10,7 @@ from lensfield.addon.scene.compositor import lens_image, remove_from_compositor
 from lensfield.addon.scene.errors import SceneError
 from lensfield.addon.ui import window_render
 from lensfield.addon.ui.animation import draw_animation
-from lensfield.addon.ui.session import session
+from lensfield.addon.ui.common.session import session
 from lensfield.engine.runtime.files import HALF
 from small_scenes import keyframe_world, set_world
 from snapshot import COMPOSITOR, differences, snapshot

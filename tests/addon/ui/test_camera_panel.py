@@ -9,11 +9,12 @@ from layouts import Layout
 from lensfield.addon.job.named_files import named_files
 from lensfield.addon.job.photo import ShownExposure
 from lensfield.addon.scene import trust
-from lensfield.addon.ui.camera_panel import draw_camera, exposure_text
-from lensfield.addon.ui.lens_worker import facts_now
+from lensfield.addon.ui.camera_panel import draw_camera
+from lensfield.addon.ui.common.lens_worker import facts_now
+from lensfield.addon.ui.common.properties import body_items
+from lensfield.addon.ui.common.session import session
+from lensfield.addon.ui.common.shown_exposure import exposure_text
 from lensfield.addon.ui.panels import draw_settings
-from lensfield.addon.ui.properties import body_items
-from lensfield.addon.ui.session import session
 from lensfield.engine import InputError, load_camera
 from lensfield.engine.library.bodies import bundled_cameras
 from lensfield.engine.sensor.camera_file import camera_text
@@ -123,7 +124,7 @@ def test_a_file_that_only_the_blend_names_is_not_read(scene, tmp_path, monkeypat
     monkeypatch.setattr(trust, "trusts_all", lambda: False)
     monkeypatch.setattr("lensfield.addon.job.named_files.trusts_all", lambda: False)
     with monkeypatch.context() as without_trust:
-        without_trust.setattr("lensfield.addon.ui.properties.trust", lambda path: None)
+        without_trust.setattr("lensfield.addon.ui.common.properties.trust", lambda path: None)
         scene.camera.data.lensfield.body, scene.camera.data.lensfield.body_file = "FILE", str(tmp_path / "theirs.toml")
     assert named_files() == {str(tmp_path / "theirs.toml"): "camera"}
     with pytest.raises(InputError, match="camera file"):

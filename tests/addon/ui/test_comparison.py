@@ -8,9 +8,9 @@ import pytest
 from layouts import Layout
 from lensfield.addon.render.child import COMPARISON
 from lensfield.addon.ui import comparison, window_render
+from lensfield.addon.ui.common.properties import offered_lenses
+from lensfield.addon.ui.common.session import ComparedLens, LastRender, LastSheet, session
 from lensfield.addon.ui.panels import draw_settings
-from lensfield.addon.ui.properties import offered_lenses
-from lensfield.addon.ui.session import ComparedLens, LastRender, LastSheet, session
 from small_scenes import light, material, wall
 from snapshot import differences, snapshot
 

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from lensfield.addon.scene.focus import Focus
-from lensfield.addon.ui import focus_overlay, preview
-from lensfield.addon.ui.session import session
+from lensfield.addon.ui.common.session import session
+from lensfield.addon.ui.preview import focus_overlay, preview
 from small_scenes import light, material, wall
 from snapshot import differences, snapshot
 from waiting import wait_until

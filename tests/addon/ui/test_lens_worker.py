@@ -10,7 +10,8 @@ from layouts import Layout
 from lenses import make_lens
 from lensfield.addon.scene.lens_cache import load_lens
 from lensfield.addon.scene.lens_facts import lens_facts
-from lensfield.addon.ui import lens_worker, window_render
+from lensfield.addon.ui import window_render
+from lensfield.addon.ui.common import lens_worker
 from lensfield.addon.ui.panels import draw_settings
 from lensfield.engine import LensError
 from lensfield.engine.field.field_map import field_map

@@ -5,8 +5,8 @@ from zlib import crc32
 import bpy
 import pytest
 
+from lensfield.addon.ui.common.properties import LensfieldCameraSettings, lens_items
 from lensfield.addon.ui.old_files import NEW_NAMES, give_lenses_to_cameras
-from lensfield.addon.ui.properties import LensfieldCameraSettings, lens_items
 
 PETZVAL = next(number for name, *_, number in lens_items(None, None) if name == "kodak-petzval-100mm")
 

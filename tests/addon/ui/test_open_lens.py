@@ -11,9 +11,9 @@ import pytest
 from layouts import Layout
 from lens_texts import DOT_LENS, LENTIL, PBRT, TOML, ZEMAX, changed
 from lensfield.addon.scene.lens_facts import lens_facts
+from lensfield.addon.ui.common.previews import drawing_preview
 from lensfield.addon.ui.open_lens import DROPPED_ON, LENSFIELD_FH_lens, ask, draw_opened
 from lensfield.addon.ui.panels import draw_settings
-from lensfield.addon.ui.previews import drawing_preview
 from lensfield.engine import ReadingOptions, read_prescription
 from lensfield.engine.prescription.readers import READERS
 from lensfield.engine.prescription.readers.toml import read_lensfield

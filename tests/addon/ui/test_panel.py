@@ -16,11 +16,12 @@ from lensfield.addon.job.job import folder_for, unsaved_folder
 from lensfield.addon.scene.camera import capture_grid
 from lensfield.addon.scene.errors import SceneError
 from lensfield.addon.scene.requirements import check_scene
-from lensfield.addon.ui import lens_worker, lint_panel, panels, plan_line
+from lensfield.addon.ui import lint_panel, panels, plan_line
+from lensfield.addon.ui.common import lens_worker
+from lensfield.addon.ui.common.properties import DEFAULT_LENS, forget_items, offered_lenses, searched_lens_items
+from lensfield.addon.ui.common.session import LastRender, session
 from lensfield.addon.ui.learned_time import learn_time
 from lensfield.addon.ui.panels import draw_settings
-from lensfield.addon.ui.properties import DEFAULT_LENS, forget_items, offered_lenses, searched_lens_items
-from lensfield.addon.ui.session import LastRender, session
 from lensfield.engine import Options, load_lens
 from lensfield.engine.image.sampling import Sampling
 from lensfield.engine.library import bundled_names
@@ -68,7 +69,7 @@ def test_lenses_are_listed_by_title():
 def preferences(monkeypatch):
     """The add-on's preferences: Lensfield is not enabled as an add-on here."""
     stored = SimpleNamespace(favourite_lenses="", preview_place="CAMERA")
-    monkeypatch.setattr("lensfield.addon.ui.preferences.addon_preferences", lambda: stored)
+    monkeypatch.setattr("lensfield.addon.ui.common.preferences.addon_preferences", lambda: stored)
     monkeypatch.setattr("lensfield.addon.ui.favourites.addon_preferences", lambda: stored)
     yield stored
     forget_items()

@@ -5,7 +5,7 @@ import pytest
 
 from lensfield.addon.scene.errors import SceneError
 from lensfield.addon.scene.requirements import check_scene
-from lensfield.addon.ui.plain_words import PANORAMA, plain, plain_line
+from lensfield.addon.ui.common.plain_words import PANORAMA, plain, plain_line
 from lensfield.engine import load_lens
 from lensfield.engine.depth.depth_range import DepthCheck
 from lensfield.engine.depth.slabs import SlabPlan

@@ -14,11 +14,11 @@ from layouts import Layout
 from lensfield import addon
 from lensfield.addon.scene import rings
 from lensfield.addon.scene.compositor import compositing_tree
-from lensfield.addon.ui import preview, preview_panel
-from lensfield.addon.ui.preferences import IN_PANEL
-from lensfield.addon.ui.preview_overlay import frame_corners
-from lensfield.addon.ui.properties import lens_title
-from lensfield.addon.ui.session import session
+from lensfield.addon.ui.common.preferences import IN_PANEL
+from lensfield.addon.ui.common.properties import lens_title
+from lensfield.addon.ui.common.session import session
+from lensfield.addon.ui.preview import preview, preview_panel
+from lensfield.addon.ui.preview.preview.preview_overlay import frame_corners
 from lensfield.engine.library import PRESCRIPTIONS
 from small_scenes import light, material, wall
 from snapshot import differences, snapshot

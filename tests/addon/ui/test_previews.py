@@ -13,7 +13,8 @@ from forged import forge
 from layouts import Layout
 from lensfield import addon
 from lensfield.addon.scene.errors import SceneError
-from lensfield.addon.ui import lens_worker, previews, sheets
+from lensfield.addon.ui import sheets
+from lensfield.addon.ui.common import lens_worker, previews
 from lensfield.addon.ui.panels import draw_settings
 from lensfield.engine.library import BUNDLED
 from lensfield.engine.runtime import cache

@@ -18,9 +18,11 @@ from lensfield.addon.scene import trust
 from lensfield.addon.scene.compositor import compositor_state, lay_into_compositor
 from lensfield.addon.scene.compositor_watch import check, look_again
 from lensfield.addon.scene.fingerprint import scene_fingerprint
-from lensfield.addon.ui import lens_worker, preview, window_render
+from lensfield.addon.ui import window_render
+from lensfield.addon.ui.common import lens_worker
+from lensfield.addon.ui.common.session import session
 from lensfield.addon.ui.panels import draw_settings
-from lensfield.addon.ui.session import session
+from lensfield.addon.ui.preview import preview
 from lensfield.engine.library import BUNDLED
 from lensfield.engine.pictures.spectral_exr import write_rgb_exr
 from lensfield.engine.runtime.errors import InputError

@@ -14,8 +14,8 @@ from lensfield import addon
 from lensfield.addon.job.source import source_digest
 from lensfield.addon.scene.compositor import compositor_state, fingerprint_anew, lens_image
 from lensfield.addon.ui import window_render
+from lensfield.addon.ui.common.session import session
 from lensfield.addon.ui.panels import draw_settings
-from lensfield.addon.ui.session import session
 from lensfield.cli import CANCELLED
 from lensfield.engine.pictures.spectral_exr import read_exr
 from lensfield.engine.runtime import child

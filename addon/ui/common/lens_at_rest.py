@@ -4,9 +4,9 @@ must not wait for it."""
 from concurrent.futures import ThreadPoolExecutor, wait
 from functools import lru_cache
 
-from ...engine.runtime.files import stamp_of
-from ..scene.active_camera import camera_settings
-from ..scene.lens_facts import LensFacts, lens_facts
+from ....engine.runtime.files import stamp_of
+from ...scene.active_camera import camera_settings
+from ...scene.lens_facts import LensFacts, lens_facts
 
 MOST_LENSES = 4
 

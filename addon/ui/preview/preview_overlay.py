@@ -10,12 +10,12 @@ import numpy as np
 from bpy_extras.view3d_utils import location_3d_to_region_2d
 from mathutils import Vector
 
-from ...engine.spectral.colour import decode_srgb
+from ....engine.spectral.colour import decode_srgb
+from ..common.areas import areas
+from ..common.preferences import IN_CAMERA, preview_place
+from ..common.previews import open_png
+from ..common.session import CameraOverlay, session
 from . import focus_overlay
-from .areas import areas
-from .preferences import IN_CAMERA, preview_place
-from .previews import open_png
-from .session import CameraOverlay, session
 
 ENCODED_SINCE = 5, 0, 0  # in earlier versions, viewports encode what add-ons draw, as if it were linear
 FONT, TEXT_PX = 0, 13

@@ -2,15 +2,15 @@
 
 import bpy
 
-from ...engine.runtime.errors import InputError
+from ....engine.runtime.errors import InputError
+from ..common.panel_pictures import draw_picture
+from ..common.plain_words import plain
+from ..common.preferences import IN_CAMERA, IN_PANEL, preview_place
+from ..common.previews import small_picture
+from ..common.session import session
+from ..common.text_wrap import draw_wrapped
 from . import focus_overlay
-from .panel_pictures import draw_picture
-from .plain_words import plain
-from .preferences import IN_CAMERA, IN_PANEL, preview_place
 from .preview import is_visible, look_through_camera, redraw, start, switch_off
-from .previews import small_picture
-from .session import session
-from .text_wrap import draw_wrapped
 
 
 def draw_preview(layout):

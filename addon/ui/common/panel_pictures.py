@@ -1,6 +1,6 @@
 """Pictures as wide as a panel."""
 
-from ...engine.runtime.errors import InputError
+from ....engine.runtime.errors import InputError
 from .text_wrap import PANEL_MARGINS, draw_wrapped, region_widgets
 
 

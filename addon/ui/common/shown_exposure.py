@@ -2,11 +2,13 @@
 
 import bpy
 
-from ...engine.library.bodies import load_camera
-from ...engine.runtime.errors import InputError
-from ...engine.sensor.metering import usual_exposure
-from ..job.photo import ShownExposure
-from ..scene.active_camera import camera_data
+from ....engine.library.bodies import load_camera
+from ....engine.photo.photograph import shutter_text
+from ....engine.runtime.errors import InputError
+from ....engine.sensor.exposure import exposure_value
+from ....engine.sensor.metering import usual_exposure
+from ...job.photo import ShownExposure
+from ...scene.active_camera import camera_data
 from .session import session
 
 
@@ -32,6 +34,17 @@ def fixed_value(camera, name):
     if known is None:
         known = getattr(_usual(camera.lensfield), name)
     return round(known) if name == "iso" else known
+
+
+def exposure_text(shutter_s, iso, f_number=None):
+    """An exposure as cameras show it: shutter and ISO, without unknown ones; and, if all is known, the exposure value.
+    """
+    parts = [shutter_text(shutter_s)] if shutter_s else []
+    parts += [f"f/{f_number:.3g}"] if f_number else []
+    parts += [f"ISO {iso:.0f}"] if iso else []
+    if shutter_s and iso and f_number:
+        parts.append(f"EV {exposure_value(f_number, shutter_s, iso):.1f}")
+    return ", ".join(parts)
 
 
 def _usual(settings):

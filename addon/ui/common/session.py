@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ..render.preflight import Preflight
+from ...render.preflight import Preflight
 
 
 @dataclass(frozen=True)

@@ -11,14 +11,14 @@ from threading import Event
 
 import bpy
 
-from ...engine import Lens
-from ...engine.runtime.errors import InputError, LensError
-from ...engine.runtime.files import stamp_of
-from ..scene.active_camera import camera_settings
-from ..scene.camera import SceneFrame, scene_frame
-from ..scene.lens_cache import load_lens, loaded_lens
-from ..scene.lens_facts import LensFacts, lens_facts
-from ..scene.rings import rings_for
+from ....engine import Lens
+from ....engine.runtime.errors import InputError, LensError
+from ....engine.runtime.files import stamp_of
+from ...scene.active_camera import camera_settings
+from ...scene.camera import SceneFrame, scene_frame
+from ...scene.lens_cache import load_lens, loaded_lens
+from ...scene.lens_facts import LensFacts, lens_facts
+from ...scene.rings import rings_for
 from .areas import redraw_panels
 from .session import session
 

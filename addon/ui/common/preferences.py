@@ -2,7 +2,7 @@
 
 import bpy
 
-PACKAGE = __package__.rsplit(".", 2)[0]
+PACKAGE = __package__.rsplit(".", 3)[0]
 IN_CAMERA, IN_PANEL = "CAMERA", "PANEL"
 
 

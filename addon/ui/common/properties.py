@@ -19,29 +19,29 @@ from bpy.props import (
     StringProperty,
 )
 
-from ...engine import Options
-from ...engine.blur import METHODS
-from ...engine.lens.formats import FORMATS
-from ...engine.lens.iris import Iris
-from ...engine.library import described_lenses
-from ...engine.library.bodies import bundled_cameras
-from ...engine.plan.options import AUTO, KNOBS, TIER_ACCURACY
-from ...engine.prescription.readers import READERS
-from ...engine.runtime.errors import InputError
-from ...engine.runtime.inputs import note_who_names
-from ...engine.runtime.setting import settings_of
-from ...engine.spectral.refraction import refraction_names
-from ...engine.spectral.spectra import library_names, parse_wavelengths
-from ...engine.spectral.wavelength_choice import IMAGE_WAVELENGTHS, SpectralOptions
-from ...engine.stray.options import OFF, PARTS, StrayOptions
-from ...request import CAMERA, RenderRequest, view_on_sensor
-from ..job.job import folder_for
-from ..job.named_files import FROM_FILE
-from ..scene.active_camera import camera_settings
-from ..scene.compositor import refresh
-from ..scene.linked import stated_path
-from ..scene.trust import check_trusted, trust
-from ..shading.assigned import spectrum_path
+from ....engine import Options
+from ....engine.blur import METHODS
+from ....engine.lens.formats import FORMATS
+from ....engine.lens.iris import Iris
+from ....engine.library import described_lenses
+from ....engine.library.bodies import bundled_cameras
+from ....engine.plan.options import AUTO, KNOBS, TIER_ACCURACY
+from ....engine.prescription.readers import READERS
+from ....engine.runtime.errors import InputError
+from ....engine.runtime.inputs import note_who_names
+from ....engine.runtime.setting import settings_of
+from ....engine.spectral.refraction import refraction_names
+from ....engine.spectral.spectra import library_names, parse_wavelengths
+from ....engine.spectral.wavelength_choice import IMAGE_WAVELENGTHS, SpectralOptions
+from ....engine.stray.options import OFF, PARTS, StrayOptions
+from ....request import CAMERA, RenderRequest, view_on_sensor
+from ...job.job import folder_for
+from ...job.named_files import FROM_FILE
+from ...scene.active_camera import camera_settings
+from ...scene.compositor import refresh
+from ...scene.linked import stated_path
+from ...scene.trust import check_trusted, trust
+from ...shading.assigned import spectrum_path
 from .preferences import favourite_lenses
 from .previews import lens_picture
 from .shown_exposure import fixed_value

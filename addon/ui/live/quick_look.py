@@ -12,25 +12,25 @@ import bpy
 import numpy as np
 from bpy.app.handlers import persistent
 
-from ...engine.field.overscan import CAMERA_VIEW
-from ...engine.lens import RadialLens
-from ...engine.lens.entrance_pupil import focus_nearness
-from ...engine.lens.pinhole import fitting_pitch_um, turned_sensor_mm
-from ...engine.look.lens_curves import CompositorLens, lens_curves
-from ...engine.look.lens_maps import lens_maps
-from ...engine.runtime.errors import InputError, one_line
-from ..job.named_files import check_named_files
-from ..scene.active_camera import camera_settings
-from ..scene.camera import TO_PERSPECTIVE, SceneFrame, frame_px, pixel_aspect, size_for_view
-from ..scene.compositor import LABEL_LENGTH, QUICK_LOOK, lay_group, remove_from_compositor, scene_node
-from ..scene.errors import SceneError
-from ..scene.lens_facts import lens_facts
-from ..scene.quick_look import NAME, new_quick_look, set_lens
-from ..scene.requirements import check_scene
-from ..scene.units import mm_per_unit
-from .lens_at_rest import facts_at_rest
+from ....engine.field.overscan import CAMERA_VIEW
+from ....engine.lens import RadialLens
+from ....engine.lens.entrance_pupil import focus_nearness
+from ....engine.lens.pinhole import fitting_pitch_um, turned_sensor_mm
+from ....engine.look.lens_curves import CompositorLens, lens_curves
+from ....engine.look.lens_maps import lens_maps
+from ....engine.runtime.errors import InputError, one_line
+from ...job.named_files import check_named_files
+from ...scene.active_camera import camera_settings
+from ...scene.camera import TO_PERSPECTIVE, SceneFrame, frame_px, pixel_aspect, size_for_view
+from ...scene.compositor import LABEL_LENGTH, QUICK_LOOK, lay_group, remove_from_compositor, scene_node
+from ...scene.errors import SceneError
+from ...scene.lens_facts import lens_facts
+from ...scene.quick_look import NAME, new_quick_look, set_lens
+from ...scene.requirements import check_scene
+from ...scene.units import mm_per_unit
+from ..common.lens_at_rest import facts_at_rest
+from ..common.properties import lens_title
 from .live import frame_lens, frame_question
-from .properties import lens_title
 
 CHECK_S = 1.0
 RINGS = "lensfield_rings"  # custom property of the groups: the focus and the f-stop that were last set

@@ -4,14 +4,14 @@ from contextlib import suppress
 
 import bpy
 
-from ...engine.runtime.errors import InputError
-from ..scene.active_camera import camera_object_in
-from ..scene.clicked_focus import focus_on, lens_ray, surface_at, view_ray
-from ..scene.linked import check_editable
-from .lens_worker import lens_request
-from .plain_words import plain
+from ....engine.runtime.errors import InputError
+from ...scene.active_camera import camera_object_in
+from ...scene.clicked_focus import focus_on, lens_ray, surface_at, view_ray
+from ...scene.linked import check_editable
+from ..common.lens_worker import lens_request
+from ..common.plain_words import plain
+from ..common.session import session
 from .preview_overlay import frame_corners, shows_preview
-from .session import session
 
 STATUS = "Click: focus there  \u00b7  Ctrl+click: focus on the object  \u00b7  Esc, right click: cancel"
 FOCUSABLE = "PERSP", "PANO"

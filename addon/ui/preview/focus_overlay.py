@@ -10,13 +10,13 @@ from functools import lru_cache
 
 import numpy as np
 
-from ...engine.pictures.spectral_exr import read_parts
-from ...engine.runtime.errors import InputError
-from ..scene.active_camera import camera_settings
-from ..scene.camera import view_tangents
-from ..scene.focus import focus_now
-from .lens_at_rest import facts_at_rest, forget_facts
-from .session import session
+from ....engine.pictures.spectral_exr import read_parts
+from ....engine.runtime.errors import InputError
+from ...scene.active_camera import camera_settings
+from ...scene.camera import view_tangents
+from ...scene.focus import focus_now
+from ..common.lens_at_rest import facts_at_rest, forget_facts
+from ..common.session import session
 
 NEARER, FARTHER = (0.90, 0.60, 0.0), (0.0, 0.45, 0.70)
 SHARP_PX = 1.0

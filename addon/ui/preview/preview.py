@@ -17,34 +17,27 @@ import bpy
 import numpy as np
 from bpy.app.handlers import persistent
 
-from ...engine.runtime.child import Child
-from ...engine.runtime.errors import InputError
-from ..capture.growing_capture import FINER
-from ..job.named_files import check_named_files, named_files
-from ..job.photo import ShownExposure
-from ..job.result import Result
-from ..render.child import CONTINUE, lensfield_command, preview_arguments, save_copy, work_folder
-from ..scene.active_camera import camera_settings
-from ..scene.camera import check_camera, frame_px, view_tangents
-from ..scene.changes import (
-    DIFFERENT,
-    MAYBE,
-    changed_blocks,
-    render_switches,
-    structure_digest,
-    write_changes,
-)
-from ..scene.compositor import show_file
-from ..scene.errors import SceneError
-from ..scene.look import save_as_shown
-from ..scene.moves import still_digests, write_moves
-from ..scene.requirements import check_scene
-from ..scene.rings import rings_for, scene_iris
+from ....engine.runtime.child import Child
+from ....engine.runtime.errors import InputError
+from ...capture.growing_capture import FINER
+from ...job.named_files import check_named_files, named_files
+from ...job.photo import ShownExposure
+from ...job.result import Result
+from ...render.child import CONTINUE, lensfield_command, preview_arguments, save_copy, work_folder
+from ...scene.active_camera import camera_settings
+from ...scene.camera import check_camera, frame_px, view_tangents
+from ...scene.changes import DIFFERENT, MAYBE, changed_blocks, render_switches, structure_digest, write_changes
+from ...scene.compositor import show_file
+from ...scene.errors import SceneError
+from ...scene.look import save_as_shown
+from ...scene.moves import still_digests, write_moves
+from ...scene.requirements import check_scene
+from ...scene.rings import rings_for, scene_iris
+from ..common.areas import areas, image_editors, tool_in_use
+from ..common.plain_words import plain
+from ..common.properties import lens_title
+from ..common.session import session
 from . import focus_overlay, preview_overlay
-from .areas import areas, image_editors, tool_in_use
-from .plain_words import plain
-from .properties import lens_title
-from .session import session
 
 NAME = "Lensfield Preview"  # image name
 TICK_S = 0.1

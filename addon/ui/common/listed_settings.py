@@ -1,6 +1,6 @@
 """Settings that a subpanel lists as they are."""
 
-from ...request import CAMERA
+from ....request import CAMERA
 from .properties import SETTINGS
 
 

@@ -18,36 +18,36 @@ import bpy
 import numpy as np
 from bpy.app.handlers import persistent
 
-from ...engine.depth.depth_range import blur_per_nearness_px
-from ...engine.field.field_map import field_map
-from ...engine.field.overscan import LENS_VIEW
-from ...engine.image.pixel_grid import PixelGrid
-from ...engine.lens.entrance_pupil import focus_nearness, focus_rise
-from ...engine.lens.iris import opening
-from ...engine.lens.pinhole import fitting_pitch_um
-from ...engine.library.bodies import load_camera
-from ...engine.library.rays import lens_rays
-from ...engine.look.lens_tables import COLOURS_NM, LensTables, lens_tables
-from ...engine.runtime.errors import InputError, one_line
-from ...engine.runtime.files import stamp_of
-from ...engine.sensor.metering import developed_white, metered_rec709
-from ..job.named_files import check_named_files
-from ..job.photo import ShownExposure
-from ..scene.active_camera import camera_settings
-from ..scene.camera import SceneFrame, check_camera, frame_px, pixel_aspect, shift_px, size_for_view
-from ..scene.focus import Focus, focus_now
-from ..scene.lens_cache import lens_on_sensor, load_lens, scaled_lens
-from ..scene.lens_facts import lens_facts
-from ..scene.requirements import check_scene
-from ..scene.rings import rings_for, scene_iris
-from ..scene.units import metres_per_unit
+from ....engine.depth.depth_range import blur_per_nearness_px
+from ....engine.field.field_map import field_map
+from ....engine.field.overscan import LENS_VIEW
+from ....engine.image.pixel_grid import PixelGrid
+from ....engine.lens.entrance_pupil import focus_nearness, focus_rise
+from ....engine.lens.iris import opening
+from ....engine.lens.pinhole import fitting_pitch_um
+from ....engine.library.bodies import load_camera
+from ....engine.library.rays import lens_rays
+from ....engine.look.lens_tables import COLOURS_NM, LensTables, lens_tables
+from ....engine.runtime.errors import InputError, one_line
+from ....engine.runtime.files import stamp_of
+from ....engine.sensor.metering import developed_white, metered_rec709
+from ...job.named_files import check_named_files
+from ...job.photo import ShownExposure
+from ...scene.active_camera import camera_settings
+from ...scene.camera import SceneFrame, check_camera, frame_px, pixel_aspect, shift_px, size_for_view
+from ...scene.focus import Focus, focus_now
+from ...scene.lens_cache import lens_on_sensor, load_lens, scaled_lens
+from ...scene.lens_facts import lens_facts
+from ...scene.requirements import check_scene
+from ...scene.rings import rings_for, scene_iris
+from ...scene.units import metres_per_unit
+from ..common.areas import areas, redraw_panels
+from ..common.lens_at_rest import facts_at_rest
+from ..common.plain_words import plain
+from ..common.session import session
+from ..common.shown_exposure import exposure_text
+from ..common.text_wrap import draw_wrapped
 from . import lens_view
-from .areas import areas, redraw_panels
-from .camera_panel import exposure_text
-from .lens_at_rest import facts_at_rest
-from .plain_words import plain
-from .session import session
-from .text_wrap import draw_wrapped
 
 TICK_S = 0.05
 QUALITY = "preview"
