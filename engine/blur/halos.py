@@ -6,8 +6,7 @@ its surroundings has a halo, and PSFs trimmed to a circle would cut it off there
 
 import numpy as np
 
-from ..kernels.excess import excess as compiled_excess
-from ..kernels.library import NUMPY, running
+from ..kernels.excess import excess
 from ..runtime.threads import in_bands
 
 BAND_PIXELS = 1 << 18  # measured together
@@ -51,15 +50,7 @@ def highlights(light: np.ndarray, section_size: int, density: float) -> tuple[np
 
 def _light_above(level, light, section_size):
     """The light of each section above a level: float64 array (plane, section row, section column)."""
-    loop = excess if running() == NUMPY or light.dtype != np.float32 else compiled_excess
     sums = np.empty((len(light), *(-(-n // section_size) for n in light.shape[1:])))
-    in_bands(lambda rows: loop(light, level, section_size, rows, sums), sums.shape[1],
+    in_bands(lambda rows: excess(light, level, section_size, rows, sums), sums.shape[1],
              BAND_PIXELS // light[:, :section_size].size)
     return sums
-
-
-def excess(light: np.ndarray, level: float, section_px: int, rows: slice, out: np.ndarray) -> None:
-    """As `kernels.excess.excess`, in numpy; the reference for its tests."""
-    for i in range(*rows.indices(out.shape[1])):
-        band = np.maximum(light[:, i * section_px:(i + 1) * section_px] - light.dtype.type(level), 0)
-        out[:, i] = np.add.reduceat(band.sum(axis=1, dtype=np.float64), np.arange(0, band.shape[2], section_px), axis=1)

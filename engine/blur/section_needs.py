@@ -6,8 +6,7 @@ import numpy as np
 import scipy
 
 from ..field.mirror_symmetry import Planes
-from ..kernels.extremes import extremes as compiled_extremes
-from ..kernels.library import NUMPY, running
+from ..kernels.extremes import extremes
 from ..runtime.threads import in_bands
 
 BAND_PIXELS = 1 << 18  # measured together
@@ -82,9 +81,8 @@ def section_needs(light: np.ndarray, planes: Planes, section_size: int, reach_px
 
 def _extremes(light, planes, section_size):
     """The extremes of every section."""
-    loop = extremes if running() == NUMPY or light.dtype != np.float32 else compiled_extremes
     measured = np.empty((4, *(-(-n // section_size) for n in light.shape[1:])), light.dtype)
-    in_bands(lambda rows: loop(light, section_size, rows, measured), measured.shape[1],
+    in_bands(lambda rows: extremes(light, section_size, rows, measured), measured.shape[1],
              BAND_PIXELS // light[:, :section_size].size)
     result = _Extremes(*measured)
     across, down = planes.steps_across_axis(np.abs(light[:, :, 0]), np.abs(light[:, 0]))
@@ -95,19 +93,6 @@ def _extremes(light, planes, section_size):
             last = (slice(None),) * axis + (-1,)
             result.slope[last], result.least[last] = np.inf, 0
     return result
-
-
-def extremes(light: np.ndarray, section_px: int, rows: slice, out: np.ndarray) -> None:
-    """As `kernels.extremes.extremes`, in numpy; the reference for its tests."""
-    for i in range(*rows.indices(out.shape[1])):
-        band, below = (np.abs(light[:, start:start + section_px]) for start in (i * section_px, i * section_px + 1))
-        lit = np.where(band > 0, band, np.inf)
-        step = np.abs(below - band[:, :below.shape[1]]).max(axis=(0, 1), initial=0)
-        right = np.abs(np.diff(band, axis=2)).max(axis=(0, 1))
-        np.maximum(step[:-1], right, out=step[:-1])
-        out[:, i] = [_by_section(extreme, values, section_px) for extreme, values in (
-            (np.maximum, band.max(axis=(0, 1))), (np.minimum, lit.min(axis=(0, 1))),
-            (np.minimum, band.min(axis=(0, 1))), (np.maximum, step))]
 
 
 def _beyond_single(brightest, dimmest, single_range):

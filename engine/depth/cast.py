@@ -9,10 +9,8 @@ import numpy as np
 from ..field.field_map import FieldMap, field_map
 from ..image.detail import merged, split_by_detail
 from ..image.layers import LayeredRadiance, Radiance
-from ..kernels.cast import TOGETHER, Casting
-from ..kernels.cast import cast as compiled_cast
-from ..kernels.library import NUMPY, running
-from ..kernels.numpy_cast import cast as numpy_cast
+from ..kernels.cast import cast as cast_row
+from ..kernels.casting import TOGETHER, Casting
 from ..lens import Lens
 from ..lens.iris import Iris, Opening, opening
 from ..rays.grid_rays import LensRays
@@ -253,10 +251,9 @@ def _parts_values(layered, rays):
 
 def _filled_rows(casting, blurred, clear):
     """Write the pixels of the tiles, and yield the completed fraction after each row of tiles."""
-    loop = numpy_cast if running() == NUMPY else compiled_cast
     rows = len(casting.eights)
     with thread_pool() as pool:
-        for completed, _ in enumerate(pool.map(lambda row: loop(casting, row, blurred, clear), range(rows)), 1):
+        for completed, _ in enumerate(pool.map(lambda row: cast_row(casting, row, blurred, clear), range(rows)), 1):
             yield completed / rows
 
 

@@ -19,7 +19,7 @@ from math import comb
 import numpy as np
 import scipy
 
-from ..kernels.cast import LayerArrays, LevelArrays
+from ..kernels.casting import LayerArrays, LevelArrays
 from ..lens import Lens
 from .depth_range import blur_per_nearness_px
 from .prepared_layer import PreparedLayer

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..field.field_map import RayReach, RaySample, Tiles
 from ..image.pixel_grid import PixelGrid
-from ..kernels.cast import MEETING
+from ..kernels.casting import MEETING
 from ..rays.stop_places import RAY_COUNTS
 from .levels import SOFTNESS_PX
 from .prepared_layer import PreparedLayer

@@ -11,7 +11,7 @@ from ..image.detail import split_by_detail
 from ..image.layers import Layer
 from ..image.pixel_grid import PixelGrid
 from ..image.supersampling import split_pixels
-from ..kernels.cast import LayerArrays, LevelArrays
+from ..kernels.casting import LayerArrays, LevelArrays
 from ..lens import Lens
 from .depth_range import blur_per_nearness_px, focus_in_capture, focus_range_px, focus_share
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..image.pixel_grid import PixelGrid
 from ..image.sampling import Sampling
-from ..kernels.cast import HeightRays, MeshRays
+from ..kernels.casting import HeightRays, MeshRays
 from ..lens import GridLens, Lens, RadialLens
 from ..rays.grid_rays import LensRays
 from ..runtime.memory import MemoryBudget

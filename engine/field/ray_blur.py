@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..kernels.cast import rays_shape
+from ..kernels.casting import rays_shape
 from ..rays.ray_table import SensorRays
 
 DEPTHS = 9  # with linear interpolation of the rays' reach between them: an upper limit, because rays are straight

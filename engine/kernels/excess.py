@@ -6,7 +6,8 @@ import numpy as np
 
 from .arrays import address, picture
 from .declarations import STRUCTURES
-from .library import check, chosen
+from .library import NUMPY, check, chosen, running
+from .numpy_sections import numpy_excess
 
 EXCESS = STRUCTURES["excess_of"]
 
@@ -16,7 +17,7 @@ def excess(light: np.ndarray, level: float, section_px: int, rows: slice, out: n
 
     Parameters
     ----------
-    light : float32 array (plane, row, column)
+    light : array (plane, row, column)
     level : float
         Rounded to single precision.
     section_px : int
@@ -28,6 +29,9 @@ def excess(light: np.ndarray, level: float, section_px: int, rows: slice, out: n
     ------
     ValueError
     """
+    if running() == NUMPY or light.dtype != np.float32:
+        numpy_excess(light, level, section_px, rows, out)
+        return
     loops, variant = chosen()
     first, end, _ = rows.indices(out.shape[1])
     structure = EXCESS(address(out, np.float64, (len(light), *out.shape[1:])), *out.shape[1:], section_px)

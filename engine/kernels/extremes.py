@@ -6,7 +6,8 @@ import numpy as np
 
 from .arrays import address, picture
 from .declarations import STRUCTURES
-from .library import check, chosen
+from .library import NUMPY, check, chosen, running
+from .numpy_sections import numpy_extremes
 
 EXTREMES = STRUCTURES["extremes_of"]
 
@@ -16,11 +17,11 @@ def extremes(light: np.ndarray, section_px: int, rows: slice, out: np.ndarray) -
 
     Parameters
     ----------
-    light : float32 array (plane, row, column)
+    light : array (plane, row, column)
     section_px : int
     rows : slice
         Of the sections.
-    out : float32 array (4, section row, section column)
+    out : array (4, section row, section column), of the type of light
         Of the sizes of a section's pixels in all planes, without their signs: the largest, the smallest above 0 (or
         infinity), the smallest, and the largest step from a pixel to the next one to the right or below.
 
@@ -28,6 +29,9 @@ def extremes(light: np.ndarray, section_px: int, rows: slice, out: np.ndarray) -
     ------
     ValueError
     """
+    if running() == NUMPY or light.dtype != np.float32:
+        numpy_extremes(light, section_px, rows, out)
+        return
     loops, variant = chosen()
     first, end, _ = rows.indices(out.shape[1])
     address(out, np.float32, (4, *out.shape[1:]))

@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from .cast import QUANTITIES, STOP, Casting, LayerArrays, LevelArrays, MeshRays
+from .casting import QUANTITIES, STOP, Casting, LayerArrays, LevelArrays, MeshRays
 
 BLOCKED = np.float32(2e-3)  # a ray with a smaller share of its light left ends
 APART = np.float32(0.25)  # see cast.c
 PORTION = 8  # eights of rays that are processed together
 
 
-def cast(casting: Casting, row: int, blurred: np.ndarray, clear: np.ndarray) -> None:
+def numpy_cast(casting: Casting, row: int, blurred: np.ndarray, clear: np.ndarray) -> None:
     """As `kernels.cast.cast`."""
     size = casting.tile_px
     for tile in np.flatnonzero(casting.eights[row]):

@@ -2,14 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .declarations import NUMBERS
-
-if TYPE_CHECKING:
-    from .ghosts import Blades, Meshes
+from .ghost_meshes import Blades, Meshes
 
 RIM = NUMBERS["GHOST_RIM"]
 FARTHEST_PX, LEAST_PX2, MOST_POINTS, DIAGONAL, SHARED_FROM = 1e6, 1e-12, 2048, 1.4, 3  # as in ghosts.c
@@ -17,7 +14,7 @@ FARTHEST_PX, LEAST_PX2, MOST_POINTS, DIAGONAL, SHARED_FROM = 1e6, 1e-12, 2048, 1
 
 @dataclass(frozen=True, eq=False)
 class _Canvas:
-    blades: "Blades"
+    blades: Blades
     picture: np.ndarray
     crossings: int
     part: float
@@ -26,7 +23,7 @@ class _Canvas:
     per_light: float
 
 
-def numpy_draw_ghosts(meshes: "Meshes", blades: "Blades", centre_px: tuple[float, float], px_per_mm: float,
+def numpy_draw_ghosts(meshes: Meshes, blades: Blades, centre_px: tuple[float, float], px_per_mm: float,
                       levels: Sequence[np.ndarray]) -> np.ndarray:
     """As `draw_ghosts`."""
     light = np.zeros(len(meshes.rays))

@@ -1,11 +1,8 @@
 """The loop `lf_read` in numpy, with the same bits: for machines without a library, and the reference for its tests."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-if TYPE_CHECKING:
-    from .reading import Pixels
+from .pixels import Pixels
 
 FEW_E, MOST_E, MOST_COUNTED = 32, 1e30, 128  # as in reading.c
 DIFFERENCES, NOISE, COUNTS = range(3)  # what random words are for
@@ -17,7 +14,7 @@ SINE = -2.50521084e-8, 2.75573192e-6, -1.98412698e-4, 8.33333333e-3, -1.66666667
 COSINE = 2.08767570e-9, -2.75573192e-7, 2.48015873e-5, -1.38888889e-3, 4.16666667e-2, -0.5, 1
 
 
-def numpy_read(pixels: "Pixels", light_e: np.ndarray, rows: slice, numbers: np.ndarray) -> None:
+def numpy_read(pixels: Pixels, light_e: np.ndarray, rows: slice, numbers: np.ndarray) -> None:
     """As `read`."""
     for plane, (plane_e, plane_numbers) in enumerate(zip(light_e, numbers, strict=True)):
         for row in range(*rows.indices(len(plane_e))):

@@ -12,7 +12,8 @@ import numpy as np
 
 from ..image.pixel_grid import PixelGrid
 from ..image.spectral_image import SpectralImage, check_irradiance
-from ..kernels.reading import Pixels, key, read
+from ..kernels.pixels import Pixels, key
+from ..kernels.reading import read
 from ..runtime.errors import InputError
 from ..runtime.threads import in_bands
 from .camera import Camera

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..image.sources import Sources
-from ..kernels.ghosts import Beam, Blades, Coated, Openings
+from ..kernels.ghost_meshes import Blades
+from ..kernels.ghosts import Beam, Coated, Openings
 from ..kernels.tracing import TracedSurfaces
 from ..lens.iris import Opening
 from ..prescription.surfaces import sag_and_gradient

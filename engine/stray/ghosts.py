@@ -15,7 +15,8 @@ import numpy as np
 
 from ..image.pixel_grid import PixelGrid
 from ..image.sources import Sources
-from ..kernels.ghosts import RIM, Meshes, draw_ghosts, ghost_levels
+from ..kernels.ghost_meshes import Meshes
+from ..kernels.ghosts import RIM, draw_ghosts, ghost_levels
 from ..lens.iris import Opening
 from ..prescription.prescription import Prescription
 from ..prescription.system import system_of

@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 
 from ...image.pixel_grid import PixelGrid
-from ...kernels.cast import MeshRays, rays_shape
+from ...kernels.casting import MeshRays, rays_shape
 from ...rays.grid_rays import GridRayTable
 from ...rays.stop_places import RAY_COUNTS, cell_size, stop_places
 from ..ray_blur import DEPTHS, NodeRays, Tiles, area_px, cells_inside, in_eights, packed_sets, tangents

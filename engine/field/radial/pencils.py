@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 
 from ...image.pixel_grid import PixelGrid
-from ...kernels.cast import HeightRays, rays_shape
+from ...kernels.casting import HeightRays, rays_shape
 from ...rays.ray_table import RayTable
 from ...rays.stop_places import RAY_COUNTS, cell_size, stop_places
 from ..ray_blur import DEPTHS, NodeRays, Tiles, area_px, cells_inside, in_eights, packed_sets, tangents

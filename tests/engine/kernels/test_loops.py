@@ -9,8 +9,6 @@ import pytest
 
 from lenses import comatic_lens, lopsided_lens
 from lensfield.engine.bake.diffraction import waves as numpy_waves
-from lensfield.engine.blur.halos import excess as numpy_excess
-from lensfield.engine.blur.section_needs import extremes as numpy_extremes
 from lensfield.engine.field.footprints import RIM_PX
 from lensfield.engine.field.radial.distortion import footprints as numpy_footprints
 from lensfield.engine.field.radial.psf_bank import PsfBank
@@ -22,7 +20,9 @@ from lensfield.engine.kernels.extremes import extremes
 from lensfield.engine.kernels.footprints import MeshGeometry, RadialGeometry, footprints
 from lensfield.engine.kernels.library import NUMPY, available
 from lensfield.engine.kernels.numpy_reading import random_words
-from lensfield.engine.kernels.reading import Pixels, key, read
+from lensfield.engine.kernels.numpy_sections import numpy_excess, numpy_extremes
+from lensfield.engine.kernels.pixels import Pixels, key
+from lensfield.engine.kernels.reading import read
 from lensfield.engine.kernels.spots import spots
 from lensfield.engine.kernels.spreading import PackedTable, TablePlaces, spread
 from lensfield.engine.kernels.tracing import ANGLE, TracedSurfaces, aim, trace
