@@ -1,22 +1,18 @@
 """The pictures of a job: the lens image with its alpha, its planes for compositors, and the view without the lens."""
 
-from dataclasses import replace
-
 import numpy as np
 
-from ...engine import ChannelCache, SpectralImage, simulate
 from ...engine.field.frame_planes import nearest_samples, pinhole_view, relative_illumination
 from ...engine.field.stmap import distort_map, undistort_map
 from ...engine.inspection.curves import reference_nm
 from ...engine.pictures.preview import to_rec709
 from ...engine.pictures.spectral_exr import write_exr, write_plane_exr, write_rgb_exr
 from ...engine.runtime.files import stamp_of
-from ...engine.spectral.colour import REC709_LUMINANCE, rec709_weights
+from ...engine.simulation.coverage import coverage
 from ..job.shown import write_shown
 
 REGION = "region"  # the channel of Blender's render region
 _written = {}  # by path: the lens and frame that it is for, and its stamp
-ALPHA_WAVELENGTHS = 3  # out of the job's: blur differs between wavelengths, but alpha is a single number
 
 
 def write_radiance(captured, path, attributes):
@@ -59,9 +55,8 @@ def write_pictures(captured, irradiance, after, exposure, light_exposure, look, 
     """
     frame, nm = irradiance.grid, reference_nm(lens)
     after = captured.cut_picture(after)  # a camera's has noise everywhere
-    alpha = np.ones(frame.shape_px) if captured.alpha is None else alpha_through_lens(
-        captured, lens, options, iris)
-    write_rgb_exr(after, result.lens_image, captured.cut(alpha))
+    alpha = alpha_through_lens(captured, lens, options, iris)
+    write_rgb_exr(after, result.lens_image, captured.cut(np.ones(frame.shape_px) if alpha is None else alpha))
     write_plane_exr(nearest_samples(captured.depth_m, lens, captured.radiance.grid, nm), result.depth)
     _write_lens_planes(lens, frame, result)
     before = pinhole_view(np.moveaxis(to_rec709(captured.radiance), -1, 0), lens, captured.radiance.grid)
@@ -102,36 +97,8 @@ def _write_once(path, make, write, lens, frame, nm):
 
 
 def alpha_through_lens(captured, lens, options, iris=None):
-    """The fraction of each pixel's possible light that comes from areas covered by alpha.
-
-    Alpha goes through the lens like light, so its edges blur like the edges of the premultiplied picture. Full coverage
-    is 1, however dark the lens's corners are. The result is the luminance-weighted mean of a few wavelengths.
-
-    Parameters
-    ----------
-    captured : Captured
-    lens : Lens
-    options : Options
-    iris : Iris, optional
-
-    Returns
-    -------
-    array (row, column)
-        Of the frame.
-    """
-    radiance, count = captured.radiance, captured.radiance.wavelengths_nm.size
-    nm = radiance.wavelengths_nm[np.unique(np.linspace(0, count - 1, ALPHA_WAVELENGTHS + 2)[1:-1].round().astype(int))]
-
-    def shining(plane):
-        return np.broadcast_to(plane, (nm.size, *plane.shape))
-
-    even = SpectralImage(shining(np.ones_like(captured.alpha)), nm, radiance.grid)
-    covering = replace(even, cube=shining(captured.alpha))
-    if captured.layers:
-        covering = replace(captured.layers, wavelengths_nm=nm, layers=[
-            replace(layer, cube=shining(layer.alpha)) for layer in captured.layers.layers])
-    cache = ChannelCache()
-    planes = [simulate(light, lens, options, iris=iris, cache=cache).cube for light in (covering, even)]
-    weights = np.maximum(rec709_weights(nm) @ REC709_LUMINANCE, np.finfo(float).tiny)
-    covered, total = (np.tensordot(weights / weights.sum(), plane, axes=1) for plane in planes)
-    return np.clip(np.divide(covered, total, out=np.ones_like(total), where=total > 0), 0, 1)
+    """The alpha of the lens image, which blurs like light: array (row, column) of the frame; None without alpha."""
+    if captured.alpha is None:
+        return None
+    mask = [layer.alpha for layer in captured.layers.layers] if captured.layers else captured.alpha
+    return coverage([mask], captured.radiance, lens, options, layers=captured.layers, iris=iris)[0]

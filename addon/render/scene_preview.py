@@ -150,7 +150,8 @@ class ScenePreview:
                                    rays=sketched_rays if times == 1 else lens_rays)
         irradiance = replace(irradiance, cube=captured.cut(irradiance.cube))
         picture, exposure = exposed(self._request, irradiance)
-        alpha = None if captured.alpha is None else captured.cut(alpha_through_lens(captured, lens, options, iris))
+        alpha = alpha_through_lens(captured, lens, options, iris)
+        alpha = None if alpha is None else captured.cut(alpha)
         depth_m = nearest_samples(captured.depth_m, lens, captured.radiance.grid, reference_nm(lens))
         if times == 1:
             picture, alpha = (plane if plane is None else enlarged(plane, FINER) for plane in (picture, alpha))
