@@ -161,6 +161,7 @@ def bump_and_normal_maps(stage):
 @ordinary()
 def geometry_effects(stage):
     """Ambient Occlusion, Bevel, Wireframe and Pointiness nodes"""
+    stage.scene.cycles.samples *= 4  # each traces one short ray for occlusion and bevel
     occluded = painted("Occluded", (1, 1, 1))
     occlusion = node_for(occluded, "ShaderNodeAmbientOcclusion")
     occlusion.inputs["Distance"].default_value = 0.2
