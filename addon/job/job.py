@@ -14,6 +14,7 @@ from ...engine.runtime.errors import InputError
 from ...engine.runtime.files import temporary_root
 from ...engine.spectral.wavelength_choice import REFERENCE
 from ...request import BY_SCENE, ON, RING_FIELDS, RenderRequest
+from ..scene.blend_folder import check_blend_folder
 from ..scene.lens_cache import unwatched
 from ..scene.linked import stated_path
 from ..scene.look import look_of, to_text
@@ -172,7 +173,8 @@ def is_temporary(folder):
 
 
 def check_output_folder(scene):
-    """Raise an InputError unless the settings name a folder to write to: below the .blend's, or chosen by the user."""
+    """Raise an InputError unless the settings name a folder to write to: below the .blend's, which must exist, or
+    chosen by the user."""
     folder = scene.lensfield.output_folder
     if not folder.strip():
         raise InputError("scene settings", "output folder", "empty", "choose a folder for the files")
@@ -180,6 +182,8 @@ def check_output_folder(scene):
         raise InputError("scene settings", "output folder", folder,
                          "not a full path on this system: use --output, or enter the full path in the panel")
     if not is_temporary(folder):
+        if folder.startswith("//"):
+            check_blend_folder()
         check_output(bpy.path.abspath(_native(folder)))
 
 

@@ -13,6 +13,7 @@ from ...engine import LensError
 from ...engine.prescription.readers import AS_IT_IS, ReadingOptions, read_prescription
 from ...engine.prescription.readers.toml import write_prescription
 from ...engine.runtime.files import atomic_path
+from .blend_folder import check_blend_folder
 from .lens_facts import lens_facts
 from .trust import is_near_blend
 
@@ -60,6 +61,7 @@ def _written(prescription, name):
 
 def _folder():
     if bpy.data.filepath:
+        check_blend_folder()
         return Path(bpy.data.filepath).parent / FOLDER
     return Path(bpy.utils.user_resource("CONFIG"), "lensfield", FOLDER)
 

@@ -25,6 +25,7 @@ from ..render.animation import frames_of
 from ..render.child import apply_command, compare_command, render_command, save_copy, work_folder
 from ..render.refilter import rendered_state, saved_radiance
 from ..render.session import lost_images
+from ..scene.blend_folder import moved_remarks
 from ..scene.compositor import (
     fingerprint_now,
     follow_frames,
@@ -228,6 +229,8 @@ def _finish(render):
         open_as_render(lambda: show_file(bpy.data.images.get(newest.name), str(newest), newest.name), _show)
     if render.to_compositor and render.child.lens_images and _scene(render) is None:
         render.remarks.append(f"Scene {render.scene_name!r} is no longer open: its compositor is unchanged")
+    if _scene(render):
+        render.remarks.extend(moved_remarks())
     sheet = _take_sheet(render, outcome) if "sheet" in outcome else None
     with render.folder:
         if "messages" in outcome:

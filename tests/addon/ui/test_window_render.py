@@ -86,6 +86,18 @@ def test_a_window_render_matches_a_script_and_changes_only_the_compositor(ready_
 
 
 @pytest.mark.one_blender
+def test_a_folder_renamed_during_a_render_is_reported_with_its_picture(ready_scene, tmp_path):
+    (tmp_path / "project").mkdir()
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "project" / "shot.blend"))
+    start()
+    (tmp_path / "project").rename(tmp_path / "renamed")
+    follow()
+    image = tmp_path / "project" / "lensfield" / "shot_Scene_0001_lens_image.exr"
+    assert image.is_file() and str(image) in notice()
+    assert f"{tmp_path}/project/shot.blend is missing: open the .blend where it is now, or use Save As" in notice()
+
+
+@pytest.mark.one_blender
 def test_files_in_one_folder_have_pictures_of_their_own(ready_scene, tmp_path):
     """Also after Save As; a renamed scene keeps its render, and each file shows its own."""
     assert bpy.ops.lensfield.render() == {"FINISHED"}
