@@ -202,6 +202,7 @@ def _contiguous(plane):
 
 def _check_written(path, parts):
     """Raise an OSError unless the headers in a file match its parts."""
+    os.stat(path)  # the system's reason if the folder has been moved meanwhile
     try:
         channels = [set(header["channel names"]) for header, _ in read_parts(path, header_only=True)]
     except ImageError:

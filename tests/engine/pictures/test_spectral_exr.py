@@ -302,6 +302,20 @@ def test_a_failed_write_leaves_no_file(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_folder_that_is_renamed_meanwhile_is_the_reason(tmp_path, monkeypatch):
+    write = OpenEXR.File.write
+
+    def write_and_rename(self, stream):
+        write(self, stream)
+        (tmp_path / "shots").rename(tmp_path / "renamed")
+
+    monkeypatch.setattr(OpenEXR.File, "write", write_and_rename)
+    (tmp_path / "shots").mkdir()
+    with pytest.raises(InputError, match="image.exr: file is not written: No such file or directory$"):
+        write_exr(image(), tmp_path / "shots" / "image.exr")
+    assert not (tmp_path / "shots").exists()
+
+
 @pytest.mark.parametrize("lacking", [1, 500, 4000, 100_000, 200_000], ids=str)
 @pytest.mark.parametrize("write", [lambda path: write_exr(big(), path),
                                    lambda path: write_rgb_exr(np.moveaxis(big().cube, 0, -1), path)],
