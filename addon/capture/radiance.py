@@ -74,6 +74,7 @@ PASS_BYTES, LAMP_BYTES = 100, 40  # per pixel of a pass, in Cycles, in Blender a
 DENOISE_BYTES, MOST_DENOISE = 800, 3e9  # for the denoiser: bytes per pixel, and their upper limit in total
 DETAIL_BYTES = 2  # per part of a pixel and wavelength
 PLANES_BYTES, MEGABYTE = 8, 1e6  # the first: per pixel, for each slab's planes in addition to its light
+LEAST_LIT = 0.1  # of a picture's pixels: noise takes as many bytes in the file as in memory, black takes none
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,8 +182,23 @@ def room_for_capture(scene, job, grid, plan, slabs=()):
     check_room(f"scene {scene.name!r}", needed, "render a smaller picture, or fewer wavelengths")
     if scratch:
         pictures = 2 + (len(slabs) > 1)  # the farthest slab's light, the irradiance, and a pinhole's view of the slabs
-        check_disk(scratch, SAMPLE_BYTES * (pictures * planes * pixels + control_planes * gathered_px))
+        check_disk(scratch, "scratch", SAMPLE_BYTES * (pictures * planes * pixels + control_planes * gathered_px))
     return needed, scratch
+
+
+def check_room_for_light(scene, job, grid):
+    """Raise an InputError if the disk is too full even for the least that the light takes there.
+
+    Parameters
+    ----------
+    scene, job
+    grid : PixelGrid
+        Of the capture.
+    """
+    region = render_region(scene)
+    lit_px = math.prod(side.stop - side.start for side in region) if region else math.prod(grid.shape_px)
+    light_bytes = SAMPLE_BYTES * job.wavelengths_nm.size * lit_px
+    check_disk(job.output_folder, "least size of the light", LEAST_LIT * light_bytes)
 
 
 def layer_columns(job, capture):
@@ -363,6 +379,7 @@ def planned_steps(scene, job, files, folder, journal, alone, times=1):
     plan, substitution, groups = plan_scene(scene, job, grid, journal)
     plan.check()
     room_for_capture(scene, job, grid.finer(times), plan)
+    check_room_for_light(scene, job, grid)
     check_files(scene, files)
     yield from alone_with_passes(scene, job, alone)
     passes = FinishedPasses(scene, job, 4 * job.wavelengths_nm.size * math.prod(grid.shape_px))

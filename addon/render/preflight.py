@@ -12,7 +12,7 @@ from ...engine.runtime.errors import InputError
 from ...engine.runtime.files import nearest_existing
 from ..capture.emitters import emitters_of
 from ..capture.empty_frame import empty_reasons
-from ..capture.radiance import job_grid, room_for_capture
+from ..capture.radiance import check_room_for_light, job_grid, room_for_capture
 from ..capture.remarks import Remark, colour_remarks, depth_remarks, scale_remarks, scene_remarks, unlayered_remarks
 from ..capture.scene_plan import ScenePlan, check_job, plan_scene
 from ..capture.slabs import looked_at, plan_by
@@ -96,6 +96,7 @@ def preflight(scene, *, frame=None, **given):
                 stand_in_camera(scene, journal)
                 plan = plan_scene(scene, job, grid, journal)[0]
                 remarks += tuple(colour_remarks(plan))
+                check_room_for_light(scene, job, grid)
                 room_for_capture(scene, job, grid, plan)
         findings = plan.findings if plan else lint(scene)
     return Preflight(plan, (*refusals, *(plan.refusals if plan else ())), remarks, findings,

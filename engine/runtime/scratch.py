@@ -34,14 +34,14 @@ def folder_if_large(shape: tuple[int, ...], folder: AnyPath | None) -> AnyPath |
     return folder if folder is not None and is_large(shape) else None
 
 
-def check_disk(folder: AnyPath, size_bytes: float) -> None:
-    """Raise an InputError if a folder, existing or not, lacks the disk space for scratch files of this size."""
+def check_disk(folder: AnyPath, files: str, size_bytes: float) -> None:
+    """Raise an InputError, which names the files, if a folder, existing or not, lacks the disk space for them."""
     try:
         free_bytes = shutil.disk_usage(nearest_existing(folder)).free
     except OSError as error:
         raise InputError(folder, "folder", "not accessible", explain(error)) from None
     if size_bytes > free_bytes:
-        raise InputError(folder, "scratch", f"{size_bytes / 1e9:.3g} GB",
+        raise InputError(folder, files, f"{size_bytes / 1e9:.3g} GB",
                          f"only {free_bytes / 1e9:.3g} GB are free there: give another folder, a smaller picture or "
                          "fewer wavelengths")
 

@@ -3,15 +3,19 @@
 import shutil
 import sys
 import tempfile
+from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from full_disk import room_for
 from lensfield.addon.capture import finished_passes, light
+from lensfield.addon.render.preflight import preflight
 from lensfield.addon.render.render import render_through_lens
 from lensfield.addon.render.session import write_session
+from lensfield.addon.scene.camera import frame_px
 from lensfield.addon.scene.denoise import denoised
 from lensfield.engine import InputError
 from lensfield.engine.runtime.child import Child
@@ -45,6 +49,24 @@ def test_no_room_for_a_pass_is_reported_with_its_file(scene, tmp_path, work, dep
     assert "\n" not in str(error.value)
     assert not differences(before, snapshot())
     assert not list(work.iterdir()) and not list((tmp_path / "out").iterdir())
+
+
+@pytest.mark.parametrize("region", [False, True], ids=["frame", "render region"])
+def test_a_full_disk_is_reported_before_the_first_pass(scene, tmp_path, monkeypatch, region):
+    set_world(scene)
+    scene.render.use_border, scene.render.border_max_x = region, 0.5
+    rows, columns = frame_px(scene)
+    least_bytes = 0.1 * 4 * 3 * rows * columns // (1 + region)
+    for free_bytes, room in (least_bytes - 1, False), (4 * least_bytes, True):
+        monkeypatch.setattr(shutil, "disk_usage", lambda _, free=free_bytes: SimpleNamespace(free=free))
+        labels = []
+        with nullcontext() if room else pytest.raises(
+                InputError, match=r"out: least size of the light is [\d.e-]+ GB: only [\d.e-]+ GB are free there"):
+            render(scene, tmp_path, progress=lambda _, label, labels=labels: labels.append(label))
+        assert any("Pass" in label for label in labels) == room, labels
+        refusals = preflight(scene, output_folder=tmp_path / "out", lens="edmund-54852",
+                             wavelengths_nm=[450, 550, 650]).refusals
+        assert [refusal.field for refusal in refusals] == ["least size of the light"] * (not room)
 
 
 def test_no_room_for_the_denoiser_is_reported_with_its_file(scene, work):

@@ -140,9 +140,9 @@ def test_a_full_disk_is_an_error_before_the_work(tmp_path, nothing_free):
 
 
 def test_disk_space_is_checked_before_the_folder_is_created(tmp_path):
-    scratch.check_disk(tmp_path / "not" / "yet", 1)
+    scratch.check_disk(tmp_path / "not" / "yet", "scratch", 1)
     with pytest.raises(InputError, match=r"not.yet: scratch is 1e\+15 GB: only [\d.]+ GB are free there"):
-        scratch.check_disk(tmp_path / "not" / "yet", 1e24)
+        scratch.check_disk(tmp_path / "not" / "yet", "scratch", 1e24)
     assert not list(tmp_path.iterdir())
 
 
