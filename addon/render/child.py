@@ -20,7 +20,7 @@ from ...engine.spectral.wavelength_choice import SpectralOptions
 from ...request import CAMERA, EXPOSED_FIELDS, ON, argument, to_arguments
 from ..job.job import folder_for, unsaved_folder
 from ..job.result import UNSAVED
-from ..scene.errors import SceneError
+from ..scene.errors import SceneError, blenders_reason
 from ..scene.rings import ring_fields
 from .refilter import applied_fields
 from .session import write_session
@@ -66,7 +66,7 @@ def save_copy(folder):
         with _without_thumbnail():
             bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True, relative_remap=True, compress=False)
     except RuntimeError as error:
-        raise SceneError(path, "copy of the file", "not saved", str(error).strip()) from None
+        raise SceneError(path, "copy of the file", "not saved", blenders_reason(error)) from None
     write_session(path.with_name(SESSION))
     caches = Path(bpy.data.filepath).parent / f"blendcache_{path.stem}"  # Blender's name for it
     if bpy.data.filepath and caches.is_dir():

@@ -21,7 +21,7 @@ from ..job.result import PINHOLE_FILES, Result
 from ..job.shown import LOOK, look_for
 from ..job.steps import RenderPass, Work
 from ..scene.compositor import fingerprint_anew, key_of, lay_into_compositor
-from ..scene.errors import SceneError
+from ..scene.errors import SceneError, blenders_reason
 from ..scene.lens_cache import unwatched
 from ..scene.render_state import go_to_frame
 from ..scene.requirements import check_scene
@@ -122,7 +122,7 @@ def _render(scene):
     try:
         bpy.ops.render.render(write_still=True, scene=scene.name)
     except RuntimeError as error:
-        raise SceneError(f"scene {scene.name!r}", "render", "refused by Blender", str(error).strip()) from None
+        raise SceneError(f"scene {scene.name!r}", "render", "refused by Blender", blenders_reason(error)) from None
 
 
 def render_steps(scene, job, one=None):

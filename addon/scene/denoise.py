@@ -5,7 +5,7 @@ import numpy as np
 import scipy
 
 from ...engine.pictures.spectral_exr import read_parts, write_planes_exr
-from .errors import SceneError
+from .errors import SceneError, blenders_reason
 from .render_state import rendered_layer
 
 NOISY, GUIDES, MOTION = "Noisy Image", {"Denoising Albedo": "RGB", "Denoising Normal": "XYZ"}, ("Vector", "XYZW")
@@ -92,6 +92,6 @@ def _denoised(scene, picture, guides, folder):
         with bpy.context.temp_override(scene=scene, view_layer=rendered_layer(scene)):
             bpy.ops.cycles.denoise_animation(input_filepath=str(noisy), output_filepath=str(result))
     except RuntimeError as error:
-        raise SceneError(f"scene {scene.name!r}", "denoising", "refused by Blender", str(error).strip()) from None
+        raise SceneError(f"scene {scene.name!r}", "denoising", "refused by Blender", blenders_reason(error)) from None
     parts = {name: plane for _, channels in read_parts(result) for name, plane in channels.items()}
     return np.array([parts[name] for name in combined])

@@ -35,6 +35,7 @@ from ..scene.compositor import (
     lens_image,
     show_file,
 )
+from ..scene.errors import blenders_reason
 from ..scene.requirements import check_scene
 from .common.areas import fit_picture, image_areas, image_editors, redraw_panels, tool_in_use
 from .common.lens_worker import requested_lens
@@ -293,7 +294,7 @@ def _lay(render):
         with unaffected():
             lay_into_compositor(scene, *map(Path, new), fingerprint=render.fingerprint)
     except (InputError, RuntimeError) as error:  # Blender raises RuntimeError if, for example, the tree is linked
-        remark = f"The lens image was not added to the compositor: {str(error).strip()}"
+        remark = f"The lens image was not added to the compositor: {blenders_reason(error)}"
         if remark not in render.remarks:
             render.remarks.append(remark)
         return
