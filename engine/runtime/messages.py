@@ -11,12 +11,13 @@ Blender and its libraries also write to standard output, in lines without the ma
 the last two messages has crashed.
 """
 
+import io
 import json
 import os
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
 from typing import Any
 
 MARK = "lensfield> "
@@ -25,17 +26,29 @@ PACE_S = 0.1  # between lines with the same label; a new label is written immedi
 ENOUGH = 0.03  # fraction of the work needed to estimate the remaining time: the first of 31 wavelengths
 
 
+class _Log(io.FileIO):
+    """A file whose lines are lost if the disk is full."""
+
+    def write(self, content):
+        with suppress(OSError):
+            return super().write(content)
+        return len(content)
+
+
 @contextmanager
 def message_lines() -> Iterator[Callable[..., object]]:
     """A function that writes facts as a message immediately.
 
-    Within the context, all other output to standard output goes to standard error.
+    Within the context, all other output to standard output goes to standard error, which is a log: the command does not
+    depend on it.
     """
     sys.stdout.flush()
     descriptor = os.dup(1)
     os.dup2(2, 1)
     try:
-        with open(descriptor, "w", encoding="ascii", closefd=False) as lines:
+        with (io.TextIOWrapper(_Log(2, "w", closefd=False), "utf-8", "backslashreplace", write_through=True) as log,
+              redirect_stdout(log), redirect_stderr(log),
+              open(descriptor, "w", encoding="ascii", closefd=False) as lines):
             yield lambda **facts: print(MARK + json.dumps(facts), file=lines, flush=True)
     finally:
         sys.stdout.flush()

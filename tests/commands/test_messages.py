@@ -1,5 +1,6 @@
 """Messages from a command to the program that started it."""
 
+import os
 import subprocess
 import sys
 
@@ -26,6 +27,14 @@ def test_messages_are_intact_among_other_output():
         {"fraction": 0.5, "label": "Pass 1 of 2: 450 nm \u00b5"}, None]
     assert lines[0].startswith("Blender says hello") and lines[1] == "afterwards"
     assert "chatter amid" in completed.stderr and "a library prints" in completed.stderr
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no /dev/full on this system")
+def test_a_command_goes_on_without_room_for_its_log():
+    with open("/dev/full", "wb") as full:
+        completed = subprocess.run([sys.executable, "-c", SPEAKER.replace("os.write(1, b\"chatter amid\")", "")],
+                                   stdout=subprocess.PIPE, stderr=full, text=True, check=True)
+    assert "lensfield> " in completed.stdout and completed.stdout.endswith("afterwards\n")
 
 
 @pytest.mark.parametrize("line", ["", "Fra:1 Mem:12M", "lensfield> ", "lensfield> {broken", "lensfield> [1]", "{}"])
