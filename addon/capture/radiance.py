@@ -74,7 +74,7 @@ PASS_BYTES, LAMP_BYTES = 100, 40  # per pixel of a pass, in Cycles, in Blender a
 DENOISE_BYTES, MOST_DENOISE = 800, 3e9  # for the denoiser: bytes per pixel, and their upper limit in total
 DETAIL_BYTES = 2  # per part of a pixel and wavelength
 PLANES_BYTES, MEGABYTE = 8, 1e6  # the first: per pixel, for each slab's planes in addition to its light
-LEAST_LIT = 0.1  # of a picture's pixels: noise takes as many bytes in the file as in memory, black takes none
+LEAST_LIT = 0.1  # of a picture's pixels: noise is as large in a file as in memory, and only black shrinks
 
 
 @dataclass(frozen=True, eq=False)

@@ -173,8 +173,8 @@ def is_temporary(folder):
 
 
 def check_output_folder(scene):
-    """Raise an InputError unless the settings name a folder to write to: below the .blend's, which must exist, or
-    chosen by the user."""
+    """Raise an InputError unless the settings name a folder to write to: in the folder of the .blend, which must exist,
+    or chosen by the user."""
     folder = scene.lensfield.output_folder
     if not folder.strip():
         raise InputError("scene settings", "output folder", "empty", "choose a folder for the files")
