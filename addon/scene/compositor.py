@@ -255,12 +255,12 @@ def _verdict(node, frame, state):
     if frame not in state["frames"]:
         return False, f"frame {frame} has no lens image", "INFO"
     if int(frame) < 0:
-        return False, "image sequences have no negative frames", "ERROR"
+        return False, "frames below 0 cannot be shown", "ERROR"
     path = bpy.path.abspath(_image_path(node.node_tree, int(frame)))
     if not _may_look(node.node_tree):
         return False, f"{os.path.dirname(path)} is not trusted", "ERROR"
     if not os.path.isfile(path):
-        return False, f"{os.path.basename(path)} is missing", "ERROR"
+        return False, f"the file of frame {frame} is missing", "ERROR"
     rendered = state["frames"][frame]
     ours = state["scene"] == scene.lensfield.compositor_key  # else the node is from another file, of unknown state
     if ours and comparable(rendered) and rendered != fingerprint_now(scene):

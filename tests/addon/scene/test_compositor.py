@@ -121,6 +121,12 @@ def test_an_outdated_lens_image_is_shown_on_request(scene, tmp_path):
     assert not shows_lens_image(scene, tmp_path)
 
 
+def test_the_label_of_a_negative_frame_says_why_it_is_not_shown(scene, tmp_path):
+    lay(scene, tmp_path, frames=(-5,))
+    scene.frame_set(-5)
+    assert lensfield_nodes(scene)[0].label == "Lensfield: plain render, frames below 0 cannot be shown"
+
+
 def test_only_the_frame_rendered_again_is_current(scene, tmp_path):
     lay(scene, tmp_path, frames=(1, 2))
     scene.cycles.samples = 7
@@ -141,8 +147,8 @@ def test_a_missing_file_shows_the_blender_render_and_is_reported(scene, tmp_path
     path, = lay(scene, tmp_path)
     path.unlink()
     assert not shows_lens_image(scene, tmp_path)
-    assert compositor_state(scene) == ("plain render, unsaved_Scene_0001_lens_image.exr is missing", "ERROR")
-    assert lensfield_nodes(scene)[0].label == "Lensfield: plain render, unsaved_Scene_0001_lens_image.exr is m"
+    assert compositor_state(scene) == ("plain render, the file of frame 1 is missing", "ERROR")
+    assert lensfield_nodes(scene)[0].label == "Lensfield: plain render, the file of frame 1 is missing"
 
 
 @pytest.mark.parametrize("state", ["x", "[1]", "[" * 10**5, "5", '{"frames": 5}', '{"frames": {"x": 1, "1e9": 2}}', 5,
