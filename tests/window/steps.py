@@ -856,6 +856,29 @@ def moved_folder():
     assert alike((yield from render_in_blender()), blender_image) and "is missing" in node_label()
 
 
+def renamed_folder():
+    """While the folder of the open file has another name, renders are refused; after Save As into it, the last one is
+    found."""
+    yield from open_sample(samples=1)
+    project, renamed = FOLDER / "project", FOLDER / "renamed"
+    project.mkdir()
+    bpy.ops.wm.save_as_mainfile(filepath=str(project / "shot.blend"))
+    lens_image = yield from render()
+    project.rename(renamed)
+    with over():
+        try:
+            bpy.ops.lensfield.render("INVOKE_DEFAULT")
+        except RuntimeError as error:
+            assert "shot.blend: folder is missing: open the .blend where it is now, or use Save As" in str(error), error
+    yield 1
+    shoot("refused")
+    assert not rendering() and not project.exists() and "is missing" in node_label()
+    bpy.ops.wm.save_as_mainfile(filepath=str(renamed / "shot.blend"), check_existing=False)
+    yield 1
+    assert alike((yield from render("apply_lens")), lens_image) and node_label() == "Lensfield: lens image"
+    shoot("saved-as")
+
+
 def cameras():
     """Each camera has its own lens: in its properties with a menu of presets, and in the sidebar once it is active."""
     yield from open_sample(samples=1)
