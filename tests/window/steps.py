@@ -919,7 +919,9 @@ def two_scenes():
     with over():
         assert bpy.ops.scene.new(type="LINK_COPY") == {"FINISHED"}
     second = window.scene
-    second.name = "Second"
+    second.name, second.camera = "Second", first.camera.copy()
+    second.camera.data = first.camera.data.copy()
+    second.collection.objects.link(second.camera)
     choose_petzval()
     assert first.camera.data.lensfield.lens != second.camera.data.lensfield.lens
     bpy.ops.ed.undo_push(message="Second Scene")
