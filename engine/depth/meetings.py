@@ -23,8 +23,8 @@ COUNTS = np.array(RAY_COUNTS)  # of rays
 FINEST_PX, FINEST_PARTS = 0.5, 0.35  # smallest useful side of a ray's cell in a blur: in pixels; if these are divided,
 # in their parts: the rays of lamps with sharp cores are closer together than a cell's
 RAYS_PER_PX = 4  # of a blur, at most, for light without lamps
-OVERLAP = 1.75  # side of a look-up in distances between rays: aberrations stretch the rays' lattice, and narrower
-# look-ups show it as rings in the discs of lamps
+OVERLAP = 1.75  # side of a look-up in distances between rays: aberrations stretch the rays' pattern, and narrower
+# look-ups show it in the discs of lamps
 REACH = 1.5  # of a look-up, beyond its middle, in its sides
 STEPS = np.array([1, 2, 4])  # distances between cast pixels
 SMOOTH = 1.75  # least side of a tile's look-ups, in these distances: pixels between cast ones then differ from

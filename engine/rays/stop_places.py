@@ -1,30 +1,49 @@
 """Even samples of the stop."""
 
+from functools import cache
+from pathlib import Path
+
 import numpy as np
 
 RAY_COUNTS = tuple(side**2 for side in (4, 8, 12, 16, 20, 24, 28, 32, 40, 48, 64))
 """Numbers of places that fill a square and are multiples of 8."""
+MANY = 1024  # places: fewer represent the stop better in a lattice
+FILE = Path(__file__).with_suffix(".npz")
+QUARTERS = (1, 1), (-1, 1), (1, -1), (-1, -1)  # of the disc: factors on places
 
 
 def stop_places(count: int) -> np.ndarray:
     """Places of the stop, each in the middle of as much of its area: array (2, count), in semi-apertures.
 
-    A square grid, mapped to the disc by squares that become circles (Shirley and Chiu, Journal of Graphics Tools 2(3),
-    1997): cells stay nearly square, and those at the rim follow it. The places are drawn inwards so that cells that are
-    each spread evenly have the second moment of the stop.
+    They are drawn inwards so that cells that are each spread evenly have the second moment of the stop.
 
     Parameters
     ----------
     count : int
         One of `RAY_COUNTS`.
     """
+    places = _spread()[count] if count >= MANY else lattice(count)
+    return _gathered(np.sqrt(1 - np.pi / (3 * count)) * places)
+
+
+@cache
+def _spread():
+    """Places by their count, as packaging/spread_stop_places.py wrote them: in no lattice, which would show as rings
+    and spokes in the disc of a lamp wherever the lens's aberrations stretch it."""
+    with np.load(FILE) as file:
+        return {int(count): np.concatenate([places * np.array(quarter)[:, None] for quarter in QUARTERS], axis=1)
+                for count, places in file.items()}
+
+
+def lattice(count: int) -> np.ndarray:
+    """A square grid, mapped to the disc by squares that become circles (Shirley and Chiu, Journal of Graphics Tools
+    2(3), 1997): cells stay nearly square, and those at the rim follow it. Array (2, count), in semi-apertures."""
     side = round(count**0.5)
     across, up = np.meshgrid(*[(2 * np.arange(side) + 1) / side - 1] * 2)
     wide = np.abs(across) > np.abs(up)
     azimuth = np.pi / 4 * np.where(wide, up / across, 2 - across / up)
-    radius = np.sqrt(1 - np.pi / (3 * count)) * np.where(wide, across, up)
-    places = radius * np.stack([np.cos(azimuth), np.sin(azimuth)])
-    return _gathered(places.reshape(2, -1))
+    places = np.where(wide, across, up) * np.stack([np.cos(azimuth), np.sin(azimuth)])
+    return places.reshape(2, -1)
 
 
 def cell_size(count: int) -> float:

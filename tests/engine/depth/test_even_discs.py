@@ -50,9 +50,11 @@ def ripple(picture, many):
 @pytest.mark.parametrize("name, f_number, shape_px, centre_px, count, most", [
     ("angenieux-50mm", 1.1, (170, 178), (85.0, 89.0), PREVIEW, 0.0135),
     ("nikkor-z-50mm-f1.8", 1.8, (110, 134), (255.0, 467.0), PREVIEW, 0.016),
-    ("nikkor-z-50mm-f1.8", 1.8, (110, 134), (255.0, 467.0), STANDARD, 0.0135)])
-def test_smooth_look_ups_hide_the_pattern_of_rays(monkeypatch, name, f_number, shape_px, centre_px, count, most):
-    """On and off the axis. With look-ups of squares, the deviations were 0.018, 0.034 and 0.016."""
+    ("nikkor-z-50mm-f1.8", 1.8, (110, 134), (255.0, 467.0), STANDARD, 0.0067),
+    ("angenieux-50mm", 1.1, (170, 178), (85.0, 89.0), STANDARD, 0.0111)])
+def test_discs_do_not_show_the_pattern_of_rays(monkeypatch, name, f_number, shape_px, centre_px, count, most):
+    """On and off the axis. With look-ups of squares, the deviations of the first two were 0.018 and 0.034; with many
+    rays in a lattice, those of the others were 0.0071 and 0.0124."""
     lens = lens_for_rays(name, Rings(f_number=f_number, focus_mm=FOCUS_MM))
     rays, grid = lens_rays(lens), PixelGrid(shape_px, PITCH_UM, centre_px)
     picture, several = disc(lens, rays, grid, count), []
