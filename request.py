@@ -53,8 +53,8 @@ class RenderRequest:
         text="A bundled lens, a lens package, or a prescription")
     view: str = setting(
         LENS_VIEW, name="Field of View", owner=CAMERA, metavar="VIEW", panel="", recorded=False,
-        text="Field of view of the lens image: the lens's, the camera's, or the lens's on another sensor, also given "
-             "as WIDTHxHEIGHT in mm",
+        text="Field of view of the lens image: of the lens, of the scene's camera, or of the lens on another sensor. "
+             "Also accepts a sensor as WIDTHxHEIGHT in mm",
         choices={LENS_VIEW: ("Lens", "The lens's field of view on its own sensor; Match Camera to Lens shows it "
                                      "beforehand"),
                  CAMERA_VIEW: ("Camera", "The field of view of the scene's camera. The lens and its blur are scaled to "
@@ -72,8 +72,8 @@ class RenderRequest:
         None, name="Focus", owner=CAMERA, metavar="DISTANCE", recorded=False,
         text="Focus distance from the camera, which is at the entrance pupil: 1.2m, 80cm, 500mm or inf (in Python, a "
              "number in mm)",
-        unset="the camera's if its Depth of Field is on, otherwise the prescription's, usually infinity; camera: "
-              "always the camera's")
+        unset="the camera's focus distance if its Depth of Field is on, otherwise from the prescription, "
+              "usually infinity; camera: always the camera's focus distance")
     f_number: float | None = setting(
         None, name="F-Number", owner=CAMERA, kind=float, metavar="N", recorded=False, text="F-number of the lens",
         unset="the camera's F-Stop if its Depth of Field is on, otherwise the widest")
@@ -86,14 +86,14 @@ class RenderRequest:
         recorded=False, limits=(-MOST_TILT_DEG, MOST_TILT_DEG),
         text="Tilt of the lens relative to the sensor, in degrees. X tilts it down: the lower part of the picture, "
              "such as the ground, is in focus nearer. Y tilts it to the right. The view stays",
-        unset="the camera's")
+        unset="from the camera")
     copy: int = setting(
         0, name="Copy", owner=CAMERA, kind=int, metavar="NUMBER", limits=(0, 2**31 - 1), panel="", recorded=False,
-        unset="the camera's",
+        unset="from the camera",
         text="Number of a copy of the lens, whose elements are slightly displaced: one corner is softer than another. "
-             "A number stands for the same copy everywhere. 0: the lens as designed")
+             "The same number is the same copy everywhere. 0: the lens as designed")
     copy_grade: str = setting(
-        "vintage", name="Grade", owner=CAMERA, panel="", recorded=False, unset="the camera's",
+        "vintage", name="Grade", owner=CAMERA, panel="", recorded=False, unset="from the camera",
         text="Tolerances of copies",
         choices={name: (name.title(), f"Elements displaced by {grade.decentre_um:g} \u00b5m and turned by "
                                       f"{grade.tilt_arcmin:g}\u2032, all in front of the stop or behind it by "
@@ -101,7 +101,7 @@ class RenderRequest:
                                       "standard deviations")
                  for name, grade in GRADES.items()})
     coating: str = setting(
-        AS_LENS, name="Coating", owner=CAMERA, panel="", recorded=False, unset="the camera's",
+        AS_LENS, name="Coating", owner=CAMERA, panel="", recorded=False, unset="from the camera",
         text="Coating of the surfaces between glass and air, which determines the light that they reflect and the lens "
              "loses",
         choices={AS_LENS: ("As the Lens", "The coatings that the lens states"),
@@ -110,7 +110,7 @@ class RenderRequest:
                  MULTI: ("Multi", "Three layers"),
                  IDEAL: ("Ideal", "No reflections: only the glass absorbs light")})
     lens_quality: str | None = setting(
-        None, name="Lens Quality", text="Quality at which a prescription is baked", unset="the tier's", recorded=False,
+        None, name="Lens Quality", recorded=False, text="Quality at which a prescription is baked", unset="from the tier",
         choices={quality: (quality.title(), "") for quality in QUALITIES})
     iris: Iris | None = setting(
         None, name="Iris", owner=CAMERA, option=None,
@@ -141,7 +141,7 @@ class RenderRequest:
     camera: CameraSource = setting(
         "", name="Camera", owner=CAMERA, metavar="NAME|FILE", recorded=False,
         text="Camera that takes a picture of the lens image: a bundled camera (lensfield camera list), or a camera's "
-             "file (.toml); or none. Its sensor replaces the lens's unless --view names another", unset="none")
+             "file (.toml); or none. Its sensor replaces the lens's sensor unless --view names another", unset="none")
     iso: float = setting(
         0.0, name="ISO", owner=CAMERA, kind=float, metavar="ISO", limits=(0, inf), precision=0, panel="",
         unset="auto",
@@ -201,7 +201,7 @@ class RenderRequest:
 
     @property
     def view_on_sensor(self) -> str:
-        """The field of view, with the camera's sensor in place of the lens's."""
+        """The field of view, with the camera's sensor instead of the lens's sensor."""
         return view_on_sensor(self.view, self.camera)
 
     @property
@@ -216,7 +216,7 @@ class RenderRequest:
 
 
 def view_on_sensor(view: str, camera: CameraSource) -> str:
-    """A field of view, with the sensor of a camera, if there is one, in place of the lens's."""
+    """A field of view; with a camera, on its sensor instead of the lens's sensor."""
     return "{:.6g}x{:.6g}".format(*load_camera(camera).size_mm) if camera and view == LENS_VIEW else view
 
 

@@ -41,7 +41,7 @@ def add_options(apply):
     apply.add_argument("--depth", choices=(AUTO, OFF), default=AUTO,
                        help="auto: blur out-of-focus light if the file has layers of depth; any focus and f-stop then "
                             "looks as if rendered with it. off: everything is as sharp as in focus (default: auto)")
-    apply.add_argument("--output", type=Path, metavar="DIR", help="output folder (default: the radiance file's)")
+    apply.add_argument("--output", type=Path, metavar="DIR", help="output folder (default: the folder of the radiance)")
     add_engine_options(apply)
     add_lens_settings(apply)
     add_iris(apply)

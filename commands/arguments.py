@@ -32,7 +32,7 @@ RESOLUTION_LIMITS = (4, 65536)
 LENSES = "a bundled lens, a lens package, or a prescription"
 NO_CAMERA = "none"
 TIME_LIMIT_S = 3600.0
-WITHOUT_CAMERA = {"focus": "the prescription's, usually infinity", "f_number": "the widest",
+WITHOUT_CAMERA = {"focus": "from the prescription, usually infinity", "f_number": "the widest",
                   "tilt_deg": "0,0", "copy": "0", "copy_grade": "vintage", "coating": "lens",
                   "lens_quality": "standard"}
 """Default rings in commands without a scene, as text."""
@@ -75,9 +75,9 @@ def given_fields(options):
 
 
 def scene_defaults(owner):
-    """Help texts of defaults in commands on a scene: the scene's value, or its camera's, for each setting that is a
-    Blender property."""
-    return {name: f"the {each.owner}'s" for name, each in settings_of(owner).items() if each.panel is not None}
+    """Help texts of defaults in commands on a scene: from the scene or its camera, for each setting that is a Blender
+    property."""
+    return {name: f"from the {each.owner}" for name, each in settings_of(owner).items() if each.panel is not None}
 
 
 def add_engine_options(command, of_scene=False):

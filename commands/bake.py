@@ -47,7 +47,7 @@ def add(commands):
                            "distances write one package each, named after its distance")
     bake.add_argument("--workers", type=int, metavar="N", help="number of threads (default: one for each core)")
     bake.set_defaults(run=_bake)
-    convert = commands.add_parser("convert", help="convert another program's prescription to Lensfield's .toml")
+    convert = commands.add_parser("convert", help="convert a prescription of another program to a Lensfield .toml")
     _add_file(convert)
     convert.add_argument("-o", "--output", type=Path, required=True, metavar="X.toml", help="prescription to write")
     convert.set_defaults(run=_convert)

@@ -47,7 +47,7 @@ def add_options(compare):
                          help=f"lenses, each {LENSES} ({ALL_LENSES}); can be repeated")
     compare.add_argument("--f-number", dest="f_numbers", metavar="N,...",
                          help="f-numbers for all lenses (default: the camera's F-Stop if its Depth of Field is on, "
-                              "otherwise each lens's widest)")
+                              "otherwise the widest of each lens)")
     compare.add_argument("--output", type=Path, required=True, metavar="DIR",
                          help="folder for the sheet and, in folders, the capture and the pictures")
     add_capture_options(compare, OF_LENSES, {"tier": TIER})

@@ -66,7 +66,7 @@ def add_capture_options(render, left_out=(), unset=None):
     left_out : collection of str
         Fields of a RenderRequest without an option.
     unset : dict of str: str, optional
-        Defaults that are not the scene's, as text by field.
+        Texts of defaults that differ from the scene, by field.
     """
     of_scene = scene_defaults(SpectralOptions) | scene_defaults(RenderRequest) | {"camera": "the camera's body"}
     render.add_argument("--scene-name", metavar="NAME",
@@ -76,8 +76,8 @@ def add_capture_options(render, left_out=(), unset=None):
     listed = [name for name, each in settings_of(RenderRequest).items()
               if each.option is not None and name not in (*ELSEWHERE, *FOLLOWER_FIELDS, *left_out)]
     add_settings(render, RenderRequest, listed, unset)
-    render.add_argument("--samples", type=int, help="Cycles samples per pixel (default: the scene's)")
-    render.add_argument("--resolution", metavar="WIDTHxHEIGHT", help="size in pixels (default: the scene's)")
+    render.add_argument("--samples", type=int, help="Cycles samples per pixel (default: from the scene)")
+    render.add_argument("--resolution", metavar="WIDTHxHEIGHT", help="size in pixels (default: from the scene)")
 
 
 def requested_frames(text):

@@ -14,7 +14,7 @@ def add_options(tradeoff):
     tradeoff.add_argument("--size", metavar="WIDTHxHEIGHT",
                           help="size in pixels (default: 384x288, or the complete image): the exact operator takes "
                                "half a minute for each wavelength of 384x288, and proportionally longer for more")
-    tradeoff.add_argument("--pitch-um", type=float, help="pixel pitch at the sensor (default: the image's, or the "
+    tradeoff.add_argument("--pitch-um", type=float, help="pixel pitch at the sensor (default: as in the image, or the "
                                                          "pitch at which the size spans the lens's sensor width)")
     tradeoff.add_argument("--quick", action="store_true", help="measure fewer settings, each timed once")
     tradeoff.add_argument("--output", type=Path, required=True, metavar="DIR",

@@ -182,8 +182,8 @@ def plan_comparison(source, lenses, f_numbers=(), *, output_folder, progress=Non
     lenses : sequence of str
         Names or paths.
     f_numbers : sequence of float
-        By default the f-number of a render: the camera's if its depth of field is on, otherwise each lens's widest.
-        Out-of-range f-numbers are clamped.
+        By default the f-number of a render: the camera's F-Stop if its depth of field is on, otherwise the widest of
+        each lens. Out-of-range f-numbers are clamped.
     output_folder : path
     progress : callable (fraction, label), optional
     given : by name

@@ -21,7 +21,8 @@ CAMERA = "camera"
 FEWEST_BLADES = 3
 MOST_ANSWERS = 64
 LEAST = 1e-3  # distance in mm, and f-number: Blender allows 0, and lenses are then clamped to their own range
-FIXED = "the lens is a package, valid for one focus and one f-number: the camera's, tilt, copy and coating are ignored"
+FIXED = ("the lens is a package, valid for one focus and one f-number: the camera's Depth of Field, tilt, copy and "
+         "coating are ignored")
 
 
 def scene_rings(scene, focus=None, f_number=None, focused_wide_open=None, tilt_deg=None, copy=None,
@@ -33,7 +34,7 @@ def scene_rings(scene, focus=None, f_number=None, focused_wide_open=None, tilt_d
     ----------
     scene : bpy.types.Scene
     focus : float or "camera", optional
-        Distance in mm; or the camera's, even if its depth of field is off.
+        Distance in mm; "camera": the camera's focus distance, even if its depth of field is off.
     f_number : float, optional
     focused_wide_open, tilt_deg, copy, copy_grade, coating : optional
         As in a RenderRequest.
@@ -57,7 +58,7 @@ def scene_rings(scene, focus=None, f_number=None, focused_wide_open=None, tilt_d
 
 
 def scene_iris(scene, lens, iris=None, **overrides) -> Iris | None:
-    """The blades of a scene's lens: the given ones, else the camera's if its depth of field is on.
+    """The blades of a scene's lens: as given, otherwise from the camera if its depth of field is on.
 
     Parameters
     ----------

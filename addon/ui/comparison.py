@@ -22,7 +22,7 @@ from .common.session import session
 from .operators import LensRender
 
 F_STOPS = "1", "1.4", "2", "2.8", "4", "5.6", "8", "11", "16"
-F_STOPS_TEXT = "F-stops. None: the camera's if its Depth of Field is on, otherwise each lens's widest"
+F_STOPS_TEXT = "F-stops. None: the camera's F-Stop if its Depth of Field is on, otherwise the widest of each lens"
 SIDE_PX, SAMPLES = 640, 64  # of each picture, the longer side
 PICTURE, WIDGET_PX = 4, 20  # side of a picture in the dialog, in widgets; and of a widget
 COLUMN_PX, ROW_WIDGETS = 170, PICTURE + 1.4  # of a picture with its title

@@ -229,7 +229,7 @@ def _draw_notes(layout, scene, refusal):
             draw_wrapped(column, "Your camera has a different field of view", "INFO")
             column.operator("lensfield.match_camera", icon="CAMERA_DATA")
     if scene.cycles.samples >= MANY_SAMPLES:
-        draw_wrapped(column, f"{scene.cycles.samples} samples for each render may take hours", "ERROR")
+        draw_wrapped(column, f"{scene.cycles.samples} samples per render may take hours", "ERROR")
         column.operator("lensfield.sensible_samples", icon="LIGHT_DATA")
     draw_shown(layout, scene)
 

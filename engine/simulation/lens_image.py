@@ -1,4 +1,4 @@
-"""The lens image with its stray light: `simulate`, and the light that reaches the sensor by other ways."""
+"""The lens image with its stray light: `simulate`, and light by reflection, scatter or diffraction."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -28,17 +28,17 @@ class StrayFacts(Part):
     Attributes
     ----------
     shares : dict of str: float
-        Light of each part that was computed, as a share of the lens image's without it; if that is black, of the stray
-        light.
+        Light of each part that was computed, relative to the light of the lens image without it; if that is black,
+        relative to the stray light.
     predicted : dict of str: float
         Predicted shares of parts that were left out because they are below the accuracy.
     sources : int
         Number of sources of ghosts and stars.
     pairs : tuple of (int, int, float)
         The strongest ghosts: the surfaces that reflect, in the order in which they do, counted from 1 at the front;
-        and their share of the ghosts' light.
+        and their share of the light of all ghosts.
     neglected : float
-        Estimate of the ghosts' light that was left out, as a share of the lens image's.
+        Estimate of the ghosts' light that was left out, relative to the light of the lens image.
     words : tuple of str
         What could not be computed, and the remedy.
     """

@@ -12,7 +12,7 @@ GHOSTS, VEIL, STAR = "ghosts", "veil", "star"
 PARTS = {GHOSTS: ("Ghosts", "Light that two surfaces of the lens reflect"),
          VEIL: ("Veil", "Light that surfaces and the barrel scatter over the picture"),
          STAR: ("Star", "Light that the iris diffracts beyond the lens's PSFs")}
-COARSE = 0.1  # accuracy from which stray light is off unless it is chosen: Preview's
+COARSE = 0.1  # the accuracy of Preview: from here on, stray light is off unless it is chosen
 
 
 @dataclass(frozen=True)
@@ -25,9 +25,9 @@ class StrayOptions:
         "auto", "off", or parts such as "ghosts,veil,star". "auto" computes a part if its predicted light exceeds the
         accuracy of the lens image: the share of the picture's light that may be misplaced.
     cleanliness : "new", "dusty" or "hazy"
-        Of the lens's surfaces, which scatter the veil's light.
+        Condition of the lens's surfaces, whose scattered light is the veil.
     glare_index : float
-        Veiling glare index as in ISO 18844, in percent, in place of the cleanliness's; 0 for the latter.
+        Veiling glare index (ISO 18844), in percent. 0: from `cleanliness`.
     neglected : float
         Largest share of the ghosts' light that may be left out: of weak sources and weak pairs of surfaces.
 
@@ -39,7 +39,7 @@ class StrayOptions:
 
     stray_light: str = setting(
         AUTO, name="Stray Light", option="stray", metavar="PARTS", panel="",
-        text="Light that reaches the sensor by other ways than the lens image's, also given as a list such as "
+        text="Light that reaches the sensor by reflection, scatter or diffraction. Also accepts a list: "
              "ghosts,veil,star",
         choices={AUTO: ("As Needed", "The parts whose predicted light exceeds the accuracy of the lens image; none in "
                                      "Preview"),
@@ -50,8 +50,8 @@ class StrayOptions:
                  "hazy": ("Hazy", "Haze and fine scratches, as in many old lenses")})
     glare_index: float = setting(
         0.0, name="Glare Index (%)", kind=float, metavar="PERCENT", limits=(0.0, 50.0), soft_limits=(0.0, 10.0),
-        precision=2, panel="stray", unset="the cleanliness's",
-        text="Veiling glare index as in ISO 18844, in percent, in place of the cleanliness's; 0 for the latter")
+        precision=2, panel="stray", unset="0",
+        text="Veiling glare index (ISO 18844), in percent. 0: from Cleanliness")
     neglected: float = setting(
         0.01, name="Neglected", kind=float, option="neglected-ghosts", metavar="FRACTION", limits=(1e-4, 0.5),
         precision=3, subtype="FACTOR", panel="stray", unset="0.01",

@@ -53,7 +53,7 @@ NOT_OFFERED = {"method": AUTO}
 """Choices without an item: the user sets an accuracy instead."""
 MORE_ITEMS = {"tier": [("RESULT", "Custom", "Set the accuracy of colours and blur, or the size of sections")],
               "view": [("SENSOR", "Custom Sensor", "The lens's field of view on a sensor of your size")],
-              "stray_light": [("PARTS", "Chosen Parts", "Only the parts that you choose, even if they are faint")]}
+              "stray_light": [("PARTS", "Chosen Parts", "Only the parts you tick, even if they are faint")]}
 """Items that only the panel has."""
 NO_BODY = "NONE"
 OWN_BODY = "Your own camera (.toml), with the parameters of EMVA 1288"
@@ -268,7 +268,7 @@ class LensfieldCameraSettings(_Settings, bpy.types.PropertyGroup):
                               update=_choose_path("lens_file"), override=OVERRIDABLE)
     body: EnumProperty(
         name="Camera", default=_lasting_number(NO_BODY), items=body_items, override=OVERRIDABLE,
-        description="Camera that takes a picture of the lens image. Its sensor replaces the lens's")
+        description="Camera that takes a picture of the lens image. Its sensor replaces the lens's sensor")
     body_file: StringProperty(name="Camera File", description=OWN_BODY, subtype="FILE_PATH", options=BLEND_RELATIVE,
                               update=_choose_path("body_file"), override=OVERRIDABLE)
     auto_iso: _auto("iso", "ISO")
