@@ -1,4 +1,4 @@
-"""Favourite lenses: listed first, in all files. They are stored in the add-on's preferences."""
+"""Favourite lenses: at the top of the list, in all files. They are stored in the add-on's preferences."""
 
 import bpy
 
@@ -9,7 +9,7 @@ from .common.properties import forget_items
 
 
 class LENSFIELD_OT_favourite(bpy.types.Operator):
-    """List this lens first, in all files; press again to list it in its usual place"""
+    """Move this lens to the top of the list, in all files; press again to move it back"""
 
     bl_idname = "lensfield.favourite"
     bl_label = "Favourite"
