@@ -110,8 +110,8 @@ class RenderRequest:
                  MULTI: ("Multi", "Three layers"),
                  IDEAL: ("Ideal", "No reflections: only the glass absorbs light")})
     lens_quality: str | None = setting(
-        None, name="Lens Quality", recorded=False, text="Quality at which a prescription is baked", unset="from the tier",
-        choices={quality: (quality.title(), "") for quality in QUALITIES})
+        None, name="Lens Quality", recorded=False, text="Quality at which a prescription is baked",
+        unset="from the tier", choices={quality: (quality.title(), "") for quality in QUALITIES})
     iris: Iris | None = setting(
         None, name="Iris", owner=CAMERA, option=None,
         text="Blades that shape out-of-focus light when the lens is stopped down; by default the blades of the "

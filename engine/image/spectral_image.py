@@ -63,6 +63,16 @@ class SpectralImage:
     ------
     ImageError
         A part is invalid, or parts do not match.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lensfield.engine import SpectralImage
+    >>> points = np.zeros((2, 24, 32), "float32")
+    >>> points[:, 12, 16] = 1  # W m^-2 sr^-1 nm^-1, in a single pixel
+    >>> image = SpectralImage(points, wavelengths_nm=[450, 550], pitch_um=15)
+    >>> image.quantity, image.frame_px, image.pitch_um
+    ('radiance', (24, 32), 15.0)
     """
 
     cube: np.ndarray

@@ -69,6 +69,15 @@ class Lens(Value):
     prescription : Prescription or None
         The prescription that the tables were baked from, with focus and f-stop set, for tracing rays. None for tables
         alone.
+
+    Examples
+    --------
+    >>> from lensfield.engine import load_lens
+    >>> lens = load_lens("edmund-54852")
+    >>> f"{lens.efl_mm:.2f} mm, f/{lens.f_number_effective:.2f}, sensor {lens.sensor_mm} mm"
+    '6.00 mm, f/1.88, sensor (4.8, 3.6) mm'
+    >>> lens.psf.shape  # (wavelength, height, v, u)
+    (16, 63, 73, 73)
     """
 
     name: str

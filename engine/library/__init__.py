@@ -99,6 +99,13 @@ def load_lens(source: LensSource, rings: Rings = AT_REST, quality: str = "standa
     ------
     LensError
         The lens is unknown, damaged or of an unknown kind; or rings are given for a lens without a prescription.
+
+    Examples
+    --------
+    >>> from lensfield.engine import load_lens
+    >>> lens = load_lens("tessar-50mm", quality="preview", wavelengths_nm=[550])
+    >>> lens.sensor_mm, round(lens.efl_mm)
+    ((36.0, 24.0), 50)
     """
     if isinstance(source, Prescription):
         return baked_lens(source, rings, quality, progress, wavelengths_nm, edges_mm)

@@ -33,6 +33,13 @@ def load_camera(source: CameraSource) -> Camera:
     ------
     CameraError
         The camera is unknown, or its file is damaged.
+
+    Examples
+    --------
+    >>> from lensfield.engine import load_camera
+    >>> camera = load_camera("sony-a7-iv")
+    >>> camera.title, camera.shape_px, camera.pitch_um
+    ('Sony Alpha 7 IV', (4672, 7008), 5.123)
     """
     if isinstance(source, Camera):
         return source

@@ -117,6 +117,17 @@ def photograph(irradiance: SpectralImage, camera: Camera, iso: float | None = No
         The picture is not irradiance.
     InputError
         A value is not valid.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lensfield.engine import Options, SpectralImage, load_camera, load_lens, photograph, simulate
+    >>> nm = [450, 550, 650]
+    >>> radiance = SpectralImage(np.ones((3, 24, 32)), nm, pitch_um=15)
+    >>> irradiance = simulate(radiance, load_lens("edmund-54852"), Options(accuracy=0.1))
+    >>> raw = photograph(irradiance, load_camera("sony-a7-iv"), iso=100)  # the shutter is metered
+    >>> raw.exposure.iso, raw.numbers.dtype
+    (100, dtype('uint16'))
     """
     camera = held(camera, irradiance.frame_px)
     if irradiance.arbitrary:

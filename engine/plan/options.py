@@ -69,6 +69,14 @@ class Options:
     ------
     InputError
         If a value is invalid, or does not apply with the others.
+
+    Examples
+    --------
+    >>> from lensfield.engine import Options
+    >>> Options(accuracy=0.001).accuracy  # at most 0.1 % of any point's light in the wrong place
+    0.001
+    >>> Options(accuracy=0.1, fireflies="clamp", out_of_field="vignette").fireflies
+    'clamp'
     """
 
     accuracy: float | None = setting(

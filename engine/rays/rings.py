@@ -55,6 +55,14 @@ class Rings:
     LensError
         A value that is not positive, an infinite f-number or size, a tilt of more than MOST_TILT_DEG, or an unknown
         coating.
+
+    Examples
+    --------
+    >>> from lensfield.engine import Rings, load_lens
+    >>> rings = Rings(focus_mm=1200, f_number=8)
+    >>> lens = load_lens("tessar-50mm", rings, quality="preview", wavelengths_nm=[550])
+    >>> f"f/{lens.f_number_effective:.2f}"  # slower than f/8, because the lens is focused at 1.2 m
+    'f/8.35'
     """
 
     focus_mm: float | None = None

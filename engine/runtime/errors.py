@@ -76,6 +76,15 @@ class InputError(ValueError):
         The rejected value.
     remedy : str
         The expected value, or what to do.
+
+    Examples
+    --------
+    >>> from lensfield.engine import InputError, Options
+    >>> try:
+    ...     Options(accuracy=-1)
+    ... except InputError as error:
+    ...     print(error)
+    options: accuracy is -1: expected a number above 0 and below 2, such as 0.01
     """
 
     def __init__(self, where: Any, field: str, value: Any, remedy: str):
@@ -173,12 +182,42 @@ def one_line(error: Exception) -> str:
 
 
 class LensError(InputError):
-    """Lens data that are missing, damaged or unsuitable for the request."""
+    """Lens data that are missing, damaged or unsuitable for the request.
+
+    Examples
+    --------
+    >>> from lensfield.engine import LensError, load_lens
+    >>> try:
+    ...     load_lens("nonsuch")
+    ... except LensError as error:
+    ...     print(error.where, error.field, error.value, sep=", ")
+    nonsuch, lens, missing
+    """
 
 
 class CameraError(InputError):
-    """A camera's data that are missing, damaged or unsuitable for the request."""
+    """A camera's data that are missing, damaged or unsuitable for the request.
+
+    Examples
+    --------
+    >>> from lensfield.engine import CameraError, load_camera
+    >>> try:
+    ...     load_camera("nonsuch")
+    ... except CameraError as error:
+    ...     print(error.where, error.field, error.value, sep=", ")
+    nonsuch, camera, unknown
+    """
 
 
 class ImageError(InputError):
-    """A spectral image that is damaged or unsuitable for the request."""
+    """A spectral image that is damaged or unsuitable for the request.
+
+    Examples
+    --------
+    >>> from lensfield.engine import ImageError, SpectralImage
+    >>> try:
+    ...     SpectralImage([[1.0, 2.0]], wavelengths_nm=[450, 550], pitch_um=15)
+    ... except ImageError as error:
+    ...     print(error)
+    image: wavelengths_nm is 2 long: expected one for each of the 1 planes
+    """

@@ -33,6 +33,19 @@ class ChannelCache:
     Notes
     -----
     Not thread-safe: use a separate one in each thread.
+
+    Examples
+    --------
+    Two frames of an animation share the plan and the PSFs:
+
+    >>> import numpy as np
+    >>> from lensfield.engine import ChannelCache, Options, SpectralImage, load_lens, simulate
+    >>> lens, cache = load_lens("edmund-54852"), ChannelCache(limit_mb=64)
+    >>> for light in (1.0, 0.5):
+    ...     frame = SpectralImage(np.full((24, 32), light), wavelengths_nm=[550], pitch_um=15)
+    ...     irradiance = simulate(frame, lens, Options(accuracy=0.1), cache=cache)
+    >>> irradiance.cube.shape
+    (1, 24, 32)
     """
 
     def __init__(self, limit_mb: float = 1024, *, cache_plans: bool = True) -> None:

@@ -42,6 +42,18 @@ class Report:
         For a sequence, the reports by frame number; the sequence has no other facts.
     earlier : dict of int: dict
         For a sequence, the reports of frames that an earlier run rendered, as read from JSON.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lensfield.engine import Options, Report, SpectralImage, load_lens, simulate
+    >>> radiance = SpectralImage(np.ones((24, 32)), wavelengths_nm=[550], pitch_um=15)
+    >>> report = Report()
+    >>> irradiance = simulate(radiance, load_lens("edmund-54852"), Options(accuracy=0.1), report=report)
+    >>> sorted(report.stages)
+    ['casting', 'distortion and relative illumination', 'filtering', 'lens data', 'plan']
+    >>> report.lens_image.frame_px
+    (24, 32)
     """
 
     stages: dict[str, float] = field(default_factory=dict)

@@ -64,6 +64,19 @@ def simulate(radiance: Radiance, lens: Lens, options: Options = BY_RESULT, *,
     ------
     LensError, ImageError
         If a wavelength is outside the lens data, the distortion folds the field, or pixels are not finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lensfield.engine import Options, SpectralImage, load_lens, simulate
+    >>> points = np.zeros((24, 32))
+    >>> points[12, 16] = 1
+    >>> radiance = SpectralImage(points, wavelengths_nm=[550], pitch_um=6)
+    >>> irradiance = simulate(radiance, load_lens("edmund-54852"), Options(accuracy=0.1))
+    >>> irradiance.cube.shape, irradiance.quantity
+    ((1, 24, 32), 'irradiance')
+    >>> bool(irradiance.cube.max() < 0.6 * irradiance.cube.sum())  # the lens has spread the point
+    True
     """
     report, cache, sampling = report or Report(), cache or ChannelCache(limit_mb=0), radiance.sampling
     radiance = radiance.even() if options.detail == OFF else radiance

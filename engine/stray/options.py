@@ -35,6 +35,12 @@ class StrayOptions:
     ------
     InputError
         If a value is invalid.
+
+    Examples
+    --------
+    >>> from lensfield.engine import StrayOptions
+    >>> StrayOptions("ghosts,veil", cleanliness="dusty").listed
+    ('ghosts', 'veil')
     """
 
     stray_light: str = setting(

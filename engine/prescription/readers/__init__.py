@@ -33,6 +33,14 @@ def read_prescription(path: str | Path, options: ReadingOptions = AS_IT_IS) -> P
     LensError
         A file that is missing, damaged, inconsistent, or does not describe a lens of refracting surfaces and mirrors;
         or options that do not apply to it.
+
+    Examples
+    --------
+    >>> from lensfield.engine import read_prescription
+    >>> from lensfield.engine.library import prescription_path
+    >>> tessar = read_prescription(prescription_path("tessar-50mm"))
+    >>> tessar.focal_length_mm, len(tessar.surfaces), tessar.field
+    (50.0, 8, ('angle_deg', 24.0))
     """
     return checked(Path(path), read_file(path, options), options.allow_mismatch)
 

@@ -56,6 +56,14 @@ class ReadingOptions(NamedTuple):
     allow_mismatch : bool
         If the focal length or f-number in the file differs from its surfaces', report it in the notes instead of
         raising an error.
+
+    Examples
+    --------
+    >>> from lensfield.engine import ReadingOptions, read_prescription
+    >>> from lensfield.engine.library import prescription_path
+    >>> aps_c = ReadingOptions(sensor_mm=(23.5, 15.6))
+    >>> read_prescription(prescription_path("tessar-50mm"), aps_c).sensor_mm
+    (23.5, 15.6)
     """
 
     field: tuple[str, float] | None = None
