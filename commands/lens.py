@@ -118,8 +118,8 @@ def _baked_nm(options):
 
 
 def _add_check(lens):
-    check = lens.add_parser("check", help="check lens data, or a prescription's rays, for anything suspicious or "
-                                          "harmful; exit status 1 for an error")
+    check = lens.add_parser("check", help="find likely errors in lens data, or by rays through a prescription; exit "
+                                          "status 1 for an error")
     check.add_argument("lens", metavar="NAME|FILE", help=LENSES)
     add_reading(check)
     check.add_argument("--json", action="store_true", help="print JSON")
