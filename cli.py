@@ -20,7 +20,7 @@ STOPS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if ha
 
 
 def main(arguments=None):
-    """Run the command and return its exit status: 0 or the subcommand's, 1 for bad input (reported in one line), 2 for
+    """Run the command and return its exit status: 0 or the subcommand's status, 1 for bad input (one line), 2 for
     a usage error.
 
     If the reader of the output closes it, as `head` does, the command ends silently.

@@ -39,7 +39,7 @@ def add_options(render):
     add_scene_options(render)
     add_frame_options(render)
     render.add_argument("--wait", action="store_true",
-                        help="end only when all frames are finished, including those of other processes")
+                        help="end only when all frames are finished, including frames of other processes")
     add_followed(render.add_argument_group("for programs that run this command"))
     cluster = render.add_argument_group("on other machines",
                                         "which must find the .blend and all folders at the same paths")
@@ -193,7 +193,7 @@ def _named_scene(options):
 
 
 def scene_and_fields(options, scene_of=_named_scene):
-    """The scene that `scene_of` returns for the options, by default the .blend's; and the fields of a RenderRequest
+    """The scene that `scene_of` returns for the options, by default as in the .blend; and the fields of a RenderRequest
     that the command line gives."""
     given = given_fields(options)
     spectral, engine = given_settings(options, SpectralOptions), given_settings(options, Options)

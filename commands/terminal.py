@@ -42,7 +42,7 @@ def progress_bar():
 
 @contextmanager
 def quiet(*descriptors):
-    """Suppress output to these descriptors (1: standard output, 2: standard error), such as messages of Blender's and
+    """Suppress output to these descriptors (1: standard output, 2: standard error), such as messages of Blender and
     OpenEXR's C++ code."""
     sys.stdout.flush()
     saved = [(number, os.dup(number)) for number in descriptors]

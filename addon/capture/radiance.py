@@ -129,7 +129,7 @@ class Captured:
         return self._frame(self.depth_m) * M_TO_MM
 
     def _frame(self, plane):
-        """A plane's values at the frame's pixels, or only at the render region's."""
+        """A plane's values at the pixels of the frame, or only of the render region."""
         (top, left), (rows, columns) = self.radiance.overscan_px, self.radiance.frame_px
         frame = slice(top, top + rows), slice(left, left + columns)
         return plane[frame][... if self.region is None else self.region[frame] == 1]
@@ -222,7 +222,7 @@ def pass_bytes(pixels, lamps, denoise):
 
 
 def job_grid(scene, job):
-    """The pixels that Cycles renders of the scene's current frame: a capture's or, for a traced lens, the film's."""
+    """The pixels that Cycles renders of the scene's current frame: of a capture or, for a traced lens, of the film."""
     if job.traced:
         return frame_grid(scene, job.lens)
     return capture_grid(scene, job.lens, job.wavelengths_nm, job.options, job.room, job.others)

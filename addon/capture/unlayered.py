@@ -81,7 +81,7 @@ class _Look:
 
     def candidates(self):
         """Distances along each ray, in metres, to the bounding boxes of possible glass, mirrors and volumes: list of
-        arrays; and (name, array) for each volume, with "" as the name of the world's."""
+        arrays; and (name, array) for each volume, with "" as the name of the world."""
         none = np.full(len(self.view.directions), np.inf)
         boxes, world = [none], self._layer.world_override or self._scene.world
         volumes = [("", np.zeros_like(none))] if world and glows_within(world) else []

@@ -122,7 +122,7 @@ def stem_of(scene):
 
 
 def check_next_to_frames(folder, *paths):
-    """Raise an InputError for a file in the output folder whose name is, or could become, a frame's.
+    """Raise an InputError for a file in the output folder whose name is, or could become, the name of a frame.
 
     Parameters
     ----------

@@ -104,7 +104,7 @@ def _all_alike(paths):
 
 
 def _is_sequence(block):
-    """Whether a data-block's path stands for several files: frames, or tiles."""
+    """Whether a data-block's path covers several files: frames, or tiles."""
     return getattr(block, "source", "") in ("SEQUENCE", "TILED") or getattr(block, "is_sequence", False)
 
 

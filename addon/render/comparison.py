@@ -187,7 +187,7 @@ def plan_comparison(source, lenses, f_numbers=(), *, output_folder, progress=Non
     output_folder : path
     progress : callable (fraction, label), optional
     given : by name
-        Fields of a `RenderRequest`, except for `view`: the view is the camera's. For a scene as in
+        Fields of a `RenderRequest`, except for `view`: the view is the view of the camera. For a scene as in
         `render_through_lens`, for a file as in `apply_lens`.
 
     Returns

@@ -73,7 +73,7 @@ def apply_lens(radiance, *, progress=None, **given):
         Such as shot_Scene_0001_radiance.exr, from `render_through_lens`.
     progress : callable (fraction, label), optional
     given : by name
-        Fields of a `RenderRequest`: `lens`, and optionally `output_folder` (by default the radiance's), `options`,
+        Fields of a `RenderRequest`: `lens`, and optionally `output_folder` (by default with the radiance), `options`,
         `stray`, `view`, `focus`, `f_number`, `focused_wide_open`, `tilt_deg`, `copy`, `copy_grade`, `coating`, `iris`,
         `lens_quality`, `depth`, `look`, `view_settings` (by default from the file), and the fields of a
         camera.

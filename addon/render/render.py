@@ -29,7 +29,7 @@ from ..scene.undo import Journal
 from ..scene.watch import samples_watched
 from .pictures import write_film_pictures, write_irradiance, write_pictures, write_radiance
 
-RENDER_SHARE = 0.85  # of the progress bar; the rest is the engine's and the files'
+RENDER_SHARE = 0.85  # of the progress bar; the rest is for the engine and the files
 WRITING = 0.96  # of the progress bar, when the files are about to be written
 
 
@@ -161,7 +161,7 @@ def attributes_of(scene, job):
 
 
 def lens_steps(captured, lens, request, iris, result, fraction):
-    """Steps that put a Captured through a lens and write the resulting files; `fraction` is that of the job so far.
+    """Steps that put a Captured through a lens and write the resulting files; `fraction` of the job is finished.
 
     The RenderRequest gives the options, the stray light and the camera.
     """

@@ -48,7 +48,7 @@ class ScenePreview:
     Parameters
     ----------
     scene : bpy.types.Scene
-        Its resolution is the coarse picture's.
+        Its resolution is as in the coarse picture.
     given : by name
         Fields of a `RenderRequest`, as in `render_through_lens`.
 

@@ -59,7 +59,7 @@ class SceneFrame:
     right_up_px : (float, float)
         As `shift_px`.
     sensor_mm : (float, float) or None
-        None for the lens's.
+        None for the sensor of the lens.
     focal_mm : float or None
         Capture focal length that the lens is scaled to; None for its own size.
     """
@@ -168,7 +168,7 @@ def frame_capture(lens, frame, wavelengths_nm, options=BY_RESULT, room=0.0, othe
     frame : PixelGrid
     wavelengths_nm : sequence of float
     options : Options
-        Of the plan by which the capture will be filtered.
+        Of the plan that will filter the capture.
     room : float
         Least margin to capture beyond each edge, as a fraction of the frame's longer side.
     others : sequence of Lens
@@ -352,7 +352,7 @@ def match_camera_to_lens(camera, facts, frame):
     Most lenses become a perspective camera with the correct scale on the axis. A lens that would need more than
     MOST_PLANE times the frame's pixels on a plane becomes a fisheye camera with its own distortion: a rendered viewport
     shows the exact frame. Solid viewports show every camera in perspective; the focal length is set so that their left
-    and right edges match the lens's. The camera's Shift stays. The pixels are `frame.squeeze` times as wide as tall.
+    and right edges match the lens. The camera's Shift stays. The pixels are `frame.squeeze` times as wide as tall.
     """
     focal_mm, half_mm = facts.capture_focal_length_mm / frame.squeeze, _width_mm(frame) / 2
     if _stretch(facts, frame) ** 2 <= MOST_PLANE:
@@ -400,7 +400,7 @@ def is_panorama_of(facts, camera, frame, tolerance):
 
 
 def lens_for_view(scene, lens, view):
-    """The lens for a scene, with its own view or the camera's.
+    """The lens for a scene, with its own view or the view of the camera.
 
     Parameters
     ----------

@@ -316,7 +316,7 @@ def compositing_tree(scene):
 
 def unreplaced_passes(scene):
     """Names of passes that the scene's compositing tree takes from its Render Layers and lens images lack: they show
-    the camera's view, not the lens's."""
+    the camera's view, not the view of the lens."""
     tree = _tree(scene) if getattr(scene, "use_nodes", True) else None
     return sorted({link.from_socket.name for link in (tree.links if tree else ())
                    if link.from_node.bl_idname == "CompositorNodeRLayers" and link.from_node.scene == scene

@@ -25,7 +25,7 @@ class Hit:
     place, normal : Vector
         In the world; the normal is the face's own, whichever side is hit.
     face : int
-        -1 if the surface is not a mesh of the user's.
+        -1 if the surface is not a mesh of the user.
     obj : bpy.types.Object
         Evaluated.
     to_world : Matrix

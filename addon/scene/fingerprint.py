@@ -234,7 +234,7 @@ def file_digest(path, stamp):
 
 
 def _animated(block):
-    """(path, index) of values that keyframes and drivers set: they differ at each frame, and are not the user's."""
+    """(path, index) of values that keyframes and drivers set: they differ at each frame: not set by the user."""
     animation = getattr(block, "animation_data", None)
     if animation is None:
         return frozenset()
@@ -394,7 +394,7 @@ def _fields_of(struct):
 
 
 def _place(prop):
-    """The place of a property among its type's. Add-ons' are last, by name: Blender has them by the time of their
+    """The place of a property in its type. Add-ons' are last, by name: Blender has them by the time of their
     registration, which differs between processes."""
     return prop.is_runtime, prop.identifier if prop.is_runtime else ""
 

@@ -28,7 +28,7 @@ def lens_file_for_scene(path: str | os.PathLike, options: ReadingOptions = AS_IT
     path : path
         A prescription, or a lens package.
     options : ReadingOptions
-        With any, the prescription is written as Lensfield's .toml into the folder `lenses` next to the .blend or, until
+        With any, the prescription is written as a Lensfield .toml into the folder `lenses` next to the .blend or, until
         the .blend is saved, in the user's configuration folder. Existing files are never overwritten.
 
     Raises

@@ -32,7 +32,7 @@ def stated_path(block, field, start=None):
     field : str
         Of the settings.
     start : str, optional
-        The folder that // means, unless the path comes from a linked .blend; by default this .blend's.
+        The folder that // means, unless the path comes from a linked .blend; by default the folder of this .blend.
     """
     text, reference = getattr(block.lensfield, field), getattr(block.override_library, "reference", None)
     inherited = reference and getattr(reference.lensfield, field) == text  # by the library override

@@ -29,7 +29,7 @@ def still_digests(scene, changed):
     Returns
     -------
     dict or None
-        By ID type and full name; None if the changes are not those of objects alone.
+        By ID type and full name; None if anything other than objects has changed.
     """
     blocks = {name_of(block): block for block in blocks_of(scene)}
     moved = {name for name in changed if name in blocks and name[0] != "COLLECTION"}

@@ -49,7 +49,7 @@ def lamp_patches(light, matrix, origin):
     ----------
     light : bpy.types.Light
     matrix : array (4, 4)
-        The lamp's, to the world.
+        From the lamp to the world.
     origin : array (3,)
         The camera's place.
     """

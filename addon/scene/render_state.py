@@ -77,7 +77,7 @@ def _keep_projections(camera, original, journal):
 def guard_render_state(scene, job, capture, path, journal):
     """Make all settings for the passes; each pass is written to `path`, a multilayer EXR of the light and its depth.
 
-    The scene's camera is that of `stand_in_camera`.
+    The scene's camera is from `stand_in_camera`.
     """
     rows, columns = capture.shape_px
     size = {"resolution_y": rows, "resolution_x": columns,
@@ -110,7 +110,7 @@ def clamps_of(scene):
 
 
 def effective_samples(scene):
-    """Samples of a render: the scene's, or those by which the rendered view layer, if any is on, overrides them."""
+    """Samples of a render: as in the scene, unless the rendered view layer, if any is on, overrides them."""
     cycles, of_layer = scene.cycles, next((layer.samples for layer in scene.view_layers if layer.use), 0)
     if not of_layer or cycles.use_layer_samples == "IGNORE":
         return cycles.samples

@@ -105,7 +105,7 @@ def _camera_iris(scene):
 
 
 def scene_lens(scene, lens, view, quality, wavelengths_nm=None, baking=unwatched, **overrides):
-    """The lens for a scene: with its camera's focus and f-stop, and with its own view or the camera's.
+    """The lens for a scene: with its camera's focus and f-stop, and with its own view or the view of the camera.
 
     Parameters
     ----------

@@ -25,7 +25,7 @@ def hide_volumes(scene, journal):
     """
     world = rendered_world(scene)
     if not (bpy.data.volumes or any(map(has_volume, bpy.data.materials)) or world and has_volume(world)):
-        return False  # without a look at all instances, of which there may be many
+        return False  # without a look at all instances, which may be many
     linked, gas = {}, set()
     for instance in rendered_instances(scene):
         for material in instance.materials - linked.keys():

@@ -2,7 +2,7 @@
 
 Nodes compute colours in RGB, as in any render, and Lensfield upsamples the result at the shader's input. The nodes
 before it therefore never process spectra, and a number, such as a roughness or a mix factor, is the same at all
-wavelengths. The spectrum that a node represents is lost, such as a sky's or a flame's.
+wavelengths. The spectrum that a node represents is lost, such as the spectrum of a sky or a flame.
 """
 
 from dataclasses import dataclass

@@ -45,7 +45,7 @@ def _number_now(name, value):
 def _converted(scene, old, taken):
     """Give a scene's old values to its cameras, except those with a lens already; returns what happened, in words.
 
-    `taken` has the scenes whose lenses cameras have taken, and gets this one's.
+    `taken` has the scenes whose lenses cameras have taken, and gets this scene.
     """
     where = f"scene {scene.name!r}"
     if not scene.is_editable:

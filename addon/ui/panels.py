@@ -90,7 +90,7 @@ def draw_settings(layout, scene):
 
 
 def draw_camera_settings(layout, scene, camera):
-    """Draw the panel of a camera, which need not be the scene's."""
+    """Draw the panel of a camera, which may differ from the scene's camera."""
     if _draw_untrusted(layout, camera):
         return
     _draw_lens(layout, scene, camera)

@@ -31,7 +31,7 @@ def bake(prescription: Prescription, *, quality: str | Quality = "standard", hei
         fastest; None for as many as the quality needs. Only for lenses with rotational symmetry.
     wavelengths_nm : sequence of float
     ends_mm : Ends or None
-        Of the grid of a lens without rotational symmetry, from `grid_ends_mm`; None for those of the sensor.
+        Ends of the grid of a lens without rotational symmetry, from `grid_ends_mm`; None for the ends of the sensor.
     pitch_um : float or None
         Pitch of the PSF samples; None for the finest at which every PSF contains 99.5 % of its light.
     samples : int or None

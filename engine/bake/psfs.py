@@ -23,7 +23,7 @@ def psfs_of(traced: Wavefronts, wavefronts: Wavefronts, height: int, pitch_um: f
     Parameters
     ----------
     traced, wavefronts : Wavefronts
-        At the traced wavelengths, and at those of the PSFs.
+        At the traced wavelengths, and at the wavelengths of the PSFs.
     height : int
     pitch_um : float
     samples : int

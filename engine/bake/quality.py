@@ -45,7 +45,7 @@ class Quality:
 
     @cached_property
     def full_pupil(self) -> FullPupil:
-        """Rays of each wavefront across the complete stop, as close as those of `pupil`."""
+        """Rays of each wavefront across the complete stop, as close as in `pupil`."""
         radii, azimuths = self.pupil.shape
         return FullPupil(radii, 2 * (azimuths - 1))
 

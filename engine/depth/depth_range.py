@@ -97,7 +97,7 @@ def sharp_range_mm(lens: Lens, blur_um: float) -> tuple[float, float]:
 def focus_in_capture(lens: Lens, capture: PixelGrid, rows: np.ndarray, columns: np.ndarray) -> float | np.ndarray:
     """The inverse depth in focus at pixels of a capture, per mm: an array if the plane of focus leans.
 
-    Beyond 90 degrees from the axis, it is the axis's.
+    Beyond 90 degrees from the axis, it is as on the axis.
     """
     if not any(lens.focus_slope):
         return focus_nearness(lens)

@@ -42,7 +42,7 @@ class PreparedLayer:
 
     @property
     def goes_on(self) -> tuple[bool, bool, bool, bool]:
-        """Whether the layer's edge above, below, left and right is the capture's, so its last pixels continue there."""
+        """Whether the layer ends at the capture above, below, left and right: its last pixels continue there."""
         (rows, columns), (down, across) = self.capture.shape_px, self.layer.place
         return down.start == 0, down.stop >= rows, across.start == 0, across.stop >= columns
 

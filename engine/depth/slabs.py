@@ -28,7 +28,7 @@ MOST_SLABS = 12
 MOST_LOOKED = 200_000  # pixels, enough for the edges
 CANDIDATES = 192  # for borders
 JUMP_PX = 1.0  # smallest difference in blur between adjacent pixels that counts as an edge
-SEAM_PX = 0.1  # cost of a border: that of a jump by this in each pixel CLOSE_PX[0] away in blur, and less beyond
+SEAM_PX = 0.1  # cost of a border: of a jump by this in each pixel CLOSE_PX[0] away in blur, and less beyond
 CLOSE_PX = 0.1, 0.3, 1.0, 3.0
 OUTSIDE = 1e-3  # relative distance between a border and a range that must not be cut
 DEEP_PX = 12.0  # of blur between the ends of a body; deeper bodies may be cut
@@ -126,7 +126,7 @@ def plan_slabs(depth_mm: ArrayLike, capture: PixelGrid, lens: Lens, *, accuracy:
     others : sequence of Lens
         Other lenses for the same capture: the lens at other focus distances and f-stops.
     reach : float
-        `Opening.reach` of the iris: the radius of the blur relative to that of a round stop.
+        `Opening.reach` of the iris: the radius of the blur relative to a round stop.
     most_slabs : int
     uncut_mm : sequence of (near_mm, far_mm)
         Ranges without borders, as a camera clips: volumes.
@@ -198,7 +198,7 @@ class _Look:
     cosine : array
         Depth over distance; 1 for a camera that clips by depth.
     stretch : array
-        Scale of the capture along its larger axis, compared with a plane's.
+        Scale of the capture along its larger axis, relative to the scale of a plane.
     beyond_px : array (2, row, column)
         Distance beyond the frame, down and across.
     step_px : array (2,)

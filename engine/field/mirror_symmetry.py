@@ -17,7 +17,7 @@ BAND_PIXELS = 1 << 16  # copied together
 
 @dataclass(frozen=True)
 class Planes:
-    """The planes in which a picture is filtered: the picture, or its four quadrants, which then share the optics.
+    """The planes that are filtered: the picture, or its four quadrants, which then share the optics.
 
     Quadrants are flipped so that the axis is at their upper left corner. Their order is lower right, upper right, lower
     left, upper left. The middle line of an odd side is in both of its quadrants.

@@ -183,11 +183,11 @@ class TablesByWavelength(ABC, Generic[Psfs]):
 
     @abstractmethod
     def _mixed(self, psfs: Psfs, others: Psfs, weight: float) -> Psfs:
-        """The PSFs between two wavelengths, with the weight of the second's."""
+        """The PSFs between two wavelengths, by the weight of the second."""
 
 
 def mixed_by_row(psfs: np.ndarray, others: np.ndarray, weight: float) -> np.ndarray:
-    """The PSFs at a wavelength between two, with the weight of the second's: array (row, ...)."""
+    """The PSFs at a wavelength between two, by the weight of the second: array (row, ...)."""
     mixture = np.empty_like(psfs)
     for mixed, one, other in zip(mixture, psfs, others, strict=True):  # saves memory
         np.multiply(one, 1 - weight, out=mixed)

@@ -14,7 +14,7 @@ from .field_map import field_map
 
 
 def distort_map(lens: Lens, frame: PixelGrid, wavelength_nm: float) -> np.ndarray:
-    """Map that warps a pinhole's picture to the lens's: the position in the pinhole's picture of each of its pixels.
+    """Map that warps a pinhole picture to the lens picture: for each pixel, its position in the pinhole picture.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ def distort_map(lens: Lens, frame: PixelGrid, wavelength_nm: float) -> np.ndarra
 
 
 def undistort_map(lens: Lens, frame: PixelGrid, wavelength_nm: float) -> np.ndarray:
-    """Map that warps the lens's picture to a pinhole's: the inverse of `distort_map`, with the same arguments."""
+    """Map that warps the lens picture to a pinhole picture: the inverse of `distort_map`, with the same arguments."""
     return _map(frame, field_map(lens).at_wavelength(wavelength_nm).landing_mm)
 
 

@@ -84,7 +84,7 @@ class Detail:
         return replace(self, shares=shares)
 
     def even_in(self, pixels: np.ndarray) -> "Detail":
-        """The detail without that of some pixels: bool array (row, column)."""
+        """The detail without some pixels: bool array (row, column)."""
         return replace(self, shares=np.where(split_pixels(pixels, self.times), np.float16(1), self.shares))
 
     def split(self, picture: np.ndarray, wavelength_nm: float) -> np.ndarray:

@@ -111,7 +111,7 @@ class LayeredRadiance:
     wavelengths_nm : float64 array (wavelength,)
         Ascending; the same for all layers.
     grid : PixelGrid
-        The grid of the capture, which contains the layers. Its columns may be finer than the sensor's.
+        The grid of the capture, which contains the layers. Its columns may be finer than the pixels of the sensor.
     focal_mm : float or None
         Focal length of the capturing pinhole; None for the lens's capture focal length. They differ if a lens on the
         same sensor is focused elsewhere.

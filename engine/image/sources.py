@@ -17,7 +17,7 @@ class Sources:
     ----------
     directions : array (source, 3)
         Unit vectors from the middle of the entrance pupil to each source: to the right and up, as in the upright
-        picture, and along the camera's axis towards the scene; negative for what is behind the camera.
+        picture, and along the camera's axis towards the scene; negative behind the camera.
     distance_mm : array (source,)
         From the middle of the entrance pupil; inf for sources at infinity.
     irradiance : array (source, wavelength)

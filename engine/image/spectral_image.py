@@ -53,7 +53,7 @@ class SpectralImage:
         Focal length of the pinhole that captured a radiance image. Together with the pitch it defines the field of
         view.
     exposure : float
-        The renderer's film exposure: pictures are multiplied by it to be as bright as the renderer's.
+        The renderer's film exposure: pictures are multiplied by it to be as bright as in the renderer.
     detail : Detail or None
         The distribution of light inside the pixels of a radiance image; None if each pixel is even.
     arbitrary : bool

@@ -102,7 +102,7 @@ def displacement_um(lens: GridLens, wavelengths_nm: np.ndarray, x_mm: np.ndarray
 
 
 def psfs_at(lens: GridLens, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
-    """PSFs at places of the sensor, which mix those of the four nodes around each: array (wavelength, place, v, u)."""
+    """PSFs at places of the sensor, mixed from the four nodes around each: array (wavelength, place, v, u)."""
     corners = [_nodes_around(nodes_mm, np.abs(place_mm) if mirrored else place_mm)
                for nodes_mm, mirrored, place_mm in zip((lens.y_mm, lens.x_mm), lens.mirrored, (y_mm, x_mm),
                                                        strict=True)]
@@ -117,7 +117,7 @@ def psfs_at(lens: GridLens, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
 
 
 def _nodes_around(nodes_mm, place_mm):
-    """Indices of the nodes below and above places, and their weights; beyond the ends, those of the ends."""
+    """Indices of the nodes below and above places, and their weights; beyond the ends, as at the ends."""
     position = np.interp(place_mm, nodes_mm, np.arange(nodes_mm.size))
     below = np.minimum(position.astype(int), nodes_mm.size - 2)
     return (below, 1 - (position - below)), (below + 1, position - below)

@@ -59,7 +59,7 @@ def library_name(target: str) -> str:
 
 
 def sources_digest() -> str:
-    """Tells a library from one of other sources; "" where they are not at hand."""
+    """Distinguishes a library from one of other sources; "" if the sources are missing."""
     if not (HERE / "kernels.c").exists():  # a wheel contains kernels.h alone
         return ""
     texts = "".join(path.read_text(encoding="utf-8") for path in [*sorted(HERE.glob("*.[ch]")), Path(__file__)])
@@ -131,7 +131,7 @@ def compiler(target: str) -> list[str]:
 
 
 def _linking(target, folder):
-    """Flags for linking the objects to a library, without a C library, to be independent of the system's."""
+    """Flags for linking the objects to a library, without a C library, to be independent of the system."""
     system = target.split("-")[0]
     if system == "linux":
         return ["-shared", "-nostdlib", "-Wl,--no-undefined", "-Wl,--build-id=none", "-s"]

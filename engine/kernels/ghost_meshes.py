@@ -33,7 +33,7 @@ class Meshes:
     mirrored : bool
         Whether the first column is the middle, and the other half is the mirror image.
     azimuth_rad : float
-        By which the rays are turned, from the right upwards.
+        Angle by which the rays are turned, from the right upwards.
     irradiance : float
         W m^-2 nm^-1 of the light in front of the lens.
     """

@@ -52,5 +52,5 @@ def format_mm(text: str, option: str = "--sensor", others: Sequence[str] = ()) -
 
 
 def crop_factor(sensor_mm: tuple[float, float]) -> float:
-    """Diagonal of full frame over a sensor's."""
+    """Diagonal of full frame divided by the diagonal of a sensor."""
     return hypot(*FORMATS["fullframe"][1]) / hypot(*sensor_mm)

@@ -145,7 +145,7 @@ class Lens(Value):
         raise NotImplementedError
 
     def _check_landing(self) -> None:
-        """Raise a LensError if chief rays land where those of no lens do."""
+        """Raise a LensError if chief rays land where no lens images them."""
         raise NotImplementedError
 
     @property
@@ -228,7 +228,7 @@ class Lens(Value):
         return np.clip(wavelengths_nm, self.wavelengths_nm[0], self.wavelengths_nm[-1])
 
     def wavelength_position(self, wavelength_nm: float) -> tuple[int, float]:
-        """Position of a wavelength among the lens data's: the index of the one below it, and the weight of the next.
+        """Position of a wavelength in the lens data: the index of the one below it, and the weight of the next.
 
         Raises
         ------
@@ -250,7 +250,7 @@ class Lens(Value):
 
 
 def _protected(table, dtype):
-    """The table as an array that nothing else can change: a copy, unless it is another lens's."""
+    """The table as an array that nothing else can change: a copy, unless it belongs to another lens."""
     of_lens = type(table) is np.ndarray and table.dtype == dtype and not table.flags.writeable
     return table if of_lens and table.flags.c_contiguous else np.array(table, dtype)
 

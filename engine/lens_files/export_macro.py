@@ -89,7 +89,7 @@ def export_macro(program: str, options: ExportOptions) -> str:
 
 
 class _MacroTemplate(Template):
-    """`@{name}`, because $ has a meaning in the languages of the macros; `@@` stands for @."""
+    """`@{name}`, because $ has a meaning in the languages of the macros; `@@` is written for @."""
 
     delimiter = "@"
 

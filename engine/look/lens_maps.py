@@ -27,7 +27,7 @@ class LensMaps(CompositorLens):
     illumination : float32 array (row, column)
         Light, relative to the axis.
     lean : float32 array (row, column)
-        The inverse depth in focus, relative to the axis's, per mm.
+        The inverse depth in focus, relative to the axis, per mm.
     """
 
     places: np.ndarray

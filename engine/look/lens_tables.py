@@ -43,7 +43,7 @@ class LensTables:
         aberrations, which are tangents. The blur of a point nearer than the focus is positive, a farther one's is
         negative.
     light : float32 array (row, column, ray)
-        The light of these rays, relative to the place's.
+        The light of these rays, relative to the light of the place.
     stop_radius : float32 array (ray,)
         Their distance from the middle of the stop, relative to its rim.
     """

@@ -31,7 +31,7 @@ class CameraFacts(Part):
     camera, title : str
     shutter_s, iso : float
     metered : bool
-        Whether the exposure is the camera's meter's.
+        Whether the camera's meter chose the exposure.
     factor : float or None
         Scale of light in arbitrary units, which suits the exposure; None for light in W m^-2 nm^-1.
     raw_px : (int, int)
@@ -75,8 +75,8 @@ class CameraFacts(Part):
         if self.factor is not None:
             yield "the light is in arbitrary units: it was scaled so that this exposure is the metered one"
         if self.resampled:
-            yield (f"pixels of the lens image are {self.resampled:.3g} times as large as the camera's: resampled to "
-                   "{1} x {0} px".format(*self.raw_px))
+            yield (f"pixels of the lens image are {self.resampled:.3g} times as large as the camera's pixels: "
+                   "resampled to {1} x {0} px".format(*self.raw_px))
         if self.covered < COMPLETE:
             yield f"the camera's sensor covers {self.covered:.0%} of the lens image: the picture lacks the rest"
         if self.nonfinite:

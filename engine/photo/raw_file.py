@@ -17,7 +17,7 @@ def write_raw_file(raw: RawImage, irradiance: SpectralImage, path: AnyPath, lens
     ----------
     raw : RawImage
     irradiance : SpectralImage
-        What it is a picture of.
+        Subject of the picture.
     path : path
     lens : Lens, optional
         The lens of the irradiance. Without it, converters cannot straighten the picture, and the file states only the
@@ -26,7 +26,7 @@ def write_raw_file(raw: RawImage, irradiance: SpectralImage, path: AnyPath, lens
     Returns
     -------
     list of str
-        What is not corrected.
+        Parts that are not corrected.
 
     Raises
     ------

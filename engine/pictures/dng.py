@@ -50,7 +50,7 @@ FIELDS = {
 
 @dataclass(frozen=True)
 class MountedLens:
-    """The lens of a photograph, as its file names it. The file leaves out what is "" or None.
+    """The lens of a photograph, as its file names it. The file leaves out fields that are "" or None.
 
     Raises
     ------
@@ -178,7 +178,7 @@ def _layout(raw):
 
 
 def _identity(camera):
-    """The name of a simulated camera, for which converters do not have other data than the file's."""
+    """The name of a simulated camera, for which converters have only the data in the file."""
     name = _ascii(camera.title or camera.name)
     return {"Make": "Lensfield", "Model": name, "UniqueCameraModel": f"Lensfield {name}", "Software": software(),
             "DNGVersion": VERSION, "DNGBackwardVersion": OLDEST_READER}

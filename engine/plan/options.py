@@ -59,7 +59,7 @@ class Options:
     supersampling : int
         Number of pixels that each pixel is divided into, across and down, for PSFs finer than a pixel (1): up to 16.
         The radiance of a pixel is then a uniform square instead of a point in its centre, and the result is averaged
-        to the original pixels. Seconds and memory are those of a picture that much larger. Sections are counted in the
+        to the original pixels. Seconds and memory are as for a picture that much larger. Sections are counted in the
         finer pixels.
     fireflies : "refuse" or "clamp"
         NaN and infinite pixels: "refuse" raises an error that names the first; "clamp" replaces them with the

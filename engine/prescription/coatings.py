@@ -130,7 +130,7 @@ def of_layers(number: int) -> str:
 
 
 def coating_of(choice: str) -> str | None:
-    """The built-in coating of a setting's choice; None for the lens's."""
+    """The built-in coating of a setting's choice; None for the coatings of the lens."""
     return None if choice == AS_LENS else choice
 
 

@@ -24,7 +24,7 @@ LEAST_MM, LARGEST_MM = 1e-6, 1e12  # lengths: squares outside this range lose di
 ALUMINIUM = 0.9  # reflectance of a mirror that states none: protected aluminium in the visible, 0.85 to 0.92
 POSE_DIGITS = 10  # after the decimal point, of lengths and degrees: the rest is rounding
 LEAST_F_NUMBER = 0.5  # light from a half space
-MOST_SURFACES, MOST_TERMS = 300, 100  # several times any lens's: more is damage, and takes minutes
+MOST_SURFACES, MOST_TERMS = 300, 100  # several times as many as in any lens: more is damage, and takes minutes
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Pose:
 
     @property
     def rotation(self) -> np.ndarray:
-        """Matrix (3, 3) of the tilt: from directions in the surface's own axes to those in the lens's."""
+        """Matrix (3, 3) of the tilt: from directions in the axes of the surface to the axes of the lens."""
         turns = []
         for axis, angle in enumerate(np.radians(self.tilt_deg)):
             (first, second), turn = [(1, 2), (2, 0), (0, 1)][axis], np.eye(3)
@@ -99,7 +99,7 @@ class Surface:
     pose : Pose or None
         Its displacement from the axis.
     coating : str
-        One of `Prescription.coatings` or `BUILT_IN`; "" for the lens's.
+        One of `Prescription.coatings` or `BUILT_IN`; "" for the coating of the lens.
     mirror : bool
         Whether it reflects: the light stays in its medium, which `glass` names again. Up to the next mirror, light
         travels backwards, and thicknesses are negative. Radii keep their sign.

@@ -1,6 +1,6 @@
 """Rays of lenses without rotational symmetry: from points in focus to places on the sensor, across the complete stop.
 
-Coordinates are those of the image, which is upside down: light from the right and above lands at -x and -y. The upright
+Coordinates are in the image, which is upside down: light from the right and above lands at -x and -y. The upright
 picture's are their negatives.
 """
 

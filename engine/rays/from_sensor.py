@@ -32,7 +32,7 @@ class FromSensor:
         Coefficients of the powers `first_power`, `first_power + power_step`, ... of the distance from the axis, in mm.
     first_power, power_step : int
     semi_aperture_mm : array (surface,)
-        Including the stop's; inf if unlimited.
+        Including the stop; inf if unlimited.
     half_widths_mm : array (surface, 2) or None
         Of rectangular apertures, along x and y; inf without one. None if no surface has one.
     semi_obstruction_mm : array (surface,)
@@ -47,7 +47,7 @@ class FromSensor:
         From the last of these surfaces to the entrance pupil, away from the scene.
     aim : Bins or Cells
     origin_mm : array (2,)
-        Place on the sensor from which the film's positions count, which are the negatives of the sensor's.
+        Origin on the sensor of positions on the film, which are the negatives of positions on the sensor.
     sections : Sections or None
         None if all surfaces are of revolution.
     poses : Poses or None
@@ -96,9 +96,9 @@ class Poses:
     Attributes
     ----------
     to_surface : array (surface, 4, 4)
-        From the frame of the surface before, or of the sensor, to this surface's.
+        From the frame of the surface before, or of the sensor, to the frame of this surface.
     to_camera : array (4, 4)
-        From the frame of the last surface to the camera's.
+        From the frame of the last surface to the frame of the camera.
     """
 
     to_surface: np.ndarray
@@ -164,7 +164,7 @@ def _poses(prescription, view):
     poses = traced_surfaces(prescription).poses
     if poses is None:
         return None
-    frames = [_affine(pose[3:].reshape(3, 3), pose[:3]) for pose in poses[::-1]]  # the sensor's is the first
+    frames = [_affine(pose[3:].reshape(3, 3), pose[:3]) for pose in poses[::-1]]  # the frame of the sensor is the first
     steps_mm = [surface.thickness_mm for surface in prescription.surfaces[::-1]]
     to_surface = [np.linalg.inv(frame) @ _affine(np.eye(3), (0, 0, step_mm)) @ before
                   for before, frame, step_mm in zip(frames, frames[1:], steps_mm, strict=False)]

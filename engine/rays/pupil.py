@@ -74,7 +74,7 @@ class PupilQuadrature:
     """Samples of the pupil: Gauss-Legendre over the radius, equal steps over the azimuth.
 
     Both converge exponentially for smooth functions. The edge of an aperture is blurred over the samples that it
-    crosses, so that vignetting changes smoothly with the field. `azimuths` are those of half a circle.
+    crosses, so that vignetting changes smoothly with the field. `azimuths` cover half a circle.
     """
 
     def __init__(self, pupil: Pupil, radii: int, azimuths: int):

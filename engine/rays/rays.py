@@ -22,7 +22,7 @@ class Pupil:
     """
 
     mirrored = False
-    """Whether the azimuths are those of one half of the stop, and the other half is its mirror image."""
+    """Whether the azimuths cover one half of the stop, and the other half is its mirror image."""
 
     def __init__(self, radii: np.ndarray, azimuths: np.ndarray):
         self.radii, self.azimuths = radii, azimuths
@@ -112,7 +112,7 @@ def trace_pupil(system: System, heights_mm: Sequence[float] | np.ndarray, wavele
     Raises
     ------
     LensError
-        A chief ray is lost, or one half of the stop cannot stand for both.
+        A chief ray is lost, or one half of the stop cannot represent both.
     """
     rays = trace_any(system, heights_mm, wavelengths_nm, pupil)
     _check_chief_rays(system, heights_mm, rays)

@@ -48,7 +48,7 @@ class Rings:
     copy : Copy or None
         A copy with displaced elements; None for the design.
     coating : str or None
-        One of the built-in coatings, in place of the lens's; None for the lens's.
+        One of the built-in coatings, which replaces the coatings of the lens; None keeps them.
 
     Raises
     ------
@@ -114,7 +114,7 @@ def turned(prescription: Prescription, rings: Rings = AT_REST) -> TurnedLens:
 
     The stop's size is computed for infinity and does not change with focus. Variable gaps of the prescription are
     interpolated linearly over the magnification, between the positions for which they are given. Without variable
-    gaps, the lens moves as a unit. Displaced parts do not change the image plane: it is the centred lens's.
+    gaps, the lens moves as a unit. Displaced parts do not change the image plane: it is as for the centred lens.
 
     Raises
     ------

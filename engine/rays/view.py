@@ -122,7 +122,7 @@ def focus_lean(system: System, axes: np.ndarray) -> np.ndarray:
 
 
 def _pupil_magnification(section):
-    """Diameter of the exit pupil over the entrance pupil's."""
+    """Diameter of the exit pupil divided by the diameter of the entrance pupil."""
     return section.efl_mm / (section.front_focus_mm + section.entrance_pupil_mm)
 
 

@@ -156,7 +156,7 @@ def _resolved(path: AnyPath) -> tuple[Path, int]:
 
 
 def check_written_by_lensfield(path: AnyPath) -> None:
-    """Raise an InputError for an existing file that was not written by Lensfield, because it is the user's."""
+    """Raise an InputError for an existing file that belongs to the user: Lensfield did not write it."""
     if not _is_ours(path):
         raise InputError(path, "file", "an existing file that Lensfield did not write",
                          "move it, or give another name or folder")
@@ -206,7 +206,7 @@ def atomic_path(path: AnyPath, overwrite: bool = False) -> Iterator[Path]:
     check_target(path, overwrite)
     named, path = path, Path(path).resolve()  # a link stays, and its target is replaced
     status = file_status(path)
-    mode = stat.S_IMODE(status.st_mode) & 0o777 if status else 0o666 & ~UMASK  # mkstemp's is the owner's alone
+    mode = stat.S_IMODE(status.st_mode) & 0o777 if status else 0o666 & ~UMASK  # mkstemp gives access to the owner alone
     try:
         with _pending_path(lambda: create_in(path.parent, lambda: _half_written(path))) as temporary:
             if path.parent not in _swept:
@@ -261,7 +261,7 @@ def file_status(path: AnyPath) -> os.stat_result | None:
 
 
 def move(source: AnyPath, path: AnyPath) -> None:
-    """Move a file to a folder of Lensfield's, even from another disk. It appears complete or not at all."""
+    """Move a file to a Lensfield folder, even from another disk. It appears complete or not at all."""
     with atomic_path(path, overwrite=True) as temporary:
         try:
             os.replace(source, temporary)
@@ -456,7 +456,7 @@ def discard(path: Path) -> None:
 
 
 def remove(path: Path) -> None:
-    """Remove a file or folder of Lensfield's, if it exists, and the hidden folder around it if that is now empty."""
+    """Remove a Lensfield file or folder, if it exists, and the hidden folder around it if that is now empty."""
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path, ignore_errors=True)
     else:

@@ -1,4 +1,4 @@
-"""Which values are numbers, of Python's or numpy's types."""
+"""Which values are numbers, of types of Python or numpy."""
 
 from typing import Any, TypeGuard
 

@@ -39,7 +39,7 @@ class Setting:
         Part of the panel that lists it; "" for a setting with a fixed place in the panel, None without a Blender
         property.
     panel_default : object
-        Default of the Blender property, if it differs from the field's.
+        Default of the Blender property, if it differs from the default of the field.
     owner : str
         Data-block with the property in Blender: "scene" or "camera".
     option : str or None

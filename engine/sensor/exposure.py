@@ -79,7 +79,7 @@ class RawImage:
     camera : Camera
     exposure : Exposure
     resampled : float or None
-        Pitch of the picture over the sensor's, if it was not the sensor's own.
+        Pitch of the picture divided by the pitch of the sensor, if they differ.
     """
 
     numbers: np.ndarray

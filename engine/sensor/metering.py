@@ -14,7 +14,7 @@ from .electrons import response
 from .exposure import Exposure
 
 METERED = 10.0 / 78.0
-"""Mean signal of a metered picture over that of saturated pixels: ISO 2721's 10 lx s over ISO 12232's 78 lx s."""
+"""Mean signal of a metered picture relative to saturated pixels: ISO 2721's 10 lx s over ISO 12232's 78 lx s."""
 MOST_METERED_PX = 2**18
 COMMON_SHUTTER_S = 1 / 60  # of a picture without light, or in arbitrary units
 HALVINGS = 60

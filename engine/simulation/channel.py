@@ -34,7 +34,7 @@ class Channel:
     make_halos : callable () -> Cells, optional
         Returns the table of halos. It is called for pictures with highlights; None if the plan has no halos.
     capture : PixelGrid, optional
-        The pixels of the radiance, if they are not the filter's.
+        The pixels of the radiance, if they differ from the pixels of the filter.
     """
 
     def __init__(self, field: MonochromaticField, grid: PixelGrid, plan: Plan, table: Cells | None,

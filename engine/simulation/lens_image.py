@@ -52,7 +52,7 @@ class StrayFacts(Part):
 
     def remarks(self, parts: Parts) -> Iterator[str]:
         if self.shares:
-            yield "stray light, of the lens image's: " + ", ".join(
+            yield "stray light, relative to the lens image: " + ", ".join(
                 f"{name} {share:.2g}" for name, share in self.shares.items())
         if self.pairs:
             strongest = ", ".join(f"{first} and {second} ({share:.0%})"

@@ -244,7 +244,7 @@ class FileFacts(Part):
     picture : Upsampling or None
         None for spectral radiance.
     lens_warning : str
-        The effect of a field of view other than the lens's; "" if they are the same.
+        The effect of a field of view that differs from the lens; "" if they are the same.
     depth : DepthCheck or None
         None if the file does not contain depth, or depth is not used.
     layers : str

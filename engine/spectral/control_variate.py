@@ -136,10 +136,10 @@ def remaining_shares(difference: np.ndarray, unhelped: np.ndarray) -> np.ndarray
 
 
 def noise_growth(shares: np.ndarray, few: float, samples: float) -> float:
-    """Noise of the estimate relative to that of all samples without a control variate: the most in JUDGED_PERCENT of
+    """Noise of the estimate relative to all samples without a control variate: the most in JUDGED_PERCENT of
     the blocks.
 
-    The remaining share of the variance is that of few samples, and the other share that of all samples.
+    The remaining share of the variance is from few samples, and the other share from all samples.
 
     Parameters
     ----------

@@ -21,7 +21,7 @@ from .spectra import BAND_NM, Wavelengths
 LIBRARY = Path(__file__).resolve().parent / "data" / "refraction"
 MOST_BYTES = 1 << 20  # the largest file of the database has 0.8 MB
 NM_PER_UM = 1000.0
-D_LINE_NM = 587.6  # sodium's and helium's yellow, for which indices are quoted
+D_LINE_NM = 587.6  # the yellow lines of sodium and helium, for which indices are quoted
 METAL = 0.1  # extinction coefficient above which a material is opaque within a wavelength or two
 MOST_NODES = 1000  # of a YAML file; the tables of the database are one text each
 _COLUMNS = {"tabulated n": ("n",), "tabulated k": ("k",), "tabulated nk": ("n", "k")}

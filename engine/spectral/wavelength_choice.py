@@ -224,7 +224,7 @@ class _Statistics:
         return transports[:, :self._grid_nm.size], transports[:, self._grid_nm.size:]
 
     def weights(self, nodes):
-        """Weights that estimate the grid's and the output wavelengths from nodes of the grid."""
+        """Weights that estimate the wavelengths of the grid and of the output from nodes of the grid."""
         weights = self._best_weights(nodes)
         return weights / weights.sum(axis=1, keepdims=True)  # grey stays exactly grey
 

@@ -73,7 +73,7 @@ class GhostLens:
 
 
 def ghost_lens(system: System, opening: Opening, wavelengths_nm: np.ndarray) -> GhostLens:
-    """Prepare a lens; its pairs are those of surfaces that reflect at any of the wavelengths."""
+    """Prepare a lens; its pairs are of surfaces that reflect at any of the wavelengths."""
     reflecting = np.flatnonzero(system.reflectances(wavelengths_nm, [0.0]).max(axis=(1, 2)) > 0)
     near, far = np.triu_indices(len(reflecting), 1)
     return GhostLens(system, view_of(system), traced_surfaces(system.prescription), opening,
@@ -88,7 +88,7 @@ def _openings(system):
 
 
 def beam_of(lens: GhostLens, direction: np.ndarray, distance_mm: float) -> tuple[Beam, float]:
-    """The light of a source, and the azimuth by which it must be turned, in radians.
+    """The light of a source, and the azimuth by which to turn it, in radians.
 
     Parameters
     ----------

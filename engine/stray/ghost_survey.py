@@ -25,7 +25,7 @@ class Survey:
     ----------
     beam : Beam
     azimuth_rad : float
-        By which rays must be turned.
+        Angle by which to turn the rays.
     light_mm2 : array (pair, wavelength)
         Light of each of the lens's pairs on the sensor's frame, over irradiance in front of the lens.
     bright : int array (bright pair,)

@@ -109,7 +109,7 @@ def _source(angle_deg, wavelengths_nm):
 
 
 def _row(lens, pair, share, source, grid, iris):
-    """A ghost's row. Its place is that of the only ghost of the lens if all other surfaces reflect nothing."""
+    """A ghost's row. Its place is as for the only ghost of a lens whose other surfaces do not reflect."""
     coated = zip(lens.prescription.surfaces, lens.prescription.surface_coatings, strict=True)
     surfaces = tuple(replace(surface, coating=coating if number in pair else IDEAL)
                      for number, (surface, coating) in enumerate(coated, 1))

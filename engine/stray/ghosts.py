@@ -71,7 +71,7 @@ def ghosts(prescription: Prescription, sources: Sources, grid: PixelGrid, openin
     sources : Sources
         Those behind the front surface cause no ghosts.
     grid : PixelGrid
-        Its frame is the sensor's.
+        Its frame is the frame of the sensor.
     opening : Opening
         Of the stop.
     share : float

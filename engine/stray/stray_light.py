@@ -41,7 +41,7 @@ class StrayLight:
     sums : dict of str: float
         Sum over the cube of each part that was computed.
     predicted : dict of str: float
-        Predicted light of each part that was left out, as a share of the lens image's.
+        Predicted light of each part that was left out, relative to the light of the lens image.
     sources : int
         Number of sources of ghosts.
     pairs : tuple of (int, int, float)

@@ -12,7 +12,7 @@ PANEL_MARGINS = 3  # widgets, on both sides of a panel together
 
 
 def draw_wrapped(layout, text, icon="NONE", reserved=0, widgets=None, least_lines=1):
-    """Draw a text wrapped to a width in widgets, by default the panel's, less two for each button in the same row; with
+    """Draw a text wrapped to a width in widgets (default: the panel), less two for each button in the same row; with
     empty lines below it up to the least number of lines."""
     widgets = (widgets or region_widgets()) - PANEL_MARGINS - 2 * (icon != "NONE") - 2 * reserved
     lines = wrap(text, max(8, int(widgets * LETTERS_PER_WIDGET)))

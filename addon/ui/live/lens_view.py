@@ -200,7 +200,7 @@ def _pixels(buffer, width, height):
 
 
 def _split_by_depth(steps, viewport, view, defocus, widest):
-    """Fill the images between the viewport's and the lens's: `_steps`."""
+    """Fill the images between the viewport and the lens image: `_steps`."""
     # per scene unit: nearness = (depth + depth_at_infinity) * nearness_per_depth
     lean = np.divide(defocus.lean_per_m, view.px_per_tangent)
     focus = (view.depth_at_infinity, view.nearness_per_depth / defocus.metres_per_unit, defocus.px_m,
@@ -229,7 +229,7 @@ def _texture(values):
 
 @lru_cache(maxsize=MOST_SIZES)
 def _steps(width, height):
-    """The images between the viewport's and the lens's: dict of tuples of gpu.types.GPUTexture.
+    """The images between the viewport and the lens image: dict of tuples of gpu.types.GPUTexture.
 
     The viewport's light with its blur; smaller copies of its light from before and from behind the focus, with their
     blur, by the widths of `PITCH_PX`; and the least and the largest blur in tiles, and of what reaches them.

@@ -304,7 +304,7 @@ def _is_unexposed(scene, shading):
 
 def _metering(live, scene, space, frame):
     """The function that meters a viewport's light by the camera's body, notes the exposure, and returns the factor of
-    the light; None without a body, or if the light is not the scene's."""
+    the light; None without a body, or without the light of the scene."""
     camera, film = _body(scene), _film_exposure(scene, space.shading)
     if not (camera and film and _has_scene_light(scene, space.shading)):
         return None
@@ -338,7 +338,7 @@ def _exposed(scene):
 
 
 def _has_scene_light(scene, shading):
-    """Whether a viewport has the light of the scene and its world, not a studio's."""
+    """Whether a viewport has the light of the scene and its world, not of a studio."""
     if shading.type == "RENDERED" and scene.render.engine != "BLENDER_WORKBENCH":
         return shading.use_scene_lights_render and shading.use_scene_world_render
     return shading.type == "MATERIAL" and shading.use_scene_lights and shading.use_scene_world

@@ -47,7 +47,7 @@ def quick_look_question(scene, at_rest):
 
 
 def read_look(name, stamp, rings, focal_mm, sensor_mm, shape_px, right_up_px, iris, vignette, tangent, aspect):
-    """The LensCurves or LensMaps of these arguments, the camera's scale relative to the lens's, and the inverse of the
+    """The LensCurves or LensMaps of these arguments, the camera's scale relative to the lens, and the inverse of the
     focus distance in mm.
 
     Raises

@@ -1,7 +1,7 @@
 """The preview: a small, fast picture of the camera's view through the lens, updated when the scene changes.
 
 While it is on, a child process (`lensfield serve`) stays loaded and renders copies of the file, one at a time: first a
-coarse picture, then finer ones. Changes of values, such as a moved object's, are sent to the scene that it has loaded
+coarse picture, then finer ones. Changes of values, such as an object's place, are sent to the scene that it has loaded
 (`addon/scene/changes.py`), and another lens is applied to the light of the last scene. Handlers only record which
 data-blocks have changed, and when; a timer stops the child's work if its pictures are out of date, and sends the next
 request once changes have stopped. Of the file, only names and session_uids are stored.
@@ -489,7 +489,7 @@ def on_update(scene, depsgraph):
 
 
 def _lens_has_changed(preview):
-    """Whether the lens of the preview's scene, its focus or its f-stop differ from the picture's, in front of a camera
+    """Whether the lens of the preview's scene, its focus or its f-stop differ from the picture, in front of a camera
     that a lens can replace."""
     scene = preview and _scene_of(preview)
     try:

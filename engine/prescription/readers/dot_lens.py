@@ -80,7 +80,7 @@ def _focal_length_mm(path, heads):
 
 
 def _f_number(name, text):
-    """The f-number and a note: the header's, which is rounded, or the more precise one in the name if it agrees.
+    """The f-number and a note: from the header, which rounds it, or the more precise one in the name if it agrees.
 
     In "Pentax-F 85mm", the letter is part of a series' name.
     """

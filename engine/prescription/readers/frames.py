@@ -79,7 +79,7 @@ def _pose(frame):
 
 
 def _reaching(surface, place, behind):
-    """The surface with its thickness along the axis: the file's, unless tilts and decentres change it."""
+    """The surface with its thickness along the axis: as in the file, unless tilts and decentres change it."""
     if abs(behind - place - surface.thickness_mm) > ROUNDING * (1 + abs(place)):
         return replace(surface, thickness_mm=_rounded(behind - place))
     return surface

@@ -74,7 +74,7 @@ def _glass(path, name, entry):
 
 
 def _flattened(path, elements, glasses) -> tuple[list[Surface], list[Frame]]:
-    """The surfaces of all elements, and their frames; the last frame is the image plane's."""
+    """The surfaces of all elements, and their frames; the last frame belongs to the image plane."""
     surfaces, frames, place_mm, behind_mm = [], [], 0.0, 0.0
     for element in elements:
         transform = element.get("transform", {})

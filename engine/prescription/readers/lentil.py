@@ -25,7 +25,7 @@ FIRST_POWER = 4  # of r in the aspheric terms: 4, 6, 8 and 10
 
 
 def read_lentil(path: Path, contents: dict, options: ReadingOptions) -> Reading:
-    """Read the lens with this number, with its adjusted elements instead of the patent's if there are any."""
+    """Read the lens with this number, with its adjusted elements, if any, instead of the elements of the patent."""
     entries = {key: entry for key, entry in contents.items() if isinstance(entry, dict) and ELEMENTS in entry}
     which, field = options.which, options.field
     if which is None and len(entries) == 1:

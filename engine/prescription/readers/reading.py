@@ -39,20 +39,21 @@ class ReadingOptions(NamedTuple):
     Attributes
     ----------
     field : (str, float) or None
-        End of the field, as `Prescription.field`; None for the file's.
+        End of the field, as `Prescription.field`; None: as in the file.
     which : str or None
-        Number of the position (Optical Bench) or of the lens (lentil) to read from a file with several.
+        Which zoom and focus position (Optical Bench) or which lens (lentil) to use if the file contains several: its
+        number.
     semi_diameters : str or None
         Fixed semi-diameters of Zemax surfaces without CLAP or FLAP: "aperture" (the default) or "ignore".
     glasses : tuple of str
         Glasses to replace, each as "OLD=NEW": OLD is a name in the file, with or without its catalogue, and NEW as
         `Surface.glass`.
     stop : int or None
-        Number of the surface that is the aperture stop, from 1; None for the file's.
+        Number of the surface that is the aperture stop, from 1; None: as in the file.
     image_plane : str or None
-        As `Prescription.focus`; None for the file's.
+        As `Prescription.focus`; None: as in the file.
     sensor_mm : (float, float) or None
-        As `Prescription.sensor_mm`; None for the file's.
+        As `Prescription.sensor_mm`; None: as in the file.
     allow_mismatch : bool
         If the focal length or f-number in the file differs from its surfaces', report it in the notes instead of
         raising an error.

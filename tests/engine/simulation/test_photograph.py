@@ -105,7 +105,7 @@ def test_another_pitch_and_missing_wavelengths_are_reported():
     raw = photograph(few, CAMERA, report=report)
     assert raw.numbers.shape == (110, 165)
     _, resampled, missing = report.remarks()
-    assert "2.5 times as large as the camera's: resampled to 165 x 110 px" in resampled
+    assert "2.5 times as large as the camera's pixels: resampled to 165 x 110 px" in resampled
     shares = dict(missing_channels(CAMERA, NM[6:10]))
     assert shares["R"] > 0.5 and f"{shares['R']:.1%} of R" in missing
     assert missing_text(missing_channels(CAMERA, NM)) == ""
