@@ -325,8 +325,8 @@ def _sensor_warning(lens, radiance, view):
         return shift_warning(lens, radiance.grid.frame()) if view == LENS_VIEW else sensor_warning(requested)
     rows_mm, columns_mm = (n * radiance.pitch_um * 1e-3 for n in radiance.frame_px)
     covered = field_map(lens).covered_diagonal((columns_mm, rows_mm))
-    return (f"{lens.name}: the captured view equals a {columns_mm:.3g} \u00d7 {rows_mm:.3g} mm sensor (the lens's own "
-            f"is {lens.sensor_mm[0]:.3g} \u00d7 {lens.sensor_mm[1]:.3g} mm), and the lens covers {covered:.0%} of its "
+    return (f"{lens.name}: the captured view equals a sensor of {columns_mm:.3g} x {rows_mm:.3g} mm (the lens's "
+            f"own is {lens.sensor_mm[0]:.3g} x {lens.sensor_mm[1]:.3g} mm), and the lens covers {covered:.0%} of its "
             "diagonal. Render again for the lens's own view")
 
 

@@ -486,8 +486,8 @@ def sensor_warning(lens):
     covered = field_map(lens).covered_diagonal(lens.sensor_mm)
     if covered > COMPLETE:
         return ""
-    return (f"the field of {lens.name} covers {covered:.0%} of the diagonal of a "
-            "{:g} \u00d7 {:g} mm sensor: the picture darkens or ends beyond it".format(*lens.sensor_mm))
+    return (f"the field of {lens.name} covers {covered:.0%} of the diagonal of a sensor of "
+            "{:g} x {:g} mm: the picture darkens or ends beyond it".format(*lens.sensor_mm))
 
 
 @lru_cache(maxsize=4)

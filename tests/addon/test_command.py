@@ -248,7 +248,7 @@ def test_another_lens_can_be_applied_to_a_saved_picture(blend, tmp_path):
     radiance = tmp_path / "out" / "scene_with_space_Scene_0001_radiance.exr"
     completed = lensfield("apply", radiance, "--lens", "nikkor-28mm", "--lens-quality", "preview", "--stray", "veil",
                           "--glare-index", 4, "--report", tmp_path / "report.json")
-    assert completed.returncode == 0 and "equals a 18.3 \u00d7 13.7 mm sensor" in completed.stdout, completed.stderr
+    assert completed.returncode == 0 and "equals a sensor of 18.3 x 13.7 mm" in completed.stdout, completed.stderr
     report = json.loads((tmp_path / "report.json").read_text())
     assert report["radiance"] == str(radiance) and 0.03 < report["stray_light"]["shares"]["veil"] < 0.2
     listed = {line for line in completed.stdout.splitlines() if line.startswith(str(tmp_path))}

@@ -348,4 +348,4 @@ def test_a_sensor_beyond_the_field_is_reported(scene):
     assert adapted is lens_for_view(scene, LENS, "phone")[0]
     assert replace(adapted, sensor_mm=LENS.sensor_mm) == LENS and adapted.digest != LENS.digest
     # the lens data reach the corner of the lens's own sensor: 3 mm of the 6.125 mm of half the diagonal
-    assert "covers 49% of the diagonal of a 9.8 \u00d7 7.35 mm sensor" in warning
+    assert "covers 49% of the diagonal of a sensor of 9.8 x 7.35 mm" in warning
