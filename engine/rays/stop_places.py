@@ -7,7 +7,7 @@ import numpy as np
 
 RAY_COUNTS = tuple(side**2 for side in (4, 8, 12, 16, 20, 24, 28, 32, 40, 48, 64))
 """Numbers of places that fill a square and are multiples of 8."""
-MANY = 1024  # places: fewer represent the stop better in a lattice
+MANY = 1024  # places: fewer, which are cast where blur is narrow, keep more of its light in a lattice
 FILE = Path(__file__).with_suffix(".npz")
 QUARTERS = (1, 1), (-1, 1), (1, -1), (-1, -1)  # of the disc: factors on places
 
@@ -42,8 +42,8 @@ def lattice(count: int) -> np.ndarray:
     across, up = np.meshgrid(*[(2 * np.arange(side) + 1) / side - 1] * 2)
     wide = np.abs(across) > np.abs(up)
     azimuth = np.pi / 4 * np.where(wide, up / across, 2 - across / up)
-    places = np.where(wide, across, up) * np.stack([np.cos(azimuth), np.sin(azimuth)])
-    return places.reshape(2, -1)
+    radius = np.where(wide, across, up)
+    return np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth)]).reshape(2, -1)
 
 
 def cell_size(count: int) -> float:
