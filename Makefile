@@ -87,9 +87,8 @@ SCENES ?=
 # the parts of make test; each runs even if another fails
 PARTS = $(if $(filter 5.0.1,$(BPY)),test-engine) test-blender
 
-# Blender tests that use its API; among them, tests of nodes, the compositor, restoration and registration
-API = tests/addon/scene tests/addon/shading tests/addon/ui tests/addon/job/test_restoration.py tests/addon/test_extension.py
-NODES = tests/addon/shading tests/addon/scene/test_compositor.py tests/addon/job/test_restoration.py tests/addon/test_extension.py
+# Blender tests of restoration and registration
+STATE = tests/addon/job/test_restoration.py tests/addon/test_extension.py
 
 BAKE = .venv-bake
 BAKE_READY = $(BAKE)/.ready
@@ -140,8 +139,8 @@ ci: ci-5.0.1 test-engine ci-5.2.3 ci-4.5.15 ci-5.1.2 test-kernels test-numpy tes
 
 ci-5.0.1: CI_TESTS = tests/addon
 ci-5.2.3: CI_TESTS = tests/addon -m 'not one_blender'
-ci-4.5.15: CI_TESTS = $(API) -m 'not one_blender'
-ci-5.1.2: CI_TESTS = $(NODES) -m 'not one_blender'  # more tests run on the versions before and after it
+ci-4.5.15: CI_TESTS = tests/addon/scene tests/addon/shading $(STATE) -m 'not one_blender'
+ci-5.1.2: CI_TESTS = tests/addon/shading/test_lint.py $(STATE)  # more run on the versions before and after it
 ci-%: kernels
 	$(MAKE) test-blender BPY=$* TESTS="$(CI_TESTS)"
 

@@ -14,7 +14,15 @@ from lensfield.engine.runtime import child
 from seed import FIRST_CYCLES_SEED
 from waiting import LAST_RESORT_S
 
+OF_THE_API = {"scene", "shading", "ui"}
+"""Folders whose tests run on every Blender of CI, unless marked `one_blender`: elsewhere, only `every_blender` does."""
+
 seeds_rendered = []
+
+
+def pytest_itemcollected(item):
+    if item.path.parent.name not in OF_THE_API and not item.get_closest_marker("every_blender"):
+        item.add_marker("one_blender")
 
 
 @pytest.fixture(scope="session", autouse=True)

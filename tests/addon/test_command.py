@@ -29,8 +29,6 @@ from signalled import heed_hangups, signalled
 from small_scenes import adjust, light, material, set_world, wall
 from waiting import LAST_RESORT_S, wait_until
 
-pytestmark = pytest.mark.one_blender
-
 
 @pytest.fixture
 def blend(scene, tmp_path):

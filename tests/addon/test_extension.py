@@ -16,6 +16,7 @@ from lensfield.engine.kernels import build as kernels
 from places import ROOT
 from waiting import LAST_RESORT_S
 
+pytestmark = pytest.mark.every_blender
 TOOL = Path(bpy.utils.resource_path("LOCAL")) / "scripts" / "addons_core" / "bl_pkg" / "cli" / "blender_ext.py"
 
 USE_INSTALLED = """

@@ -28,7 +28,6 @@ def outcomes(request, tmp_path_factory):
     return {outcome.name: outcome for outcome in found}
 
 
-@pytest.mark.one_blender
 @pytest.mark.sample(DOZEN)
 @pytest.mark.parametrize("name", ORDINARY)
 def test_scene_agrees_with_cycles(outcomes, name):
@@ -36,7 +35,6 @@ def test_scene_agrees_with_cycles(outcomes, name):
     assert outcome.good, f"{outcome.title}: {outcome.status}: {outcome.words}"
 
 
-@pytest.mark.one_blender
 def test_names_and_themes_select_scenes():
     units = [name for name, scene in ORDINARY.items() if scene.theme == "units"]
     assert chosen(["hdri", "units"]) == [name for name in ORDINARY if name in ("hdri", *units)]
@@ -45,13 +43,11 @@ def test_names_and_themes_select_scenes():
         chosen(["hdri", "umbrella"])
 
 
-@pytest.mark.one_blender
 def test_a_seed_chooses_a_sample():
     first, same, other = (chosen([], DOZEN, seed) for seed in (3, 3, 4))
     assert first == same != other and len(set(first)) == DOZEN
 
 
-@pytest.mark.one_blender
 def test_report_states_every_result():
     outcomes = [Outcome(name, "lamps", "A lamp", status, words) for name, status, words in (
         ("sun", PASSED, ""), ("spot", FAILED, "too dark"), ("portal", CRASHED, "SIGSEGV"), ("ies", REFUSED, "no"),
@@ -63,7 +59,6 @@ def test_report_states_every_result():
     assert all(f"{each.name} " in text and each.words in text for each in outcomes)
 
 
-@pytest.mark.one_blender
 def test_paints_in_warm_light_differ_by_what_their_scenes_allow():
     """A spectral product against one of red, green and blue, on a table that is white."""
     nm = np.arange(380.0, 781.0, 2.0)

@@ -28,7 +28,6 @@ def test_after(scene):
 """
 
 
-@pytest.mark.one_blender
 @pytest.mark.parametrize("seed, first", [("7", 7000), ("-1", 2_097_151_000)])
 def test_an_unshifted_seed_fails_one_test(tmp_path, seed, first):
     (tmp_path / "conftest.py").write_text((ROOT / "tests/addon/conftest.py").read_text())

@@ -21,7 +21,7 @@ from lensfield.commands.untrusted import OF_SYSTEM
 from lensfield.engine.runtime.errors import InputError
 from small_scenes import adjust, material, set_world, wall
 
-pytestmark = [pytest.mark.one_blender, pytest.mark.skipif(os.name != "posix", reason="Windows has no such files")]
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="Windows has no such files")
 LENS = "--lens", "edmund-54852", "--wavelengths", "550"
 SECRET = "root:$6$salt$hash:19000:0:99999:7:::\n"
 FONT = Path(matplotlib.__file__).parent / "mpl-data" / "fonts" / "ttf" / "DejaVuSans.ttf"

@@ -22,8 +22,6 @@ from small_scenes import keyframe_world, light, material, set_world, wall
 from snapshot import differences, snapshot
 from waiting import LAST_RESORT_S, wait_until
 
-pytestmark = pytest.mark.one_blender
-
 NAMES = tuple(FRAME_FILES.values())
 
 

@@ -134,6 +134,7 @@ def test_filter_glossy_was_on_in_the_tests_above(scene, tmp_path):
     assert np.any(radiance(scene, tmp_path, TOGETHER_NM) != blurred)
 
 
+@pytest.mark.every_blender
 def test_planes_of_a_coloured_ball_differ_between_wavelengths(scene, tmp_path):
     """If all planes were equal, the tests above would prove nothing."""
     furnish(scene, EXACT_KINDS[0])

@@ -20,8 +20,6 @@ from small_scenes import light, material, wall
 from snapshot import differences, snapshot
 from waiting import wait_until
 
-pytestmark = pytest.mark.one_blender
-
 
 def paint(path, colour=(200, 30, 30)):
     Image.new("RGB", (4, 4), colour).save(path)

@@ -16,8 +16,6 @@ from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 from noise import assert_means
 from small_scenes import WAVELENGTHS_NM, material, wall
 
-pytestmark = pytest.mark.one_blender
-
 SHARP, FAST, WIDE, ANAMORPHIC = "tessar-50mm", "angenieux-50mm", "muller-fisheye-25mm", "cooke-42mm-2x"
 QUICK = {"wavelengths_nm": WAVELENGTHS_NM, "spectral": SpectralOptions("preview"),
          "options": Options(accuracy=TIER_ACCURACY["preview"])}

@@ -11,8 +11,6 @@ import cornell_box as box
 from noise import assert_means
 from places import DATA
 
-pytestmark = pytest.mark.one_blender
-
 MITSUBA = DATA / "cornell_mitsuba.npz"
 SIDE_PX = 32
 SAMPLES = 768  # for each of two seeds

@@ -17,8 +17,6 @@ from lensfield.engine.depth.depth_range import blur_px
 from noise import SIGMAS
 from seed import FIRST_CYCLES_SEED
 
-pytestmark = pytest.mark.one_blender
-
 FRAME_PX, SEEDS = (72, 96), 4
 LIMIT = 0.025
 

@@ -154,6 +154,7 @@ def test_without_glass_the_edge_is_at_its_projected_position(small, tmp_path):
     np.testing.assert_allclose(visible_edges(rendered(small, tmp_path)[0]), expected, atol=PIXEL)
 
 
+@pytest.mark.every_blender
 @pytest.mark.parametrize("tier", ["standard", "reference"])
 def test_each_wavelength_has_a_separate_pass(small, tmp_path, tier):
     bright_half(small)

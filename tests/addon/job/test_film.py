@@ -45,6 +45,7 @@ def film_over_grey(scene, folder, wavelengths_nm):
     return luminance(film.lens_image) + (1 - alpha) * backdrop * shade, luminance(opaque.lens_image), alpha
 
 
+@pytest.mark.every_blender
 def test_the_film_over_grey_equals_the_opaque_render(glowing, tmp_path):
     """Exactly at one wavelength, edges included, except for the blur's share of the relative illumination, which is the
     largest in the corners, by coma."""
@@ -102,6 +103,7 @@ def test_radiance_keeps_alpha_and_depth(glowing, tmp_path):
     assert np.all(channels["A"][channels["Z"] > 1e9] < 1) and channels["A"].max() == 1
 
 
+@pytest.mark.every_blender
 def test_depth_is_planar_and_unmixed(glowing, tmp_path):
     depth = planes(render(glowing, tmp_path).depth)["Y"]
     near = depth < 1e9

@@ -21,8 +21,6 @@ from lensfield.engine.runtime.errors import InputError
 from lensfield.engine.runtime.locks import Busy
 from small_scenes import light, material, set_world, wall
 
-pytestmark = pytest.mark.one_blender
-
 OPTIONS = {"wavelengths_nm": [450.0, 550.0, 600.0, 650.0], "lens_quality": "preview", "lens": "tessar-50mm"}
 
 
@@ -142,6 +140,7 @@ def test_passes_of_a_changed_scene_are_not_reused(deep, tmp_path, change):
     assert len(passes(tmp_path / "one")) == 3 and not cached & set(passes(tmp_path / "one"))
 
 
+@pytest.mark.every_blender
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("damage", [lambda path: os.truncate(path, path.stat().st_size // 2),
                                     lambda path: path.write_bytes(b""), Path.unlink])

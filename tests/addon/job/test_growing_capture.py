@@ -18,8 +18,6 @@ from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 from small_scenes import light, material, wall
 from snapshot import differences, snapshot
 
-pytestmark = pytest.mark.one_blender
-
 
 @pytest.fixture
 def request_fields(scene, tmp_path):
@@ -50,6 +48,7 @@ def stages(scene, given, most=None):
     return grown
 
 
+@pytest.mark.every_blender
 def test_samples_are_added_and_not_begun_anew(scene, request_fields, monkeypatch):
     """After all stages, the fine pixels equal a render of this size with all samples, including its noise, although
     they are rendered in bands."""

@@ -154,6 +154,7 @@ def test_denoising_of_the_scene_removes_noise(scene, tmp_path):
     assert (smooth - true).std() < (noisy - true).std() / 2
 
 
+@pytest.mark.every_blender
 @pytest.mark.parametrize("tier", ["standard", "reference"])
 def test_moving_objects_are_blurred_along_their_path(scene, tmp_path, tier):
     """A bar that moves by its own width while the shutter is open, in every pass."""
@@ -215,9 +216,7 @@ BORDER = dict(left=8.5 / 48, right=36.5 / 48, bottom=12.5 / 36, top=30.5 / 36)  
 
 
 @pytest.mark.sample(1)
-@pytest.mark.parametrize("lens", [
-    "edmund-54852", *(pytest.param(name, marks=pytest.mark.one_blender) for name in ("muller-fisheye-25mm",
-                                                                                    "nikkor-28mm"))])
+@pytest.mark.parametrize("lens", ["edmund-54852", "muller-fisheye-25mm", "nikkor-28mm"])
 def test_the_render_region_equals_the_full_picture_and_the_rest_is_black(scene, tmp_path, lens):
     """Including its rim, where distortion and blur add light from outside; and no larger area is captured."""
     glowing_wall(scene, 1.0, TINT).location.z = -0.5
@@ -254,6 +253,7 @@ def slanting_light(scene):
         links.new(source, target)
 
 
+@pytest.mark.every_blender
 @pytest.mark.parametrize("lens", ["edmund-54852", pytest.param("nikkor-28mm", marks=pytest.mark.one_blender)])
 def test_the_render_region_shows_the_right_part_of_the_scene(scene, tmp_path, lens):
     """The region is neither mirrored nor moved, in an asymmetric scene, and only its surroundings are captured.
@@ -279,7 +279,6 @@ def test_the_render_region_shows_the_right_part_of_the_scene(scene, tmp_path, le
     assert len(margins) == 1 and margins.pop() > 0
 
 
-@pytest.mark.one_blender
 def test_a_lens_that_needs_more_than_the_captured_region_is_refused(scene, tmp_path):
     glowing_wall(scene)
     set_region(scene, 0.4, 0.6, 0.4, 0.6)
@@ -311,6 +310,7 @@ def two_layers(scene):
     return scene
 
 
+@pytest.mark.every_blender
 @pytest.mark.parametrize("name, lit", [("Whole", True), ("Empty", False)])
 def test_the_selected_view_layer_is_rendered(two_layers, tmp_path, name, lit):
     two_layers.view_layers["Empty"].use = False

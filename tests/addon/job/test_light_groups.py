@@ -88,7 +88,6 @@ def red(nm=NM):
     return load_spectrum("chart-15-red").at(nm)
 
 
-@pytest.mark.one_blender
 @pytest.mark.parametrize("first, second", [(SPIKY, "led-b3"), ("illuminant-a", "mercury"), (SPIKY, "")])
 def test_light_of_two_lamps_is_the_sum_of_each_alone(scene, tmp_path, first, second):
     red_wall(scene)
@@ -105,6 +104,7 @@ def test_light_of_two_lamps_is_the_sum_of_each_alone(scene, tmp_path, first, sec
     assert np.ptp(first / first.max() - second / second.max()) > 0.3
 
 
+@pytest.mark.every_blender
 def test_each_lamp_keeps_its_spectrum_on_a_coloured_wall(scene, tmp_path):
     scene.cycles.samples = BY_CHANCE
     red_wall(scene)
@@ -127,7 +127,6 @@ def test_several_lamps_need_no_extra_passes_in_a_grey_scene(scene, tmp_path):
     assert_means(picture, expected, PRECISION)
 
 
-@pytest.mark.one_blender
 @pytest.mark.parametrize("count", [9, 31])
 @pytest.mark.parametrize("spectrum", [SPIKY, "mercury", "fluorescent-fl11", "588.9:0, 589:1, 589.1:0"])
 def test_the_picture_has_the_full_power_of_spiky_lamps(scene, tmp_path, spectrum, count):
@@ -138,7 +137,6 @@ def test_the_picture_has_the_full_power_of_spiky_lamps(scene, tmp_path, spectrum
     assert_means(trapezoid(radiance(scene, tmp_path, nm), nm, axis=0), 10 * STEP, PRECISION)
 
 
-@pytest.mark.one_blender
 def test_the_picture_has_the_full_power_of_spiky_lamps_that_share_a_group(scene, tmp_path):
     """Two on one object: their spectra are in the colours."""
     nm = np.linspace(380, 780, 31)
@@ -259,7 +257,6 @@ def test_a_world_override_shines_in_a_separate_group(scene, tmp_path):
     assert_means(radiance(scene, tmp_path), expected, PRECISION)
 
 
-@pytest.mark.one_blender
 def test_light_of_a_temperature_lamp_and_a_spectral_lamp_adds_up(scene, tmp_path):
     if "use_temperature" not in bpy.types.Light.bl_rna.properties:
         pytest.skip("this Blender's lamps have no temperature")
@@ -271,7 +268,6 @@ def test_light_of_a_temperature_lamp_and_a_spectral_lamp_adds_up(scene, tmp_path
     assert_means(radiance(scene, tmp_path), expected, PRECISION)
 
 
-@pytest.mark.one_blender
 @pytest.mark.parametrize("more", [0, 1, 5])
 def test_light_of_more_lamps_than_groups_adds_up(scene, tmp_path, more):
     scene.cycles.samples = BY_CHANCE
@@ -293,7 +289,6 @@ def planck_pairs(temperature_k):
     return ", ".join(f"{nm}:{value}" for nm, value in zip(BAND, blackbody(temperature_k).at(BAND), strict=True))
 
 
-@pytest.mark.one_blender
 def test_spiky_lamps_are_the_last_to_share_a_group(scene, tmp_path):
     """A line between two rendered wavelengths would be lost, or far too bright."""
     scene.cycles.samples = BY_CHANCE
@@ -306,7 +301,7 @@ def test_spiky_lamps_are_the_last_to_share_a_group(scene, tmp_path):
     assert_means(trapezoid(radiance(scene, tmp_path, nm), nm, axis=0), (10 + MOST_GROUPS + 2) * STEP, PRECISION)
 
 
-@pytest.mark.one_blender
+@pytest.mark.every_blender
 def test_denoising_puts_all_lamps_in_one_group(scene, tmp_path):
     """OIDN receives only the full picture, and may shift it by 1 %; a dim wavelength by 0.1 % of the brightest."""
     scene.cycles.samples = BY_CHANCE

@@ -94,6 +94,7 @@ def test_grey_and_nearly_clear_glass_is_not_reported(panes, tmp_path, colour):
     assert relative_radiance(panes, tmp_path, "standard")[1].scene.rgb_difference < 1
 
 
+@pytest.mark.every_blender
 def test_a_red_volume_absorbs_exponentially_at_each_wavelength(scene, tmp_path):
     """Beer and Lambert: exp(-(1 - s) density thickness), where Cycles in RGB has exp(-(1 - c) density thickness)."""
     red = np.array((0.8, 0.05, 0.1))

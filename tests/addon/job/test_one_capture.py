@@ -24,8 +24,6 @@ from small_scenes import WAVELENGTHS_NM, material, set_world, wall
 from snapshot import differences, snapshot
 from waiting import LAST_RESORT_S
 
-pytestmark = pytest.mark.one_blender
-
 LENS = "kodak-petzval-100mm"  # from 1.05 m and f/2.14 on: nearest, it moves as a unit, and its view is 9 % narrower
 FRAMES = 1, 3, 5, 7
 OPTIONS = {"lens": LENS, "wavelengths_nm": WAVELENGTHS_NM, "lens_quality": "preview",

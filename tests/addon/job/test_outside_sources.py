@@ -14,9 +14,6 @@ from lensfield.engine.stray.options import StrayOptions
 from lensfield.engine.stray.picture_sources import picture_sources
 from small_scenes import light, material, render, set_world, wall
 
-pytestmark = pytest.mark.one_blender
-
-
 QUICK = {"spectral": SpectralOptions("preview"), "depth": "off", "lens_quality": "preview",
          "stray": StrayOptions("off")}
 
@@ -88,6 +85,7 @@ def total(sources):
     return sources.irradiance[:, 0].sum()
 
 
+@pytest.mark.every_blender
 def test_a_glowing_square_gives_its_radiance_times_its_solid_angle(scene, tmp_path):
     square = glow(scene, (1.5, 0, -1.0), 0.2)
     radiance = read_exr(render_in_view(scene, square, tmp_path)).cube.max(axis=(1, 2))

@@ -58,6 +58,7 @@ def assert_same(plane, panorama, rtol):
     assert np.abs(means[1] - means[0]).max() < rtol * means[0].max() < np.ptp(means[0])
 
 
+@pytest.mark.every_blender
 def test_a_textured_plane_is_the_same(painted, tmp_path, monkeypatch):
     """64 samples of a pattern that varies little within a pixel are accurate to 0.1 %, and blocks to a tenth of it."""
     plane, panorama = both(painted, tmp_path, monkeypatch, depth="off")

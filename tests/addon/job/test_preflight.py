@@ -161,8 +161,7 @@ SCENES = {
 
 
 @pytest.mark.sample(30)
-@pytest.mark.parametrize("tier", [pytest.param("preview", marks=pytest.mark.one_blender), "standard",
-                                  pytest.param("reference", marks=pytest.mark.one_blender)])
+@pytest.mark.parametrize("tier", ["preview", "standard", "reference"])
 @pytest.mark.parametrize("name", SCENES)
 def test_preflight_refuses_exactly_what_the_render_refuses(scene, tmp_path, name, tier):
     scene.render.resolution_x, scene.render.resolution_y, scene.cycles.samples = 8, 6, 1
@@ -286,7 +285,6 @@ def test_preflight_of_a_traced_lens_does_not_examine_depth(scene, tmp_path, monk
     assert result.plan and not result.refusals and result.slabs is None
 
 
-@pytest.mark.one_blender
 @pytest.mark.parametrize("lens", ["edmund-54852", "muller-fisheye-25mm"])
 def test_the_share_outside_the_depth_range_is_predicted(scene, tmp_path, lens):
     """The share of a near square in front of a far wall; a second square is hidden in renders."""

@@ -238,7 +238,6 @@ LUMENS = [dict(spectrum=FLAT), dict(spectrum="sodium-lp"), dict(spectrum=""), di
 
 
 @pytest.mark.sample(2)
-@pytest.mark.one_blender
 @pytest.mark.parametrize("properties", LUMENS, ids=str)
 def test_lumens_of_a_point(scene, wall_at, tmp_path, properties):
     """Phi / 4 pi candela give Phi / 4 pi h^2 lux, and off a white wall 1 / pi of that in cd m^-2."""
@@ -254,6 +253,7 @@ def test_lumens_of_a_point(scene, wall_at, tmp_path, properties):
     assert_means(luminance(scene, tmp_path, step_nm), expected, PRECISION)
 
 
+@pytest.mark.every_blender
 def test_lumens_of_an_area(scene, tmp_path):
     """M = Phi / A lux leave the lamp: Phi / pi A in cd m^-2."""
     facing = lamp(scene, "AREA", "led-b3", shape="SQUARE", size=0.5)
@@ -262,7 +262,6 @@ def test_lumens_of_an_area(scene, tmp_path):
     assert_means(luminance(scene, tmp_path), 800.0 / (np.pi * 0.25), PRECISION)
 
 
-@pytest.mark.one_blender
 @pytest.mark.parametrize("normalize", [True, False])
 def test_lumens_of_an_area_do_not_depend_on_its_normalisation(scene, tmp_path, normalize):
     facing = lamp(scene, "AREA", "led-b3", shape="SQUARE", size=0.2)
@@ -274,7 +273,6 @@ def test_lumens_of_an_area_do_not_depend_on_its_normalisation(scene, tmp_path, n
     assert_means(luminance(scene, tmp_path), 800.0 / (np.pi * 0.04), PRECISION)
 
 
-@pytest.mark.one_blender
 @pytest.mark.parametrize("blend", [0.0, 0.6])
 def test_lumens_of_a_spot_are_emitted_into_its_cone(scene, wall_at, tmp_path, blend):
     """Integrated by hand over the cosine, from the rim to the axis, with Cycles' smoothstep at the rim."""
@@ -288,6 +286,7 @@ def test_lumens_of_a_spot_are_emitted_into_its_cone(scene, wall_at, tmp_path, bl
     assert_means(luminance(scene, tmp_path), candela / DISTANCE_M**2 / np.pi, PRECISION)
 
 
+@pytest.mark.every_blender
 def test_lux_of_a_sun(scene, wall_at, tmp_path):
     sun = lamp(scene, "SUN", "", angle=0.0).data
     sun.lensfield.power_unit, sun.lensfield.lumens = "LUMEN", 100000.0

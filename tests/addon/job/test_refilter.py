@@ -23,8 +23,6 @@ from lensfield.engine.stray.options import StrayOptions
 from noise import assert_means
 from small_scenes import WAVELENGTHS_NM, material, wall
 
-pytestmark = pytest.mark.one_blender
-
 
 @pytest.fixture
 def window(scene):

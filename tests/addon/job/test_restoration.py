@@ -17,6 +17,8 @@ from noise import ROUNDING
 from small_scenes import WAVELENGTHS_NM, give, light, material, radiance_on_axis, render, set_world, wall
 from snapshot import COMPOSITOR, differences, snapshot
 
+pytestmark = pytest.mark.every_blender
+
 
 @pytest.fixture
 def rich_scene(scene):

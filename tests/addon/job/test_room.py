@@ -10,8 +10,6 @@ from lensfield.addon.render.render import render_through_lens
 from lensfield.engine import InputError
 from lensfield.engine.runtime import memory
 
-pytestmark = pytest.mark.one_blender
-
 NO_ROOM = r"^scene 'Scene': size is [\d.]+ GB in memory: %d GB are free: render a smaller picture"
 
 

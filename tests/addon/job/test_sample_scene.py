@@ -45,6 +45,7 @@ def test_camera_has_the_lens_field_of_view(sample_scene):
     assert 2 * np.tan(sample_scene.camera.data.angle_x / 2) == pytest.approx(width_over_distance, rel=1e-4)
 
 
+@pytest.mark.every_blender
 def test_it_renders_with_light_to_the_corners(sample_scene, tmp_path):
     sample_scene.render.resolution_x, sample_scene.render.resolution_y = 96, 72
     sample_scene.cycles.samples = 4

@@ -111,6 +111,7 @@ def test_adaptive_sampling_counts_the_samples_of_each_pixel(corner, tmp_path, wh
     np.testing.assert_allclose(cube.mean(axis=(1, 2)), expected.mean(axis=(1, 2)), rtol=0.01)
 
 
+@pytest.mark.every_blender
 def test_depth_is_that_of_whole_passes(corner, tmp_path, whole):
     """It is in the first sample, which passes with few samples lack."""
     corner.cycles.seed, corner.cycles.samples = FIRST_CYCLES_SEED, 2 * FEW

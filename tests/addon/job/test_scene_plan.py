@@ -18,8 +18,6 @@ from lensfield.engine.spectral.wavelength_choice import STANDARD_COLOUR_ERROR, S
 from noise import ROUNDING, surely_apart
 from small_scenes import WAVELENGTHS_NM, light, material, paint_by_nodes, set_world, wall
 
-pytestmark = pytest.mark.one_blender
-
 NM = np.linspace(400, 700, 16)
 FLAT, FLAT_DENSITY = "380:1, 780:1", 1 / 400
 PATCHES = ["chart-13-blue", "chart-14-green", "chart-15-red", "chart-16-yellow", "chart-17-magenta", "chart-18-cyan"]
@@ -222,6 +220,7 @@ def tinted_ball(scene):
     scene.cycles.samples = 32
 
 
+@pytest.mark.every_blender
 def test_a_coloured_specular_tint_is_rendered_one_wavelength_at_a_time(scene, tmp_path):
     tinted_ball(scene)
     together, facts = rendered(scene, tmp_path, WAVELENGTHS_NM, "reference")

@@ -39,7 +39,6 @@ def exposed(scene, folder, **given):
     return last_shown(scene, folder, (450.0, 500.0, 550.0, 600.0, 650.0), **given)
 
 
-@pytest.mark.one_blender
 def test_the_preview_has_the_brightness_of_the_cameras_exposure(lit, tmp_path):
     light, facts = exposed(lit, tmp_path / "light")
     assert "exposure" not in facts
@@ -60,7 +59,6 @@ def test_the_preview_has_the_brightness_of_the_cameras_exposure(lit, tmp_path):
     assert stopped["exposure"]["shutter_s"] == pytest.approx(8 * half_s, rel=0.05), "two stops more"
 
 
-@pytest.mark.one_blender
 def test_the_preview_meters_like_the_render(lit, tmp_path):
     given = {"camera": "sony-a7-iv", "f_number": 4.0, "view": "camera", "lens_quality": "preview"}
     _, shown = exposed(lit, tmp_path / "preview", camera="sony-a7-iv", f_number=4.0)

@@ -36,6 +36,7 @@ def painted(scene, tmp_path):
     return images
 
 
+@pytest.mark.every_blender
 def test_a_copy_receives_unsaved_pixels(painted, tmp_path):
     pixels = {name: list(image.pixels) for name, image in painted.items()}
     before = snapshot()

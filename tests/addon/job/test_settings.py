@@ -104,7 +104,6 @@ def lit_scene(scene):
     wall(scene, material("Paint", "ShaderNodeBsdfDiffuse", (0.7, 0.3, 0.05))[0])
 
 
-@pytest.mark.one_blender
 def test_a_render_meets_its_requested_accuracy(scene, tmp_path):
     lit_scene(scene)
     result = render(scene, tmp_path, options=Options(accuracy=0.02))
@@ -115,7 +114,6 @@ def test_a_render_meets_its_requested_accuracy(scene, tmp_path):
         assert np.abs(plane - true_plane).sum() <= 0.02 * true_plane.sum()
 
 
-@pytest.mark.one_blender
 @pytest.mark.parametrize("options", [
     Options(), Options(method="paper", section_size=16), Options(method="pixels", azimuths=8)], ids=repr)
 def test_later_renders_share_the_lens_and_give_the_same_results(scene, tmp_path, monkeypatch, options):

@@ -108,7 +108,6 @@ def test_slabs_together_equal_a_single_render(deep, cut, tmp_path):
     assert layered.focal_mm == read_exr(tmp_path / "auto" / "unsaved_Scene_0001_radiance.exr").focal_mm
 
 
-@pytest.mark.one_blender
 @pytest.mark.parametrize("depth, region, files", [
     ("auto", None, len(CUT_MM) + 2 + 3),  # light of slabs and sky, their combination, stray light and the irradiance
     ("auto", (0.3, 0.7), len(CUT_MM) + 1 + 3), ("off", None, 3), ("off", (0.3, 0.7), 4)])
@@ -129,7 +128,6 @@ def test_light_too_large_for_memory_gives_the_same_files(deep, cut, tmp_path, mo
     assert {path.name for path in little.record.parent.glob("[!.]*")} == {path.name for path in little.files}
 
 
-@pytest.mark.one_blender
 def test_a_disk_without_room_for_light_is_reported_before_the_first_pass(deep, tmp_path, monkeypatch):
     monkeypatch.setattr(scratch, "available_bytes", lambda: 0)
     monkeypatch.setattr(scratch.shutil, "disk_usage", lambda folder: SimpleNamespace(free=10_000))
@@ -138,6 +136,7 @@ def test_a_disk_without_room_for_light_is_reported_before_the_first_pass(deep, t
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
+@pytest.mark.every_blender
 def test_each_layer_lies_between_its_cuts(deep, cut, tmp_path):
     """Every covered pixel has a depth, including edges, which a depth pass with one sample misses."""
     layered = rendered(deep, tmp_path)[3]
@@ -150,7 +149,6 @@ def test_each_layer_lies_between_its_cuts(deep, cut, tmp_path):
     assert np.all(np.isinf(sky.depth_mm)) and np.all(sky.alpha == 1)
 
 
-@pytest.mark.one_blender
 def test_layers_include_hidden_areas_and_are_no_larger_than_needed(deep, cut, tmp_path):
     deep.objects["Floor"].hide_render = True
     near, middle, far, sky = rendered(deep, tmp_path)[3].layers  # 70 cm to 2 m is empty
@@ -257,7 +255,6 @@ def panes(scene):
 
 
 @pytest.mark.sample(2)
-@pytest.mark.one_blender
 @pytest.mark.parametrize("change, rtol", [(lamps, 0.01), (motion, 0.01), (transparent_film, 0.003), (panes, 0.01)])
 def test_slabs_work_with_other_features(deep, cut, tmp_path, change, rtol):
     change(deep)
@@ -286,7 +283,6 @@ def test_slabs_work_with_fisheyes(deep, cut, tmp_path):
     assert_same_as_single(single, flat)
 
 
-@pytest.mark.one_blender
 def test_slabs_work_with_animation(deep, cut, tmp_path):
     near = deep.objects["Near"]
     near.keyframe_insert("location", frame=1)
@@ -300,7 +296,6 @@ def test_slabs_work_with_animation(deep, cut, tmp_path):
                            depth="off").pending == [1, 2]
 
 
-@pytest.mark.one_blender
 def test_reapplying_the_same_lens_gives_the_same_picture(deep, cut, tmp_path):
     original = rendered(deep, tmp_path)[0]
     applied = addon.apply_lens(original.radiance, lens=LENS, output_folder=tmp_path / "applied")
@@ -328,7 +323,6 @@ def test_the_button_uses_layers_unless_depth_is_off(deep, cut, tmp_path):
         np.testing.assert_array_equal(read_exr(original.irradiance).cube, read_exr(ours.irradiance).cube)
 
 
-@pytest.mark.one_blender
 def test_refocusing_a_capture_equals_a_fresh_render(deep, tmp_path):
     """Within the pixels and the noise, which are different in the two renders."""
     lens, near_mm = "tessar-50mm", 400.0
@@ -348,7 +342,6 @@ def test_refocusing_a_capture_equals_a_fresh_render(deep, tmp_path):
     assert np.abs(refocused - fresh).mean() < 0.2 * np.abs(other - fresh).mean()
 
 
-@pytest.mark.one_blender
 def test_blur_that_needs_more_than_was_captured_is_reported(deep, tmp_path):
     """The in-focus picture ends just beyond the frame; out of focus, light from farther outside would reach it."""
     deep.render.resolution_x, deep.render.resolution_y, deep.cycles.samples = 192, 144, 4
@@ -489,7 +482,6 @@ def test_holdouts_hide_objects_behind_them(deep, tmp_path, hold_out):
     assert_same_as_single(single, flat)
 
 
-@pytest.mark.one_blender
 def test_a_world_full_of_fog_is_one_slab(deep, tmp_path):
     tree = deep.world.node_tree
     scatter = tree.nodes.new("ShaderNodeVolumeScatter")

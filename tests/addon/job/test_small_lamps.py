@@ -232,6 +232,7 @@ def curve(scene):
     scene.collection.objects.link(owner)
 
 
+@pytest.mark.every_blender
 @pytest.mark.parametrize("put", [
     of_type("POINT", shadow_soft_size=0.02), of_type("SPOT", shadow_soft_size=0.02), of_type("AREA", size=0.02),
     parented, on_vertices, in_collection, particles, made_by_nodes, curve])

@@ -11,8 +11,6 @@ from lensfield.engine.runtime.errors import InputError
 from lensfield.engine.runtime.files import MARK
 from small_scenes import material, set_world, wall
 
-pytestmark = pytest.mark.one_blender
-
 OPTIONS = {"lens": "edmund-54852", "wavelengths_nm": [550.0]}
 FOREIGN = "somebody's own"
 

@@ -79,6 +79,7 @@ def test_the_scene_is_restored(lamp, tmp_path):
     assert not differences(before, snapshot())
 
 
+@pytest.mark.every_blender
 def test_the_camera_may_have_any_position_and_scale(lamp, tmp_path):
     expected = irradiance(traced(lamp, tmp_path / "here"))
     holder = bpy.data.objects.new("Holder", None)

@@ -19,8 +19,6 @@ from lensfield.engine.rays.sensor_aim import Bins
 from noise import SIGMAS, assert_means, five_sigma
 from traced_lens import photograph
 
-pytestmark = pytest.mark.one_blender
-
 
 class Bench(truth.Bench):
     """Traces each picture with two seeds.

@@ -76,6 +76,7 @@ def test_grey_stays_grey_in_a_scene_with_unfit_shaders(bubble, tmp_path, tier):
     np.testing.assert_allclose(colour, 0.4, rtol=2e-3)
 
 
+@pytest.mark.every_blender
 def test_other_materials_keep_their_spectra_in_a_scene_with_unfit_shaders(bubble, tmp_path):
     """Substituted materials have the same value in all three channels, so mixing the channels changes nothing."""
     scene, inputs = bubble

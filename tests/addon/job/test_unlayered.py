@@ -16,8 +16,6 @@ from lensfield.addon.shading.lobes import STRAIGHT, glows_within, lobes_of
 from lensfield.engine import load_lens
 from small_scenes import material, wall
 
-pytestmark = pytest.mark.one_blender
-
 FAST = load_lens("edmund-54852").scaled(10)  # f/1.8, 60 mm
 PANE_SHARE = 0.25
 
@@ -57,6 +55,7 @@ def room(scene, of_material, distance_m=2.0):
     return pane
 
 
+@pytest.mark.every_blender
 @pytest.mark.parametrize("node_type, roughness, kind", [
     ("ShaderNodeBsdfGlass", 0.0, REFRACTED), ("ShaderNodeBsdfRefraction", 0.0, REFRACTED),
     ("ShaderNodeBsdfGlossy", 0.0, MIRRORED), ("ShaderNodeBsdfMetallic", 0.0, MIRRORED),

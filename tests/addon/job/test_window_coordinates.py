@@ -84,6 +84,7 @@ def test_a_material_in_window_coordinates_fills_the_frame(small_frame, tmp_path,
           load_lens("edmund-54852"), depth=depth)
 
 
+@pytest.mark.every_blender
 def test_a_traced_lens_has_no_window_coordinates(small_frame, tmp_path):
     shine_by_window(small_frame.world.node_tree, background(small_frame).inputs["Strength"], 0, group=True)
     for depth, expected in (("traced", ["of 'World'"]), ("auto", [])):

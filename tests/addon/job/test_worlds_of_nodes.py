@@ -212,6 +212,7 @@ def reads_scene(tree):
         node.bl_idname == "ShaderNodeGroup" and reads_scene(node.node_tree)) for node in tree.nodes)
 
 
+@pytest.mark.every_blender
 @pytest.mark.parametrize("world, by_light_path, expected", [
     (gradient, False, ("MANUAL", sky.MAP_PX)), (gradient, True, ("AUTOMATIC", 1024)),
     (environment, False, ("MANUAL", sky.SUN_MAP_PX)), (sky_texture, False, ("AUTOMATIC", 1024))])
