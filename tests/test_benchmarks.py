@@ -8,6 +8,7 @@ import pytest
 
 from places import ROOT
 
+pytestmark = pytest.mark.ci_only
 BENCHMARKS = ROOT / "benchmarks"
 
 

@@ -69,6 +69,7 @@ def test_make_targets_exist(page):
     assert {word for line in code for word in re.findall(r"\bmake ([a-z][a-z-]*)", line.partition(" # ")[0])} <= targets
 
 
+@pytest.mark.ci_only
 def test_command_lines_are_valid():
     lines = [re.sub(r"\s+#\s.*|\s…", "", line) for page in PAGES for line in CODE_LINE.findall(text(page))]
     lines = [line for line in lines if re.match(r"(\S+/bin/)?lensfield ", line)]
@@ -77,6 +78,7 @@ def test_command_lines_are_valid():
         cli._parser().parse_args(shlex.split(line)[1:])
 
 
+@pytest.mark.ci_only
 def test_the_python_code_in_the_readme_runs(capsys):
     for code in re.findall(r"(?s)```python\n(.*?)```", text("README.md")):
         exec(compile(code, "README.md", "exec"), {})

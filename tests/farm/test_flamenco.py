@@ -15,6 +15,7 @@ from places import ROOT
 from small_farm import LENSFIELD, interrupted, passes, renders
 from waiting import wait_until
 
+pytestmark = pytest.mark.ci_only
 SCRIPT = ROOT / "addon" / "ui" / "lensfield_render.js"
 MANAGER = r"""
 const taken = [];

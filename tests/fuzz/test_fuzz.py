@@ -8,6 +8,7 @@ import pytest
 from places import ROOT
 from seed import SEED
 
+pytestmark = pytest.mark.ci_only
 PROGRAM = ROOT / "tests/fuzz/fuzz.py"
 
 
