@@ -11,7 +11,8 @@ from processor_times import Times
 from seed import SEED
 
 HEAVY_TESTS = frozenset(Path(__file__).with_name("heavy.txt").read_text(encoding="utf-8").splitlines())
-"""Tests of over 5 processor seconds, in build/test-times.txt of a run with ALL_CASES=yes: `make heavy`."""
+"""Functions with a case of over 3 processor seconds, in build/test-times.txt of a run with ALL_CASES=yes: `make heavy`.
+"""
 
 if "LENSFIELD_CACHE" not in os.environ:  # if it is set, test runs share their baked lenses
     os.environ["LENSFIELD_CACHE"] = tempfile.mkdtemp(prefix="lensfield-tests-")
@@ -27,7 +28,8 @@ def pytest_collection_modifyitems(config, items):
     """Leave out tests that SEED chooses; none with ALL_CASES=yes, or if the command line names a test."""
     if os.environ.get("ALL_CASES"):
         return
-    left = {*_heavy_left_out(config, items), *_cases_left_out(config, items)}
+    left = set(_cases_left_out(config, items))
+    left |= set(_heavy_left_out(config, [item for item in items if item not in left]))
     config.hook.pytest_deselected(items=[item for item in items if item in left])
     items[:] = [item for item in items if item not in left]
 
@@ -39,7 +41,7 @@ def _heavy_left_out(config, items):
     one_in = int(os.environ.get("HEAVY") or (1 if named else 6))
     if any("::" in argument for argument in config.args):
         return
-    heavy = [item for item in items if item.nodeid in HEAVY_TESTS]
+    heavy = [item for item in items if _function(item) in HEAVY_TESTS]
     yield from (item for number, item in enumerate(heavy) if not one_in or (number + SEED) % one_in)
 
 
@@ -50,7 +52,12 @@ def _cases_left_out(config, items):
     cases = {}
     for item in items:
         if item.get_closest_marker("sample"):
-            cases.setdefault(item.nodeid.partition("[")[0], []).append(item)
+            cases.setdefault(_function(item), []).append(item)
     for name, of_function in cases.items():
         number, = of_function[0].get_closest_marker("sample").args
         yield from random.Random(f"{SEED} {name}").sample(of_function, max(len(of_function) - number, 0))
+
+
+def _function(item):
+    """The name of a test without its case."""
+    return item.nodeid.partition("[")[0]

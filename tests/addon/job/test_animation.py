@@ -175,7 +175,7 @@ def darken(scene):
     lambda scene: setattr(scene.lensfield, "tier", "REFERENCE"),
     lambda scene: setattr(scene.lensfield, "tier", "RESULT"),
     lambda scene: setattr(scene.lensfield, "denoise", "ON"),
-    lambda scene: setattr(scene.lensfield, "stray_light", "OFF"),
+    lambda scene: setattr(scene.lensfield, "stray_light", "AUTO"),
     lambda scene: setattr(scene.lensfield, "cleanliness", "HAZY")])
 def test_frames_are_rendered_again_after_a_change_of_settings(moving_scene, change):
     addon.render_animation(moving_scene, [2], lens_quality="preview")

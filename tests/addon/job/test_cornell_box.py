@@ -4,7 +4,6 @@ The figures in tests/data/cornell_mitsuba.npz are from Mitsuba, by `python valid
 """
 
 import numpy as np
-import pytest
 
 import cornell_blender
 import cornell_box as box
@@ -16,8 +15,7 @@ SIDE_PX = 32
 SAMPLES = 768  # for each of two seeds
 
 
-@pytest.fixture(scope="module")
-def pictures(tmp_path_factory):
+def pictures(folder):
     """Radiance by Lensfield with two seeds, and the means of its blocks by Mitsuba.
 
     Lensfield's has Mitsuba's blocks: array (seed, wavelength, block row, block column, row, column).
@@ -25,7 +23,7 @@ def pictures(tmp_path_factory):
     with np.load(MITSUBA) as figures:
         wavelengths_nm, truth = figures["wavelengths_nm"], figures["radiance"]
     scene = cornell_blender.build(SIDE_PX, SAMPLES)
-    folder, first = tmp_path_factory.mktemp("cornell"), scene.cycles.seed
+    first = scene.cycles.seed
     cubes = np.stack([cornell_blender.render(scene, wavelengths_nm, folder, seed) for seed in (first, first + 1)])
     side = SIDE_PX // truth.shape[-1]
     blocks = cubes.reshape(2, len(truth), truth.shape[1], side, truth.shape[2], side).astype(np.float64)
@@ -37,19 +35,14 @@ def all_pixels(blocks):
     return blocks.reshape(*blocks.shape[:2], 1, -1)
 
 
-def test_means_agree_with_mitsuba(pictures):
-    (first, second), truth = all_pixels(pictures[0]), pictures[1]
-    assert_means(first, truth.mean(axis=(1, 2)), 3e-3, noise=5e-3, other_seed=second)
-
-
-def test_means_of_the_lower_half_without_the_lamp_agree_with_mitsuba(pictures):
-    lower = pictures[1].shape[1] // 2
-    (first, second), truth = all_pixels(pictures[0][:, :, lower:]), pictures[1][:, lower:]
-    assert_means(first, truth.mean(axis=(1, 2)), 3e-3, noise=0.01, other_seed=second)
-
-
-def test_blocks_agree_with_mitsuba(pictures):
-    (first, second), truth = pictures
+def test_means_and_blocks_agree_with_mitsuba(tmp_path):
+    """Also in the lower half, which does not show the lamp."""
+    blocks, truth = pictures(tmp_path)
+    lower = truth.shape[1] // 2
+    for shown, expected, noise in ((blocks, truth, 5e-3), (blocks[:, :, lower:], truth[:, lower:], 0.01)):
+        first, second = all_pixels(shown)
+        assert_means(first, expected.mean(axis=(1, 2)), 3e-3, noise=noise, other_seed=second)
+    first, second = blocks
     assert_means(first, truth, 0.01, noise=0.1, other_seed=second)
 
 

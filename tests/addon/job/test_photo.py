@@ -15,7 +15,7 @@ from lensfield.engine.pictures.spectral_exr import read_exr, read_parts
 from lensfield.engine.sensor.camera_file import camera_text
 from small_scenes import material, set_region, wall
 
-WAVELENGTHS_NM = tuple(range(400, 701, 25))
+WAVELENGTHS_NM = tuple(range(400, 701, 50))
 COARSE = replace(load_camera("nikon-d700"), name="coarse", shape_px=(100, 150), pitch_um=240.0)  # 36 x 24 mm
 
 

@@ -13,9 +13,11 @@ from lensfield.addon.scene.compositor import show_file
 from lensfield.addon.scene.look import look_from, look_of, shown_pixels, to_text
 from lensfield.engine.pictures.spectral_exr import read_attribute, read_parts
 from lensfield.engine.runtime.errors import InputError
+from lensfield.engine.stray.options import StrayOptions
 from small_scenes import WAVELENGTHS_NM, light, material, wall
 
 ROUNDING = 1  # of 255
+APPLIED = {"lens": "tessar-50mm", "lens_quality": "preview", "stray": StrayOptions("off")}  # as in the scene
 
 
 @pytest.fixture
@@ -49,10 +51,10 @@ def test_pictures_look_as_in_the_scenes_window(lit_scene, tmp_path):
     assert set(bpy.data.images.keys()) <= {"Render Result"} and bpy.data.scenes.keys() == [lit_scene.name]
     assert look_from(read_attribute(result.radiance, LOOK), "file") == look_of(lit_scene)
     lit_scene.view_settings.exposure = -1.0
-    applied = addon.apply_lens(result.radiance, lens="tessar-50mm", lens_quality="preview",
+    applied = addon.apply_lens(result.radiance, **APPLIED,
                                output_folder=tmp_path / "a")
     assert np.array_equal(pixels(applied.after), pixels(result.after))
-    other = addon.apply_lens(result.radiance, lens="tessar-50mm", lens_quality="preview", output_folder=tmp_path / "b",
+    other = addon.apply_lens(result.radiance, **APPLIED, output_folder=tmp_path / "b",
                              view_settings=to_text(look_of(lit_scene)))
     assert pixels(other.after).mean() < pixels(result.after).mean() - 10
     assert np.abs(pixels(other.after) - saved_by_blender(lit_scene, result.lens_image, tmp_path)).max() <= ROUNDING
@@ -66,8 +68,7 @@ def test_the_standard_look_has_an_exposure_of_its_own(lit_scene, tmp_path):
     given = {"lens": "tessar-50mm", "wavelengths_nm": WAVELENGTHS_NM, "lens_quality": "preview", "look": "standard"}
     first = addon.render_through_lens(lit_scene, **given, output_folder=tmp_path / "a")
     lit_scene.view_settings.exposure = -3.0
-    second = addon.apply_lens(first.radiance, lens="tessar-50mm", lens_quality="preview", look="standard",
-                              output_folder=tmp_path / "b")
+    second = addon.apply_lens(first.radiance, **APPLIED, look="standard", output_folder=tmp_path / "b")
     assert np.array_equal(pixels(first.after), pixels(second.after))
 
 

@@ -56,6 +56,7 @@ def on(scene, monkeypatch):
     dof = scene.camera.data.dof
     dof.use_dof, dof.focus_distance, dof.aperture_fstop = True, 2.0, 1.5
     bpy.context.view_layer.update()
+    monkeypatch.setattr(preview, "LONG_SIDE_PX", 96)
     monkeypatch.setattr(preview, "VIEWPORT_SIDES_PX", (96, 96))
     monkeypatch.setattr(preview, "SAMPLES", 4)
     preview.start(scene)

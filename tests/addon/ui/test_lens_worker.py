@@ -206,6 +206,7 @@ def test_a_lens_package_is_fixed(scene, tmp_path):
 
 
 def test_the_panel_shows_the_cameras_rings(scene):
+    scene.lensfield.property_unset("stray_light")
     assert set(drawn(scene).greyed) == RINGS - {"use_dof"} and RINGS <= set(drawn(scene).shown)
     scene.camera.data.dof.use_dof = True
     assert not drawn(scene).greyed and "focused_wide_open" in drawn(scene).shown

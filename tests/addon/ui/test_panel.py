@@ -34,7 +34,8 @@ from waiting import LAST_RESORT_S
 
 @pytest.fixture
 def lit_scene(scene):
-    """A scene that renders."""
+    """A scene that renders, and has not been planned."""
+    plan_line.forget_plans()
     light(scene, "POINT", 20.0)
     wall(scene, material("Paint", "ShaderNodeBsdfDiffuse", (0.7, 0.3, 0.05))[0])
     return scene
@@ -393,6 +394,7 @@ def test_parts_of_the_stray_light_are_shown_if_chosen(lit_scene):
     names = [name for name, _, _ in panels._PARTS]
     assert names[names.index("stray") - 1:][:3] == ["view", "stray", "body"]
     settings = lit_scene.lensfield
+    settings.property_unset("stray_light")
     assert settings.to_request().stray == StrayOptions()
     assert "stray_parts" not in drawn(lit_scene).shown
     settings.stray_light, settings.stray_parts, settings.glare_index = "PARTS", {"VEIL", "GHOSTS"}, 2.5

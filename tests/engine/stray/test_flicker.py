@@ -10,7 +10,7 @@ from lensfield.engine.stray.options import StrayOptions
 from lensfield.engine.stray.stray_light import stray_light
 
 GRID = PixelGrid((90, 140), 100.0, centre_px=(40.0, 75.0), overscan_px=(4, 6))
-LAMP_SHARE, FRAMES, STEP_PX = 0.4, 12, (0.3, 0.75)
+LAMP_SHARE, FRAMES, STEP_PX = 0.4, 8, (0.3, 0.75)
 
 
 def lamp_over_a_ground(row, column):
