@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from functools import cache
 
 import pytest
 
@@ -82,8 +83,9 @@ MODULES = {module_name(path): path for top in ("engine", "addon", "commands")
                "cli": ROOT / "cli.py", "request": ROOT / "request.py", "": ROOT / "__init__.py"}
 
 
+@cache
 def imports(name):
-    """(module or library, whether the import is relative) of every import in a module, including those in functions.
+    """List of (module or library, whether the import is relative) of all imports in a module, also in functions.
 
     Imports for the type checker alone do not count: drawing functions name matplotlib's types without loading it.
     """
@@ -92,17 +94,19 @@ def imports(name):
     tree = ast.parse(path.read_text(encoding="utf-8"))
     unused = {inner for node in ast.walk(tree) if isinstance(node, ast.If)
               and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING" for inner in ast.walk(node)}
+    found = []
     for node in set(ast.walk(tree)) - unused:
         if isinstance(node, ast.Import):
-            yield from ((alias.name, False) for alias in node.names)
+            found += [(alias.name, False) for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and not node.level:
-            yield node.module, False
+            found.append((node.module, False))
         elif isinstance(node, ast.ImportFrom):
             base = [part for part in package if part][:len(package) + 1 - node.level] + [node.module or ""]
             base = ".".join(filter(None, base))
             for alias in node.names:
                 inner = f"{base}.{alias.name}".strip(".")
-                yield (inner if inner in MODULES else base), True
+                found.append((inner if inner in MODULES else base, True))
+    return found
 
 
 def room(name):

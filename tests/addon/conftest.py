@@ -82,7 +82,7 @@ _EXIT_STATUS = pytest.StashKey()
 def scene():
     """An empty scene of 48 x 36 px, 16 samples, with a camera at the origin that looks along -z, and a black world.
 
-    It has no stray light, which takes half of the time of a small render.
+    Its lens image has three wavelengths, and no stray light, which takes half of the time of a small render.
     """
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)  # without preferences, which no test changes
     scene = bpy.context.scene
@@ -98,7 +98,7 @@ def scene():
     camera.data.clip_start = 0.001
     scene.collection.objects.link(camera)
     scene.camera = camera
-    scene.lensfield.stray_light = "OFF"
+    scene.lensfield.stray_light, scene.lensfield.wavelength_count = "OFF", 3
     scene.world = world = bpy.data.worlds.new("World")
     world.use_nodes = True
     background = next(node for node in world.node_tree.nodes if node.bl_idname == "ShaderNodeBackground")

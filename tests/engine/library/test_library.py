@@ -22,8 +22,9 @@ NEAR = Rings(1500.0, 16.0)
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """An empty cache folder; bakes have three wavelengths, to be fast: caching does not depend on their number."""
+    """An empty cache folder; bakes are quick and have three wavelengths: caching does not depend on either."""
     monkeypatch.setattr(baked, "WAVELENGTHS_NM", (450, 550, 650))
+    monkeypatch.setitem(QUALITIES, "preview", SKETCH)
     monkeypatch.setenv("LENSFIELD_CACHE", str(tmp_path / "cache"))
     return tmp_path / "cache"
 
