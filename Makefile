@@ -2,8 +2,8 @@
 # make test        run all tests, the Blender tests even if the engine tests fail; BPY=4.5.15 runs the Blender tests on
 #                  another Blender, SEED=n (any integer) renders with other noise; TESTS=tests/addon/scene selects some
 #                  of the Blender tests; where a run takes only a sample of a test's cases, SEED chooses the sample;
-#                  build/test-times.txt lists the processor seconds of each test. Of the tests of over 5 processor
-#                  seconds, in tests/heavy.txt, SEED chooses one in HEAVY=6; on other Blenders than 5.0.1 none runs.
+#                  build/test-times.txt lists the processor seconds of each test. Of the cases of heavy functions, in
+#                  tests/heavy.txt, SEED chooses one in HEAVY=6; on other Blenders than 5.0.1 none runs.
 #                  Farms, fuzzing, benchmarks and the README's code are left to .ci/run. ALL_CASES=yes runs everything
 # make heavy       run all tests and cases, and write tests/heavy.txt (an hour)
 # make kernels     recompile the engine's C loops if their sources have changed; targets that test or measure the engine
@@ -151,7 +151,8 @@ kill-test: $(READY) kernels
 
 heavy: $(READY) kernels
 	$(MAKE) -k test ALL_CASES=yes
-	awk '$$1 > 5 && $$2 == "s" { sub(/^ *[0-9.]+ s  /, ""); print }' build/test-times.txt | sort > tests/heavy.txt
+	awk '$$2 == "s" { seconds = $$1; sub(/^ *[0-9.]+ s  /, ""); sub(/\[.*/, ""); sum[$$0] += seconds } \
+	    END { for (name in sum) if (sum[name] > 3) print name }' build/test-times.txt | sort > tests/heavy.txt
 
 fuzz: $(READY)
 	$(VENV)/bin/python tests/fuzz/bombs.py
