@@ -11,7 +11,7 @@ from processor_times import Times
 from seed import SEED
 
 HEAVY_TESTS = frozenset(Path(__file__).with_name("heavy.txt").read_text(encoding="utf-8").splitlines())
-"""Functions whose cases take over 3 processor seconds together, in a run with ALL_CASES=yes: `make heavy` lists them."""
+"""Functions whose cases take over 3 processor seconds together, with ALL_CASES=yes: `make heavy` lists them."""
 
 if "LENSFIELD_CACHE" not in os.environ:  # if it is set, test runs share their baked lenses
     os.environ["LENSFIELD_CACHE"] = tempfile.mkdtemp(prefix="lensfield-tests-")
