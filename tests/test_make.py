@@ -47,3 +47,10 @@ def test_ci_takes_its_seed_from_the_time(tmp_path, monkeypatch):
     (tmp_path / "date").chmod(0o755)
     _, output, targets = run_with_fake_make(tmp_path, lambda fake: ["env", "-u", "SEED", ROOT / ".ci" / "run"], [])
     assert targets == ["lint 1234567", "ci 1234567"] and "SEED=1234567" in output.splitlines()
+
+
+def test_heavy_tests_exist():
+    """If one was renamed, rename it in tests/heavy.txt, too."""
+    for name in (ROOT / "tests" / "heavy.txt").read_text().splitlines():
+        path, _, function = name.partition("::")
+        assert f"def {function}(" in (ROOT / path).read_text(encoding="utf-8"), name
