@@ -105,7 +105,7 @@ def test_render_then_filter_agree(blend, tmp_path):
     assert frame["energy"]["out_w_per_nm"] == pytest.approx(frame["energy"]["in_w_per_nm"], rel=1e-12)
 
     radiance = out / "scene_with_space_Scene_0002_radiance.exr"
-    completed = lensfield("filter", radiance, "--lens", "edmund-54852", "--section-size", 16,
+    completed = lensfield("filter", radiance, "--lens", "edmund-54852", "--section-size", 16, "--stray", "off",
                           "--output", tmp_path / "again.exr", "--preview", tmp_path / "again.png")
     assert completed.returncode == 0, completed.stderr
     assert completed.stdout.splitlines()[0] == plan

@@ -28,7 +28,8 @@ def test_a_property_has_the_texts_and_choices_of_its_setting(name):
 
 
 def test_new_settings_are_the_defaults_of_a_request(scene):
-    scene.lensfield.property_unset("stray_light")
+    for name in ("stray_light", "wavelength_count"):
+        scene.lensfield.property_unset(name)
     request, unset = scene.lensfield.to_request(), RenderRequest()
     elsewhere = {"lens", "options", "output_folder", "to_compositor"}  # the panel has different defaults for these
     for name in settings_of(RenderRequest):

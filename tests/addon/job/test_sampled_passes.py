@@ -15,6 +15,7 @@ from lensfield.engine.image.supersampling import split_pixels
 from lensfield.engine.pictures.spectral_exr import read_exr, read_with_layers, read_with_planes
 from lensfield.engine.spectral.control_variate import JUDGED_PERCENT, block_means
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
+from lensfield.engine.stray.options import StrayOptions
 from seed import FIRST_CYCLES_SEED, SEED
 from small_scenes import light, material, set_world, wall
 
@@ -191,7 +192,7 @@ def test_detail_is_the_light_of_a_render_in_finer_pixels(corner, tmp_path):
     softening_px = [each.report.lens_image.softening_px for each in (result, even)]
     assert 0 < softening_px[0] < softening_px[1] / 4
     applied = apply_lens(result.radiance, lens="edmund-54852", output_folder=tmp_path / "again",
-                         lens_quality="preview", options=DETAILED)
+                         lens_quality="preview", options=DETAILED, stray=StrayOptions("off"))
     pictures = [read_exr(each.irradiance).cube for each in (applied, result)]
     np.testing.assert_allclose(*pictures, rtol=1e-6, atol=1e-6 * pictures[1].max())
     corner.render.resolution_x, corner.render.resolution_y = 128, 96

@@ -17,11 +17,13 @@ from lensfield.engine.image.projection import FISHEYE, PLANE
 from lensfield.engine.pictures.spectral_exr import read_exr, read_with_layers, read_with_planes
 from lensfield.engine.runtime import scratch
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
+from lensfield.engine.stray.options import StrayOptions
 from noise import assert_means
 from small_scenes import WAVELENGTHS_NM, light, material, set_world, wall
 from snapshot import differences, snapshot
 
 LENS = "edmund-54852"  # focused at 25 cm, f/1.8: an object at 5 cm is blurred by three of these pixels
+NO_STRAY = StrayOptions("off")
 CUT_MM = 60.0, 200.0, 700.0
 NEAR_M, MIDDLE_M, WALL_M = 0.05, 0.3, 3.0
 WITHIN_PIXEL = 0.01
@@ -298,11 +300,12 @@ def test_slabs_work_with_animation(deep, cut, tmp_path):
 
 def test_reapplying_the_same_lens_gives_the_same_picture(deep, cut, tmp_path):
     original = rendered(deep, tmp_path)[0]
-    applied = addon.apply_lens(original.radiance, lens=LENS, output_folder=tmp_path / "applied")
+    applied = addon.apply_lens(original.radiance, lens=LENS, output_folder=tmp_path / "applied", stray=NO_STRAY)
     np.testing.assert_allclose(read_exr(applied.irradiance).cube, read_exr(original.irradiance).cube, rtol=1e-4,
                                atol=1e-9)
     assert "was captured" not in applied.report.file.lens_warning
-    off = addon.apply_lens(original.radiance, lens=LENS, output_folder=tmp_path / "off", depth="off")
+    off = addon.apply_lens(original.radiance, lens=LENS, output_folder=tmp_path / "off", depth="off",
+                           stray=NO_STRAY)
     single = rendered(deep, tmp_path, "off")[0]
     assert_alike(read_exr(single.irradiance).cube.astype(float), read_exr(off.irradiance).cube.astype(float))
     with pytest.raises(InputError, match="depth"):
@@ -318,7 +321,7 @@ def test_the_button_uses_layers_unless_depth_is_off(deep, cut, tmp_path):
         settings.depth = depth
         assert bpy.ops.lensfield.apply_lens() == {"FINISHED"}
         ours = addon.apply_lens(original.radiance, lens=LENS, output_folder=tmp_path / depth,
-                                options=settings.to_options(), depth=depth.lower())
+                                options=settings.to_options(), depth=depth.lower(), stray=NO_STRAY)
         assert bool(ours.report.file.layers) == (depth == "AUTO")
         np.testing.assert_array_equal(read_exr(original.irradiance).cube, read_exr(ours.irradiance).cube)
 
@@ -326,7 +329,7 @@ def test_the_button_uses_layers_unless_depth_is_off(deep, cut, tmp_path):
 def test_refocusing_a_capture_equals_a_fresh_render(deep, tmp_path):
     """Within the pixels and the noise, which are different in the two renders."""
     lens, near_mm = "tessar-50mm", 400.0
-    options = {"lens": lens, "view": "camera", "lens_quality": "preview"}
+    options = {"lens": lens, "view": "camera", "lens_quality": "preview", "stray": NO_STRAY}
     deep.camera.data.lens = 35
     for name, distance_m in (("Near", 0.25), ("Middle", 0.6)):
         square = deep.objects[name]
