@@ -391,6 +391,7 @@ def foreseen(scene, **options):
 
 
 def test_a_misspelt_spectrum_is_refused_but_the_plan_is_shown(room, tmp_path):
+    room.lensfield.wavelength_count = 31
     known = foreseen(room)
     for name in ("chart-15-red", "chart-14-green"):
         bpy.data.materials[name].lensfield.reflectance = "no-such-paint"
