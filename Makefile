@@ -3,7 +3,7 @@
 #                  another Blender, SEED=n (any integer) renders with other noise; TESTS=tests/addon/scene selects some
 #                  of the Blender tests; where a run takes only a sample of a test's cases, SEED chooses the sample;
 #                  build/test-times.txt lists the processor seconds of each test. Of the cases of heavy functions, in
-#                  tests/heavy.txt, SEED chooses one in HEAVY=6; on other Blenders than 5.0.1 none runs.
+#                  tests/heavy.txt, SEED chooses one in HEAVY=6 (always 6 on other Blenders than 5.0.1).
 #                  Farms, fuzzing, benchmarks and the README's code are left to .ci/run. ALL_CASES=yes runs everything
 # make heavy       run all tests and cases, and write tests/heavy.txt (an hour)
 # make kernels     recompile the engine's C loops if their sources have changed; targets that test or measure the engine
@@ -128,7 +128,7 @@ test-engine: $(READY) kernels
 	$(if $(COVERAGE),@echo "lines of engine and commands run: $$($(VENV)/bin/python -m coverage report --format=total) %")
 
 test-blender: $(READY) kernels
-	HEAVY=$(if $(filter 5.0.1,$(BPY)),$(HEAVY),0) $(VENV)/bin/python -m pytest -q $(TESTS)
+	HEAVY=$(if $(filter 5.0.1,$(BPY)),$(HEAVY),6) $(VENV)/bin/python -m pytest -q $(TESTS)
 
 test-numpy: $(READY) kernels  # as on machines without the compiled loops
 	LENSFIELD_KERNELS=numpy $(VENV)/bin/python -m pytest -q tests/engine/blur tests/engine/field \
@@ -152,7 +152,7 @@ kill-test: $(READY) kernels
 heavy: $(READY) kernels
 	$(MAKE) -k test ALL_CASES=yes
 	awk '$$2 == "s" { seconds = $$1; sub(/^ *[0-9.]+ s  /, ""); sub(/\[.*/, ""); sum[$$0] += seconds } \
-	    END { for (name in sum) if (sum[name] > 3) print name }' build/test-times.txt | sort > tests/heavy.txt
+	    END { for (name in sum) if (sum[name] > 2) print name }' build/test-times.txt | sort > tests/heavy.txt
 
 fuzz: $(READY)
 	$(VENV)/bin/python tests/fuzz/bombs.py

@@ -11,7 +11,7 @@ from processor_times import Times
 from seed import SEED
 
 HEAVY_TESTS = frozenset(Path(__file__).with_name("heavy.txt").read_text(encoding="utf-8").splitlines())
-"""Functions whose cases take over 3 processor seconds together, with ALL_CASES=yes: `make heavy` lists them."""
+"""Functions whose cases take over 2 processor seconds together, with ALL_CASES=yes: `make heavy` lists them."""
 
 if "LENSFIELD_CACHE" not in os.environ:  # if it is set, test runs share their baked lenses
     os.environ["LENSFIELD_CACHE"] = tempfile.mkdtemp(prefix="lensfield-tests-")
@@ -34,14 +34,15 @@ def pytest_collection_modifyitems(config, items):
 
 
 def _heavy_left_out(config, items):
-    """All heavy tests but one in HEAVY, or all with 0; by default none of files that the command line names, and
-    otherwise all but one in 6: generator of items."""
+    """All heavy tests but one in HEAVY; by default none of files that the command line names, and otherwise all but one
+    in 6: generator of items. Tests that represent a kind of pass always run."""
     named = any(".py" in argument for argument in config.args)
     one_in = int(os.environ.get("HEAVY") or (1 if named else 6))
     if any("::" in argument for argument in config.args):
         return
-    heavy = [item for item in items if _function(item) in HEAVY_TESTS]
-    yield from (item for number, item in enumerate(heavy) if not one_in or (number + SEED) % one_in)
+    heavy = [item for item in items
+             if _function(item) in HEAVY_TESTS and not item.get_closest_marker("every_blender")]
+    yield from (item for number, item in enumerate(heavy) if (number + SEED) % one_in)
 
 
 def _cases_left_out(config, items):
