@@ -89,7 +89,7 @@ def test_a_rotationally_symmetric_lens_is_the_same_by_a_mesh(lenses):
 def test_all_loops_cast_the_same_picture_by_a_mesh(mirrored):
     lens = make_grid_lens(source_mm=lambda nm, x, y: (x * (1 - 0.01 * x**2) * nm / 550, y * (1 - 0.02 * y**2)),
                           object_distance_mm=700.0, magnification=-0.05, mirrored=mirrored, squeeze=1.5)
-    grid = PixelGrid((28, 32), PITCH_UM, (10.0, 18.0), (6, 6), projection=FISHEYE, squeeze=1.5)
+    grid = PixelGrid((56, 60), PITCH_UM, (20.0, 32.0), (10, 10), projection=FISHEYE, squeeze=1.5)
     things = scene_in_depth(lens, grid)
     with using("numpy"):
         expected = planes(things, lens, grid, most_rays=16)
