@@ -33,7 +33,7 @@
 #                  scene is rendered once, to build/raw-scene
 # make scenes      render two hundred ordinary scenes through a nearly perfect lens and by Cycles alone, and five of them
 #                  by every command: all must agree (an hour); SCENES="hdri lamps" selects scenes or themes; the table,
-#                  pictures and .blend files are in build/scenes. make test renders a few, chosen by SEED
+#                  pictures and .blend files are in build/scenes. make test renders two, chosen by SEED
 # make extension   build dist/*.zip, for installation in Blender: one for each platform and generation of Blender
 # make release     run make scenes, and all tests and cases; then build all artefacts in an empty dist/: the zips of make
 #                  extension, the sdist, the wheel of this platform, and their SHA-256 checksums in SHA256SUMS

@@ -1,4 +1,4 @@
-"""Ordinary scenes agree with plain Cycles: a few of them, chosen by SEED, at 64 px; `make scenes` renders all.
+"""Ordinary scenes agree with plain Cycles: a dozen of them, chosen by SEED, at 64 px; `make scenes` renders all.
 
 They are rendered in a process of their own, so that a crash fails one scene.
 """
@@ -15,7 +15,7 @@ from scenes import ORDINARY
 from scenes.kit import PAINTS
 from seed import SEED
 
-COLUMNS, SAMPLES, FEW = 64, 32, 4
+COLUMNS, SAMPLES, DOZEN = 64, 32, 12
 WARM_K = 2800
 
 
@@ -28,7 +28,7 @@ def outcomes(request, tmp_path_factory):
     return {outcome.name: outcome for outcome in found}
 
 
-@pytest.mark.sample(FEW)
+@pytest.mark.sample(DOZEN)
 @pytest.mark.parametrize("name", ORDINARY)
 def test_scene_agrees_with_cycles(outcomes, name):
     outcome = outcomes[name]
@@ -44,8 +44,8 @@ def test_names_and_themes_select_scenes():
 
 
 def test_a_seed_chooses_a_sample():
-    first, same, other = (chosen([], FEW, seed) for seed in (3, 3, 4))
-    assert first == same != other and len(set(first)) == FEW
+    first, same, other = (chosen([], DOZEN, seed) for seed in (3, 3, 4))
+    assert first == same != other and len(set(first)) == DOZEN
 
 
 def test_report_states_every_result():

@@ -226,7 +226,7 @@ GRIDS = [PixelGrid.around_frame((40, 52), PITCH_UM, (12, 9)), PixelGrid((1, 1), 
 ROUNDING = 64 * 2.0**-24  # of float32 sums over 64 rays, each of light up to 1
 
 
-@pytest.mark.sample(3)
+@pytest.mark.sample(5)
 @pytest.mark.skipif(len(available()) < 2, reason="no library of the loops: no compiler")
 @pytest.mark.parametrize("grid", GRIDS, ids=lambda grid: f"{grid.shape_px}")
 @pytest.mark.parametrize("iris", [None, Iris(5, 20.0, 0.3)])
@@ -380,7 +380,6 @@ def test_tiles_in_focus_are_not_cast_and_blur_of_a_pixel_needs_few_rays(lens, mo
         assert least <= counts[8:, :1].min() and counts.max() <= most
 
 
-@pytest.mark.sample(3)
 @pytest.mark.parametrize("blur, step", [(-22.0, 2), (44.0, 4)])
 @pytest.mark.parametrize("variant", available())
 def test_pixels_of_wide_blur_are_interpolated(lens, monkeypatch, variant, blur, step):
