@@ -141,7 +141,8 @@ ci: ci-5.0.1 test-engine ci-5.2.3 ci-4.5.15 ci-5.1.2 test-kernels test-numpy tes
 ci-5.0.1: CI_TESTS = tests/addon
 ci-5.2.3: CI_TESTS = tests/addon -m 'not one_blender'
 ci-4.5.15: CI_TESTS = tests/addon/scene tests/addon/shading $(STATE) -m 'not one_blender'
-ci-5.1.2: CI_TESTS = tests/addon/shading/test_lint.py $(STATE)  # more run on the versions before and after it
+# more run on the versions before and after 5.1
+ci-5.1.2: CI_TESTS = tests/addon/shading/test_lint.py $(STATE) -m 'not one_blender'
 ci-%: kernels
 	$(MAKE) test-blender BPY=$* TESTS="$(CI_TESTS)"
 
