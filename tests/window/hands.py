@@ -232,7 +232,7 @@ def adjust(**values):
 
 
 def show_tab():
-    """Open the Lensfield tab of the sidebar."""
+    """Open the Lensfield tab of the sidebar. Blender crashes if a file has been opened since the last `yield`."""
     viewport = area("VIEW_3D")
     viewport.spaces.active.show_region_ui = True
     yield DRAW_S

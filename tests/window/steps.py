@@ -1026,6 +1026,7 @@ def other_file():
     yield from start()
     yield from until(in_a_pass)
     bpy.ops.wm.read_homefile(app_template="")
+    yield 1
     yield from show_tab()
     yield 1
     shoot("under-way")
@@ -1037,6 +1038,7 @@ def other_file():
     assert node_label() is None and not bpy.data.is_dirty and len(bpy.context.window_manager.windows) == 1
     assert not [image for image in bpy.data.images if "lens_image" in image.filepath]
     bpy.ops.wm.open_mainfile(filepath=path)
+    yield 1
     yield from show_tab()
     yield 1
     yield from render()
