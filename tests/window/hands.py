@@ -24,6 +24,7 @@ FOLDER = Path(FOLDER)
 MODULE = "bl_ext.user_default.lensfield"
 SAMPLE = Path(__file__).resolve().parents[2] / "sample_scenes" / "evening_chess.blend"
 DRAW_S = 0.4  # for Blender to draw changes
+REST_S, LEAST_CHANGE = 10, 0.1  # longer than a shader takes to compile; below that of the text that counts shaders
 MOST_SCROLLS, SCROLLED_AT_ONCE = 10, 4  # clicks of the mouse wheel
 PROBE_S, PROBE_PX = 0.02, 9  # of a search for a control, whose height is 20 px
 KEYS = {letter: name for letter, name in zip("0123456789. ", (
@@ -197,6 +198,19 @@ def shoot(name, place=None):
     crop = [] if place is None else ["-crop", f"{place.width}x{place.height}+{place.x}+"
                                               f"{main_window().height - place.y - place.height}", "+repage"]
     subprocess.run(["import", "-window", "root", *crop, FOLDER.parent / f"{STEP}-{name}.png"], check=True)
+
+
+def at_rest(name, place):
+    """Take screenshots of an area or a region until REST_S change it no more than Blender's further samples do."""
+    before = None
+    while True:
+        place.tag_redraw()
+        yield REST_S
+        shoot(name, place)
+        after = pixels(FOLDER.parent / f"{STEP}-{name}.png")
+        if before is not None and np.abs(after - before).max() < LEAST_CHANGE:
+            return
+        before = after
 
 
 def until(condition):

@@ -22,6 +22,7 @@ from hands import (
     alike,
     alive,
     area,
+    at_rest,
     blenders_log,
     child,
     choose_petzval,
@@ -181,8 +182,8 @@ def guide_pictures():
     turn(f_stop=2.2, distance=0.25)
     view.spaces.active.shading.type = "MATERIAL"
     yield from start("live")
-    yield 20  # for shaders
-    shoot("live", region(view))
+    yield from until(lambda: lens_request().lens)
+    yield from at_rest("live", region(view))  # Blender has compiled its shaders
     yield from start("live")
     view.spaces.active.shading.type = "SOLID"
     path = FOLDER / "triplet.lens"
