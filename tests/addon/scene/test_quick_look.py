@@ -10,7 +10,7 @@ from lensfield import addon
 from lensfield.addon.scene.compositor import QUICK_LOOK, compositing_tree, scene_node
 from lensfield.addon.scene.quick_look import MAP_X, MAP_Y, new_quick_look, set_lens
 from lensfield.addon.ui.common.lens_at_rest import facts_at_rest
-from lensfield.addon.ui.live.live.quick_look import compositor_lens, quick_look_question, read_look
+from lensfield.addon.ui.live.quick_look import compositor_lens, quick_look_question, read_look
 from lensfield.engine import load_lens
 from lensfield.engine.depth.depth_range import blur_per_nearness_px
 from lensfield.engine.field.field_map import field_map

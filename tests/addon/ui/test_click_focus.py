@@ -18,8 +18,8 @@ from lensfield.addon.scene.lens_facts import lens_facts
 from lensfield.addon.scene.rings import scene_rings
 from lensfield.addon.ui.common.lens_worker import facts_now
 from lensfield.addon.ui.common.session import session
-from lensfield.addon.ui.preview.preview.click_focus import LENSFIELD_OT_click_focus as Operator
-from lensfield.addon.ui.preview.preview.click_focus import clicked_ray, picture_tangents, view_at
+from lensfield.addon.ui.preview.click_focus import LENSFIELD_OT_click_focus as Operator
+from lensfield.addon.ui.preview.click_focus import clicked_ray, picture_tangents, view_at
 from lensfield.engine.inspection.curves import field_angle_rad, reference_nm
 
 PLACE = 0.63, -0.41  # in the view, off its centre

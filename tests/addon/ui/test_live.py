@@ -12,7 +12,7 @@ from lensfield.addon.scene.focus import focus_now
 from lensfield.addon.ui.common.lens_at_rest import facts_at_rest
 from lensfield.addon.ui.common.session import session
 from lensfield.addon.ui.live import lens_view, live
-from lensfield.addon.ui.live.live.lens_view import SAMPLERS, SOURCES, VALUES, View
+from lensfield.addon.ui.live.lens_view import SAMPLERS, SOURCES, VALUES, View
 from lensfield.engine.lens.iris import Iris
 from lensfield.engine.look.lens_tables import NODES
 from lensfield.engine.rays.rings import Rings

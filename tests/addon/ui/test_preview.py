@@ -18,7 +18,7 @@ from lensfield.addon.ui.common.preferences import IN_PANEL
 from lensfield.addon.ui.common.properties import lens_title
 from lensfield.addon.ui.common.session import session
 from lensfield.addon.ui.preview import preview, preview_panel
-from lensfield.addon.ui.preview.preview.preview_overlay import frame_corners
+from lensfield.addon.ui.preview.preview_overlay import frame_corners
 from lensfield.engine.library import PRESCRIPTIONS
 from small_scenes import light, material, wall
 from snapshot import differences, snapshot
