@@ -29,7 +29,7 @@ ENOUGH = 0.03  # fraction of the work needed to estimate the remaining time: the
 class _Log(io.FileIO):
     """A file whose lines are lost if the disk is full."""
 
-    def write(self, content):
+    def write(self, content: Any, /) -> int:
         with suppress(OSError):
             return super().write(content)
         return len(content)
