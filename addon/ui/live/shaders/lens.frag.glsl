@@ -103,13 +103,13 @@ void gather(vec2 middle, ivec2 node, float widest, bool look_behind, out vec4 bl
   for (int ray = 0; ray < RAYS; ray += step) {
     ivec2 entry = ivec2(2 * (node.x * RAYS + ray), node.y);
     vec4 bends = texelFetch(tables, entry, 0);
-    vec2 light_radius = texelFetch(tables, entry + ivec2(1, 0), 0).xy;
-    vec2 place = middle + bends.xy * widest / 2.0 + bends.zw * view.xy;
+    vec3 light_radius = texelFetch(tables, entry + ivec2(1, 0), 0).xyz; // and the spacing of the rays
+    vec2 place = middle + DRAWN_IN * bends.xy * widest / 2.0 + bends.zw * view.xy;
     if (light_radius.x == 0.0 || outside(place)) {
       continue;
     }
     float blur;
-    vec4 found = side_at(place, least, widest > 0.0, blur);
+    vec4 found = side_at(place, light_radius.z * least, widest > 0.0, blur);
     float own = max(min(blur, abs(widest)), least);
     float reaches = clamp((own - light_radius.y * abs(widest)) / least + 1.0, 0.0, 1.0);
     blurred += reaches * light_radius.x * (widest * widest) / (own * own) * found;
