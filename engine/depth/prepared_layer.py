@@ -97,8 +97,9 @@ class PreparedLayer:
 
     def near_surfaces(self, reach_px: int) -> "PreparedLayer":
         """The layer with a focus share below 0 where it is transparent to this distance: rays skip it there."""
-        depth = self.depth.copy()
-        depth[scipy.ndimage.maximum_filter(self.layer.alpha, 2 * reach_px + 1) == 0, 1] = -1
+        alpha, depth = self.layer.alpha, self.depth.copy()
+        sides = [2 * min(reach_px, n) + 1 for n in alpha.shape]  # a fisheye's rays reach far beyond the layer
+        depth[scipy.ndimage.maximum_filter(alpha, sides) == 0, 1] = -1
         return replace(self, depth=depth)
 
     def in_place(self, parallax_px: np.ndarray, lens: Lens) -> "PreparedLayer":

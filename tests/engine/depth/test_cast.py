@@ -12,7 +12,7 @@ from lenses import make_lens
 from lensfield.engine.depth.cast import cast, casting_bytes
 from lensfield.engine.depth.depth_range import blur_px
 from lensfield.engine.depth.meetings import plan_meetings
-from lensfield.engine.depth.prepared_layer import sharpened
+from lensfield.engine.depth.prepared_layer import PreparedLayer, sharpened
 from lensfield.engine.field.radial.first_order import first_order_rays
 from lensfield.engine.image.layers import Layer, LayeredRadiance
 from lensfield.engine.image.pixel_grid import PixelGrid
@@ -95,6 +95,18 @@ def test_a_lamp_out_of_focus_is_a_disc_with_first_order_size_and_position(lens, 
     assert (row + 12, column + 12) == pytest.approx(lit, abs=0.1)
     assert np.sqrt(width**2 - 8 / 6) == pytest.approx(24, rel=5e-3)  # minus the pixel; look-ups add 0.4 %
     assert not plane.sharp.any()
+
+
+@pytest.mark.parametrize("reach_px", [0, 3, 20, 10**12])
+def test_rays_skip_a_layer_where_they_reach_none_of_it(reach_px):
+    """At the edge of a fisheye, rays may reach as far as a plane's horizon."""
+    alpha = np.zeros((17, 29), np.float32)
+    alpha[5, 8] = 0.3
+    depth = np.ones((*alpha.shape, 2), np.float32)
+    near = PreparedLayer(layer(alpha, 500.0), depth, PixelGrid((40, 50), PITCH_UM), 1.0)
+    rows, columns = np.indices(alpha.shape)
+    skipped = np.maximum(np.abs(rows - 5), np.abs(columns - 8)) > reach_px
+    np.testing.assert_array_equal(near.near_surfaces(reach_px).depth[..., 1], np.where(skipped, -1, 1))
 
 
 @pytest.mark.parametrize("lamp, sky", [(-10.0, -14.0), (-6.0, -14.0), (4.0, -14.0), (20.0, -14.0), (24.0, 12.0)])
