@@ -14,7 +14,7 @@ from ..spectral.colour import REC709_LUMINANCE, rec709_weights
 from .channel_cache import ChannelCache
 from .simulate import simulate
 
-WAVELENGTHS = 3  # out of the capture's: blur differs between wavelengths, but a share is a single number
+WAVELENGTHS = 3  # of the capture: blur differs between wavelengths, but a share is a single number
 
 Mask = np.ndarray | Sequence[np.ndarray]
 

@@ -37,8 +37,8 @@ WITH_HALVES = "split", "halve", "smooth"  # shaders
 MOST_SIZES = 2  # viewports of different sizes that are drawn in turn
 CONSTANTS = {"TILE": TILE_PX, "REACH": REACH_TILES, "SHARP_PX": SHARP_PX, "BLURRED_PX": BLURRED_PX,
              "CELL": cell_size(RAYS) / 2, "DRAWN_IN": DRAWN_IN, "STEEPEST": STEEPEST_RAD, "FARTHEST": 1e30,
-             "SPREAD": SPREAD,
-             "FEW_RAYS_PX": FEW_RAYS_PX, "FEWER": 4, "NODES": NODES, "BOKEH_NODES": BOKEH_NODES, "RAYS": RAYS}
+             "SPREAD": SPREAD, "FEW_RAYS_PX": FEW_RAYS_PX, "FEWER": 4, "NODES": NODES, "BOKEH_NODES": BOKEH_NODES,
+             "RAYS": RAYS}
 
 SAMPLERS = {"blur": ("colours", "depths"), "split": ("light",), "halve": FINER_HALVES, "smooth": SHARPER_HALVES,
             "tiles": ("light",), "reach": ("tiles",),

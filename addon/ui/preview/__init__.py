@@ -1,1 +1,1 @@
-"""A picture that grows in the viewport, what is drawn over it, and focus by a click on it."""
+"""A picture that grows in the viewport, its overlays, and focus by a click on it."""

@@ -99,7 +99,7 @@ def test_a_lamp_out_of_focus_is_a_disc_with_first_order_size_and_position(lens, 
 
 @pytest.mark.parametrize("reach_px", [0, 3, 20, 10**12])
 def test_rays_skip_a_layer_where_they_reach_none_of_it(reach_px):
-    """At the edge of a fisheye, rays may reach as far as a plane's horizon."""
+    """At the edge of a fisheye, rays may reach the horizon of a plane capture."""
     alpha = np.zeros((17, 29), np.float32)
     alpha[5, 8] = 0.3
     depth = np.ones((*alpha.shape, 2), np.float32)
