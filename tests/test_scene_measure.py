@@ -46,7 +46,7 @@ def test_noise_is_no_fault(plain):
 
 
 def _darker(planes):
-    planes[:3] *= 0.97
+    planes[:3] *= 0.95
 
 
 def _tinted(planes):
