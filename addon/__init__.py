@@ -42,6 +42,7 @@ from .ui import (
     window_render,
 )
 from .ui.common import lens_worker, preferences, properties
+from .ui.common.background import forget_work
 from .ui.common.previews import forget_previews
 from .ui.keys import register_keys, unregister_keys
 from .ui.live import live, quick_look
@@ -90,12 +91,13 @@ def unregister():
     quick_look.stop_following()
     bpy.app.handlers.load_post.remove(window_render.forget_last)
     old_files.stop()
-    plan_line.forget_plans()
+    plan_line.plans.forget()
     unregister_keys()
     properties.unregister_pointers()
     _unregister_classes()
     shared_cache.cache_clear()
     lens_worker.forget_requests()
+    forget_work()
     sheets.forget_sheets()
     forget_lenses()
     forget_trust()

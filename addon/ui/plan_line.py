@@ -1,9 +1,6 @@
 """The cost of a render in one line, before it starts; a thread computes the engine's part."""
 
 import math
-from concurrent.futures import ThreadPoolExecutor
-
-import bpy
 
 from ...engine.image.detail import splitting_bytes
 from ...engine.image.sampling import Sampling
@@ -14,17 +11,13 @@ from ..capture.radiance import detail_bytes, pass_bytes
 from ..capture.sampled_passes import detail_times
 from ..job.job import denoises
 from ..scene.camera import frame_capture, frame_grid, frame_px, lens_for_view
-from .common.areas import areas
+from .common.background import Answers
 from .common.session import session
 from .learned_time import expected_seconds
 from .lint_panel import checked_settings
 
-TICK_S, LEAST_S = 0.1, 0.1
-
+LEAST_S = 0.1
 MOST_PLANS = 4  # enough for two windows that draw theirs in turn
-
-_worker = ThreadPoolExecutor(1, "Lensfield plan")
-_plans = {}  # Futures of the latest requests, newest last
 
 
 def plan_text(scene, lens):
@@ -42,7 +35,7 @@ def plan_text(scene, lens):
     wavelengths_nm = request.wavelengths_nm
     lens = lens_for_view(scene, lens, request.view_on_sensor)[0]
     times = detail_times(scene, request, math.prod(frame_px(scene)))
-    future = _planned(request.options, lens, frame_grid(scene, lens), wavelengths_nm, times)
+    future = plans.to(request.options, lens, frame_grid(scene, lens), wavelengths_nm, times)
     text = _passes(scene, len(wavelengths_nm))
     if not future.done() or future.exception():  # the plan is not ready, or not possible
         return text
@@ -80,32 +73,10 @@ def _passes(scene, wavelengths):
     return f"{most} or more renders" if tier == "REFERENCE" else f"Up to {most} renders"
 
 
-def _planned(options, lens, frame, wavelengths_nm, times):
-    """A Future of the capture's rows and columns and the engine's plan, cached because panels are drawn many times a
-    second."""
-    key = options, lens, frame, wavelengths_nm, times
-    if key not in _plans:
-        if len(_plans) == MOST_PLANS:
-            _plans.pop(next(iter(_plans))).cancel()  # dragging a slider requests many
-        future = _plans[key] = _worker.submit(_plan, *key)
-        if not bpy.app.background:
-            bpy.app.timers.register(lambda: _redraw_when_ready(future), first_interval=TICK_S)
-    return _plans[key]
-
-
 def _plan(options, lens, frame, wavelengths_nm, times):
+    """The capture's rows and columns, and the engine's plan."""
     grid = frame_capture(lens, frame, wavelengths_nm, options)
     return grid.shape_px, cached_plan(options, lens, Sampling(grid, wavelengths_nm), times)
 
 
-def _redraw_when_ready(future):
-    if not future.done():
-        return TICK_S
-    for area in areas("PROPERTIES", "VIEW_3D"):
-        area.tag_redraw()
-    return None
-
-
-def forget_plans():
-    """Clear the cached plans."""
-    _plans.clear()
+plans = Answers(_plan, MOST_PLANS)

@@ -4,12 +4,10 @@ If `lensfield lens plot` has written a sheet next to a lens package, it is shown
 """
 
 import os
-from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from io import BytesIO
 from pathlib import Path
 
-import bpy
 from PIL import Image
 
 from ...engine.inspection.sheet import write_lens_plot
@@ -17,14 +15,10 @@ from ...engine.library import has_rings
 from ...engine.runtime import cache
 from ...engine.runtime.files import atomic_path
 from ..render.child import work_folder
-from .common.areas import redraw_panels
+from .common.background import Answers, result
 
-TICK_S = 0.2
 KIND, MOST_BYTES = "sheets", 2**26
 MOST_SHEETS = 8
-
-_worker = ThreadPoolExecutor(1, "Lensfield sheet")
-_sheets = {}  # Futures of the files by the lens's digest, newest last
 
 
 def stored_sheet(name_or_path):
@@ -41,14 +35,11 @@ def drawn_sheet(lens):
     InputError
         The sheet cannot be drawn.
     """
-    drawing = _sheets.get(lens.digest)
-    if drawing is None or (drawing.done() and not drawing.exception() and not drawing.result().is_file()):
-        drawing = _draw_soon(lens)
-    if not drawing.done():
-        return None
-    if drawing.exception():
-        raise drawing.exception().with_traceback(None)
-    return drawing.result()
+    drawing = _sheets.to(lens, _folder().name)
+    if drawing.done() and not drawing.exception() and not drawing.result().is_file():
+        _sheets.forget()
+        drawing = _sheets.to(lens, _folder().name)
+    return result(drawing) if drawing.done() else None
 
 
 def draw_sheet(lens):
@@ -58,37 +49,16 @@ def draw_sheet(lens):
 
 def forget_sheets():
     """Cancel pending sheets and remove the session's sheets."""
-    for drawing in _sheets.values():
-        drawing.cancel()
-    _sheets.clear()
+    _sheets.forget()
     if _folder.cache_info().currsize:
         _folder().cleanup()
     _folder.cache_clear()
-    if bpy.app.timers.is_registered(_tick):
-        bpy.app.timers.unregister(_tick)
 
 
 @lru_cache
 def _folder():
     """The folder of the session's sheets, which its images refer to."""
     return work_folder()
-
-
-def _draw_soon(lens):
-    for digest, drawing in list(_sheets.items()):
-        if drawing.cancel() or len(_sheets) >= MOST_SHEETS:  # pending sheets are obsolete
-            _sheets.pop(digest)
-    _sheets[lens.digest] = _worker.submit(_drawn, lens, _folder().name)
-    if not bpy.app.background and not bpy.app.timers.is_registered(_tick):
-        bpy.app.timers.register(_tick, first_interval=TICK_S, persistent=True)
-    return _sheets[lens.digest]
-
-
-def _tick():
-    finished = all(drawing.done() for drawing in _sheets.values())
-    if finished:
-        redraw_panels()
-    return None if finished else TICK_S
 
 
 def _png(content):
@@ -109,3 +79,6 @@ def _drawn(lens, folder):
     write_lens_plot(lens, path)
     cache.store(KIND, lens.digest, path.read_bytes(), MOST_BYTES)
     return path
+
+
+_sheets = Answers(_drawn, MOST_SHEETS)

@@ -320,7 +320,7 @@ def stalls():
 OWN_FUNCTIONS = {"ui.window_render": ("start", "start_again", "tick"),
                  "ui.preview.preview": ("start", "tick", "on_update"),
                  "ui.operators": ("_match",), "ui.panels": ("draw_settings", "draw_camera_settings"),
-                 "ui.common.lens_worker": ("_tick",)}
+                 "ui.common.background": ("_tick",)}
 """What Lensfield runs in the window's thread: the work of operators, timers and handlers, and the panels."""
 
 

@@ -1,16 +1,13 @@
-"""The facts of a scene's lens with its rings at rest, read in a thread: this takes a fraction of a second, and drawing
-must not wait for it."""
+"""The facts of a scene's lens with its rings at rest, read in a thread: this takes a fraction of a second."""
 
-from concurrent.futures import ThreadPoolExecutor, wait
-from functools import lru_cache
+from concurrent.futures import wait
 
 from ....engine.runtime.files import stamp_of
 from ...scene.active_camera import camera_settings
 from ...scene.lens_facts import LensFacts, lens_facts
+from .background import Answers, result
 
 MOST_LENSES = 4
-
-_worker = ThreadPoolExecutor(1, "Lensfield facts")
 
 
 def facts_at_rest(scene, longest_s: float | None = 0.0) -> LensFacts | None:
@@ -23,16 +20,14 @@ def facts_at_rest(scene, longest_s: float | None = 0.0) -> LensFacts | None:
         The lens is not available.
     """
     lens = camera_settings(scene).lens_name_or_path()
-    future = _read(lens, stamp_of(lens))
+    future = _facts.to(lens, stamp_of(lens))
     wait([future], longest_s)
-    return future.result() if future.done() else None
+    return result(future) if future.done() else None
 
 
-def forget_facts():
-    """Clear the cache."""
-    _read.cache_clear()
+def _facts_of_file(lens, changed):
+    return lens_facts(lens)
 
 
-@lru_cache(maxsize=MOST_LENSES)
-def _read(lens, changed):
-    return _worker.submit(lens_facts, lens)
+_facts = Answers(_facts_of_file, MOST_LENSES)
+forget_facts = _facts.forget

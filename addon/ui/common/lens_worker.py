@@ -4,62 +4,76 @@ Each scene has one request, its newest, which also stores the answer. The facts 
 baked, at the quality and for the wavelengths of the render, as soon as its focus and f-stop stop changing.
 """
 
-import traceback
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, wait
 from dataclasses import dataclass, field
 from threading import Event
 
 import bpy
 
-from ....engine import Lens
-from ....engine.runtime.errors import InputError, LensError
+from ....engine.runtime.errors import InputError, Stopped
 from ....engine.runtime.files import stamp_of
 from ...scene.active_camera import camera_settings
 from ...scene.camera import SceneFrame, scene_frame
 from ...scene.lens_cache import load_lens, loaded_lens
-from ...scene.lens_facts import LensFacts, lens_facts
+from ...scene.lens_facts import lens_facts
 from ...scene.rings import rings_for
-from .areas import redraw_panels
+from .background import Worker, note_progress, result
 from .session import session
 
-TICK_S = 0.2
+IDLE_S = 0.2  # between looks whether the preview is idle
 AT_ONCE_S = 0.1  # a panel's wait for the lens facts, so that its lines do not flicker while a ring is turned
 STILL_S = 0.4  # time without another request before a lens is baked
 READING, BAKING = "Reading the lens", "Baking the lens"
 
-_worker = ThreadPoolExecutor(2, "Lensfield lens")  # one may be busy with a dropped request for up to a second
+_reader = Worker("facts")
+_baker = Worker("bake", threads=2)  # one may be busy with a dropped request for up to a second
 _requests = {}  # by the scene's session_uid
-
-
-class Dropped(Exception):
-    """The request is obsolete."""
 
 
 @dataclass(eq=False)
 class Request:
-    """A request for a lens, and the answer so far.
+    """A request for a lens.
 
     Attributes
     ----------
     frame : SceneFrame or None
         None without a camera.
-    lens : Lens or None
-        Unscaled.
-    error : InputError or None
-        Why the lens is not available.
+    read : Future
+        Of the LensFacts.
+    baked : Future
+        Of the Lens, unscaled.
     fraction : float
         Progress of the bake, 0 to 1.
+    dropped : Event
+        Set when the request is obsolete: its bake then ends with Stopped.
     """
 
     question: tuple
-    frame: SceneFrame | None = None
-    facts: LensFacts | None = None
-    lens: Lens | None = None
-    error: InputError | None = None
+    frame: SceneFrame | None
+    read: Future
+    baked: Future = field(init=False)
     fraction: float = 0.0
-    known: Event = field(default_factory=Event)  # set once the facts or an error are available
     dropped: Event = field(default_factory=Event)
-    future: Future | None = None
+
+    def __post_init__(self):
+        self.baked = _baker.run(_bake, self)
+
+    @property
+    def facts(self):
+        """The LensFacts; None until they are read, or if they cannot be."""
+        return self.read.result() if self.read.done() and not self.read.exception() else None
+
+    @property
+    def lens(self):
+        """The Lens; None until it is baked.
+
+        Raises
+        ------
+        InputError
+            The lens is not available.
+        """
+        ended = next((future for future in (self.baked, self.read) if future.done()), None)
+        return result(ended) if ended is self.baked or (ended and ended.exception()) else None
 
     def is_for(self, question, frame):
         """Whether this is the request for a lens and a frame; lenses with rotational symmetry serve all frames."""
@@ -71,9 +85,11 @@ class Request:
         return BAKING if self.facts and self.facts.reach else READING
 
     def on_progress(self, fraction, label):
-        """Record the progress of the bake; raises Dropped if the request is obsolete."""
+        """Record the progress of the bake; raises Stopped if the request is obsolete."""
         if self.dropped.is_set():
-            raise Dropped
+            raise Stopped
+        if int(100 * fraction) != int(100 * self.fraction):
+            note_progress()
         self.fraction = fraction
 
 
@@ -98,10 +114,7 @@ def requested_lens(scene):
     InputError
         The lens is not available.
     """
-    request = lens_request(scene)
-    if request.error:
-        raise request.error.with_traceback(None)  # the traceback would grow with each redraw
-    return request.lens
+    return lens_request(scene).lens
 
 
 def lens_now(scene):
@@ -135,11 +148,7 @@ def facts_now(scene):
     InputError
         The lens is not available.
     """
-    request = lens_request(scene)
-    request.known.wait()
-    if request.error:
-        raise request.error.with_traceback(None)
-    return request.facts
+    return result(lens_request(scene).read)
 
 
 def forget_requests():
@@ -147,8 +156,6 @@ def forget_requests():
     for request in _requests.values():
         request.dropped.set()
     _requests.clear()
-    if bpy.app.timers.is_registered(_tick):
-        bpy.app.timers.unregister(_tick)
 
 
 def _wavelengths_nm(settings):
@@ -163,44 +170,27 @@ def _ask(scene, question, frame):
     other_uids = {each.session_uid for each in bpy.data.scenes} - {scene.session_uid}
     for uid in set(_requests) - other_uids:
         _requests.pop(uid).dropped.set()
-    request = _requests[scene.session_uid] = Request(question, frame)
-    request.future = _worker.submit(_answer, request)
-    request.known.wait(AT_ONCE_S)
-    if not bpy.app.background and not bpy.app.timers.is_registered(_tick):
-        bpy.app.timers.register(_tick, first_interval=TICK_S, persistent=True)
+    name, _, rings, focal_mm, *_ = question
+    request = _requests[scene.session_uid] = Request(question, frame, _reader.run(lens_facts, name, rings, focal_mm))
+    wait([request.read], AT_ONCE_S)
     return request
 
 
-def _tick():
-    """Redraw the panels while lenses are being baked; returns seconds until the next call, or None."""
-    finished = all(request.future.done() for request in _requests.values())
-    redraw_panels()
-    return None if finished else TICK_S
-
-
-def _answer(request):
-    """Read the facts of a lens, then bake it; runs in a thread."""
-    name, _, rings, focal_mm, wavelengths_nm, quality = request.question
+def _bake(request):
+    """Bake the lens of a request, once its facts are read; runs in a thread."""
+    name, _, _, _, wavelengths_nm, quality = request.question
+    facts = result(request.read)
+    edges_mm = request.frame and request.frame.edges_mm(facts)
+    if loaded_lens(name, facts.rings, quality, wavelengths_nm, edges_mm) is None:
+        _wait_until_settled(request)
     try:
-        request.facts = lens_facts(name, rings, focal_mm)
-        request.known.set()
-        rings, edges_mm = request.facts.rings, request.frame and request.frame.edges_mm(request.facts)
-        if loaded_lens(name, rings, quality, wavelengths_nm, edges_mm) is None:
-            _wait_until_settled(request)
-        lens = load_lens(name, rings, quality, request.on_progress, wavelengths_nm, edges_mm)
-        hash(lens)  # slow, and needed to look up plans: compute it in this thread
-        request.lens = lens
-    except Dropped:
-        pass
-    except InputError as error:
-        request.error = error
-    except Exception as error:  # in a thread, it would be lost
+        lens = load_lens(name, facts.rings, quality, request.on_progress, wavelengths_nm, edges_mm)
+    except Exception as error:
         if request.dropped.is_set():  # for example because Blender is quitting
-            return
-        traceback.print_exc()
-        request.error = LensError(name, "lens", f"not available ({type(error).__name__})", str(error))
-    finally:
-        request.known.set()
+            raise Stopped from error
+        raise
+    hash(lens)  # slow, and needed to look up plans: compute it in this thread
+    return lens
 
 
 def _wait_until_settled(request):
@@ -208,14 +198,14 @@ def _wait_until_settled(request):
 
     Raises
     ------
-    Dropped
+    Stopped
         A newer request has replaced this one.
     """
     seconds = STILL_S
     while request.dropped.wait(seconds) or _preview_is_at_work():
         if request.dropped.is_set():
-            raise Dropped
-        seconds = TICK_S
+            raise Stopped
+        seconds = IDLE_S
 
 
 def _preview_is_at_work():

@@ -8,7 +8,7 @@ camera, which only viewports use: neither the file nor renders change.
 """
 
 import traceback
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from dataclasses import astuple, dataclass, field
 from functools import lru_cache, partial
 from math import inf
@@ -42,6 +42,7 @@ from ...scene.requirements import check_scene
 from ...scene.rings import rings_for, scene_iris
 from ...scene.units import metres_per_unit
 from ..common.areas import areas, redraw_panels
+from ..common.background import Answers, result
 from ..common.lens_at_rest import facts_at_rest
 from ..common.plain_words import plain
 from ..common.session import session
@@ -49,13 +50,10 @@ from ..common.shown_exposure import exposure_text
 from ..common.text_wrap import draw_wrapped
 from . import lens_view
 
-TICK_S = 0.05
 QUALITY = "preview"
 ONLY_SOLID = "Live shows a panoramic camera in Solid viewports only"
 STUDIO_LIGHT = "Live shows the camera's exposure with Scene Lights and Scene World, in the viewport's shading options"
 NO_DEPTH = "Live shows no defocus: turn on Viewport Overlays to give this viewport its depth"
-
-_worker = ThreadPoolExecutor(1, "Lensfield live")
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,10 +147,7 @@ def end(why=""):
         getattr(bpy.app.handlers, name).remove(handler)
     for handler in live.handlers:
         bpy.types.SpaceView3D.draw_handler_remove(handler, "WINDOW")
-    if live.answer:
-        live.answer.cancel()
-    if bpy.app.timers.is_registered(_tick):
-        bpy.app.timers.unregister(_tick)
+    _frames.forget()
     lens_view.forget()
     _evaluate_cameras()
     _redraw()
@@ -189,16 +184,6 @@ _HANDLERS = {"depsgraph_update_post": hide_blenders_blur, "frame_change_post": h
 def _redraw():
     for area in areas("PROPERTIES", "VIEW_3D"):
         area.tag_redraw()
-
-
-def _tick():
-    """Redraw the viewports once the tables are finished, or to look for the lens's facts again; returns seconds until
-    the next call, or None."""
-    if session.live and session.live.answer and not session.live.answer.done():
-        return TICK_S
-    if session.live:
-        _redraw()
-    return None
 
 
 def frame_question(scene, at_rest):
@@ -240,6 +225,9 @@ def read_frame(name, stamp, rings, focal_mm, sensor_mm, shape_px, right_up_px, i
                  green.transmittance)
 
 
+_frames = Answers(read_frame, most=1)
+
+
 def frame_lens(name, rings, frame: SceneFrame):
     """The Lens of a scene's frame."""
     facts = lens_facts(name, rings, frame.focal_mm)
@@ -279,8 +267,7 @@ def _draw_frame(live, scene, space, view, region):
         _report(live, ONLY_SOLID)
         return
     at_rest = facts_at_rest(scene)
-    if at_rest is None:
-        _wait(live)
+    if at_rest is None:  # the viewports are redrawn once it is read
         return
     frame = _newest(live, frame_question(scene, at_rest))
     if frame is None:
@@ -366,21 +353,12 @@ def _report(live, note):
 
 def _newest(live, question):
     """The newest Frame for a question, or the one before; None without one."""
-    if question != live.question:
-        if live.answer:
-            live.answer.cancel()
-        live.question, live.answer = question, _worker.submit(read_frame, *question)
-        _wait(live)
+    live.question, live.answer = question, _frames.to(*question)
     if live.answer.done():
-        frame = live.answer.result()
+        frame = result(live.answer)
         if live.shown is None or live.shown[0] is not frame:
             live.shown = frame, lens_view.Tables(frame.tables)
     return live.shown[0] if live.shown else None
-
-
-def _wait(live):
-    if not bpy.app.timers.is_registered(_tick):
-        bpy.app.timers.register(_tick, first_interval=TICK_S, persistent=True)
 
 
 def _defocus(scene, live, frame, at_rest, frame_rectangle):

@@ -5,7 +5,6 @@ thread, as in background mode, updates the node first.
 """
 
 import threading
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import bpy
@@ -28,16 +27,15 @@ from ...scene.lens_facts import lens_facts
 from ...scene.quick_look import NAME, new_quick_look, set_lens
 from ...scene.requirements import check_scene
 from ...scene.units import mm_per_unit
+from ..common.background import Answers, result
 from ..common.lens_at_rest import facts_at_rest
 from ..common.properties import lens_title
 from .live import frame_lens, frame_question
 
 CHECK_S = 1.0
 RINGS = "lensfield_rings"  # custom property of the groups: the focus and the f-stop that were last set
+MOST_LOOKS = 4  # of scenes
 PLACES = 129  # across and up, for the share of the frame without light
-
-_worker = ThreadPoolExecutor(1, "Lensfield Quick Look")
-_requests = {}  # by the scene's session_uid: the newest question, and the Future of its answer
 
 
 def quick_look_question(scene, at_rest):
@@ -61,6 +59,9 @@ def read_look(name, stamp, rings, focal_mm, sensor_mm, shape_px, right_up_px, ir
     look = compositor_lens(lens, lens_facts(name, rings, focal_mm).f_number, iris, vignette,
                            tuple(part_px * pitch_mm for part_px in right_up_px), pixel_aspect=aspect)
     return look, shape_px[1] / 2 * pitch_mm / lens.capture_focal_length_mm / tangent, focus_nearness(lens)
+
+
+_looks = Answers(read_look, MOST_LOOKS)
 
 
 def compositor_lens(lens, *values, pixel_aspect):
@@ -108,10 +109,10 @@ def follow(scene, wait=False):
             return
         question = quick_look_question(scene, at_rest)
         if node.node_tree[QUICK_LOOK] != _state(scene, question):
-            answer = _answer(scene, question)
+            answer = _looks.to(*question)
             if not wait and not answer.done():
                 return
-            _show(scene, node, question, answer.result())
+            _show(scene, node, question, result(answer))
         _label(node, lens_title(camera_settings(scene).lens_text()))
     except InputError as error:
         _label(node, one_line(error))
@@ -133,12 +134,6 @@ def _editable_node(scene):
     first = next(other for other in bpy.data.scenes
                  if (its := scene_node(other, QUICK_LOOK)) and its.node_tree == node.node_tree)
     return node if first == scene else None
-
-
-def _answer(scene, question):
-    if _requests.get(scene.session_uid, ((),))[0] != question:
-        _requests[scene.session_uid] = question, _worker.submit(read_look, *question)
-    return _requests[scene.session_uid][1]
 
 
 def _show(scene, node, question, answer):
@@ -219,7 +214,7 @@ def stop_following():
     bpy.app.handlers.render_pre.remove(on_render)
     if bpy.app.timers.is_registered(check):
         bpy.app.timers.unregister(check)
-    _requests.clear()
+    _looks.forget()
 
 
 def draw_quick_look(layout, scene):

@@ -17,6 +17,7 @@ from lensfield.engine import LensError
 from lensfield.engine.field.field_map import field_map
 from lensfield.engine.library import BUNDLED
 from lensfield.engine.rays.rings import Rings
+from lensfield.engine.runtime.errors import Stopped
 from waiting import LAST_RESORT_S
 
 RINGS = {"use_dof", "focus_object", "focus_distance", "aperture_fstop"}
@@ -56,7 +57,7 @@ def turn(scene, f_number):
 
 def drawn(scene):
     """The panel after the lens has been identified."""
-    lens_worker.lens_request(scene).known.wait(LAST_RESORT_S)
+    lens_worker.lens_request(scene).read.exception(LAST_RESORT_S)
     layout = Layout()
     draw_settings(layout, scene)
     return layout
@@ -67,7 +68,7 @@ def panel_text(scene):
 
 
 def answered(scene):
-    lens_worker.lens_request(scene).future.result(LAST_RESORT_S)
+    lens_worker.lens_request(scene).baked.result(LAST_RESORT_S)
     return lens_worker.requested_lens(scene)
 
 
@@ -87,9 +88,9 @@ def test_only_the_newest_request_is_answered(scene, oven):
     assert oven.entered.wait(LAST_RESORT_S)
     turn(scene, 11)
     assert lens_worker.requested_lens(scene) is None
-    first.future.result(LAST_RESORT_S)  # it finishes although its oven is shut
+    assert isinstance(first.baked.exception(LAST_RESORT_S), Stopped)  # although its oven is shut
     oven.opened.set()
-    assert first.lens is None and answered(scene).name == "tessar-50mm at f/11.0"
+    assert answered(scene).name == "tessar-50mm at f/11.0"
 
 
 def test_a_turning_ring_bakes_nothing(scene, oven, monkeypatch):
@@ -124,14 +125,14 @@ def test_an_old_lens_is_not_shown_for_a_new_request(scene, oven):
 def test_a_failed_bake_shows_its_error(scene, oven, error, line):
     oven.error = error
     oven.opened.set()
-    lens_worker.lens_request(scene).future.result(LAST_RESORT_S)
+    lens_worker.lens_request(scene).baked.exception(LAST_RESORT_S)
     for _ in range(2):
         assert line in panel_text(scene) and lens_worker.BAKING not in panel_text(scene)
 
 
 def test_an_unreadable_lens_shows_its_error(scene, oven, tmp_path):
     scene.camera.data.lensfield.lens, scene.camera.data.lensfield.lens_file = "FILE", str(tmp_path / "none.toml")
-    lens_worker.lens_request(scene).future.result(LAST_RESORT_S)
+    lens_worker.lens_request(scene).baked.exception(LAST_RESORT_S)
     assert "none.toml" in panel_text(scene).replace(" ", "") and not oven.requests
 
 
@@ -142,8 +143,7 @@ def test_a_request_from_a_deleted_scene_is_dropped(scene, oven):
     other.camera = scene.camera
     bpy.data.scenes.remove(scene)
     lens_worker.lens_request(other)
-    request.future.result(LAST_RESORT_S)
-    assert request.dropped.is_set() and request.lens is None
+    assert isinstance(request.baked.exception(LAST_RESORT_S), Stopped)
 
 
 def test_each_scene_has_a_separate_request(scene, oven):
@@ -172,12 +172,12 @@ def test_facts_known_before_the_bake_match_the_baked_lens(name, rings):
 
 def test_a_shift_requests_only_lenses_on_a_grid_again(scene, oven):
     first = lens_worker.lens_request(scene)
-    assert first.known.wait(LAST_RESORT_S) and first.facts.radial
+    assert first.read.result(LAST_RESORT_S).radial
     scene.camera.data.shift_y = 0.3
     assert lens_worker.lens_request(scene) is first
-    scene.camera.data.lensfield.tilt_deg = 2.0, 0.0
+    scene.camera.data.lensfield.tilt_deg = 0.03, 0.0
     tilted = lens_worker.lens_request(scene)
-    assert tilted.known.wait(LAST_RESORT_S) and lens_worker.lens_request(scene) is tilted
+    assert tilted.read.result(LAST_RESORT_S) and lens_worker.lens_request(scene) is tilted
     scene.camera.data.shift_y = 0.0
     assert lens_worker.lens_request(scene) is not tilted
 

@@ -35,7 +35,7 @@ from waiting import LAST_RESORT_S
 @pytest.fixture
 def lit_scene(scene):
     """A scene that renders, and has not been planned."""
-    plan_line.forget_plans()
+    plan_line.plans.forget()
     light(scene, "POINT", 20.0)
     wall(scene, material("Paint", "ShaderNodeBsdfDiffuse", (0.7, 0.3, 0.05))[0])
     return scene
@@ -43,7 +43,7 @@ def lit_scene(scene):
 
 def drawn(scene):
     """The panel after its lens is baked."""
-    lens_worker.lens_request(scene).future.result(timeout=LAST_RESORT_S)
+    lens_worker.lens_request(scene).baked.result(timeout=LAST_RESORT_S)
     layout = Layout()
     draw_settings(layout, scene)
     return layout
@@ -222,7 +222,7 @@ def test_too_many_samples_are_reported_and_can_be_fixed(lit_scene):
 def settled(scene):
     """The plan's line after the thread has computed it."""
     plan_text(scene)
-    plan_line._worker.submit(int).result(timeout=LAST_RESORT_S)  # after pending work
+    plan_line.plans.newest.exception(timeout=LAST_RESORT_S)
     return plan_text(scene)
 
 
@@ -279,7 +279,7 @@ def test_the_plan_line_states_engine_time_and_peak_memory(lit_scene, denoise):
     lens = load_lens(lit_scene.camera.data.lensfield.lens)
     grid = capture_grid(lit_scene, lens, settings.wavelengths_nm())
     cube = np.zeros((len(settings.wavelengths_nm()), *grid.shape_px), np.float32)
-    plan = list(plan_line._plans.values())[-1].result()[1]
+    plan = plan_line.plans.newest.result()[1]
     assert plan == make_plan(Options(accuracy=0.01), lens, Sampling(grid, tuple(settings.wavelengths_nm())))
     pass_mb = 1e-6 * pass_bytes(cube[0].size, 1, denoise == "ON")
     memory_mb = 1e-6 * cube.nbytes + max(pass_mb, plan.memory_mb + 1e-6 * cube.nbytes)
@@ -317,13 +317,13 @@ def test_the_plan_line_learns_from_the_last_render(lit_scene, tmp_path, monkeypa
 
 def settled_plan(scene):
     settled(scene)
-    return list(plan_line._plans.values())[-1].result()[1]
+    return plan_line.plans.newest.result()[1]
 
 
 def test_the_plan_line_counts_detail(lit_scene):
     settings, lens = lit_scene.lensfield, load_lens(lit_scene.camera.data.lensfield.lens)
     lit_scene.cycles.samples, settings.denoise = 64, "OFF"
-    text, plan = settled(lit_scene), list(plan_line._plans.values())[-1].result()[1]
+    text, plan = settled(lit_scene), plan_line.plans.newest.result()[1]
     assert plan.supersampling == plan.known == 2 and " with detail \u00b7 " in text
     pixels = np.prod(capture_grid(lit_scene, lens, settings.wavelengths_nm()).shape_px)
     radiance = len(settings.wavelengths_nm()) * 4 * pixels
@@ -333,7 +333,7 @@ def test_the_plan_line_counts_detail(lit_scene):
     for name, value in (("tier", "PREVIEW"), ("detail", "OFF")):
         setattr(settings, name, value)
         settled(lit_scene)
-        assert list(plan_line._plans.values())[-1].result()[1].supersampling == 1
+        assert plan_line.plans.newest.result()[1].supersampling == 1
         settings.tier = "STANDARD"
 
 
