@@ -15,8 +15,10 @@ from ...engine.runtime.files import temporary_folder
 from ..scene.denoise import can_denoise, denoise_quickly, guide_planes, render_with_guides
 from ..scene.render_state import rendered_layer, show_samples, show_slab
 from ..scene.undo import Journal
+from .captured import Captured
 from .light import place_in
-from .radiance import Captured, captured_from, light_steps, planned_steps, sliced_steps, unfocused_light
+from .radiance import captured_from, light_steps, unfocused_light
+from .ready import planned_steps, sliced_steps
 from .sampled_passes import Samples, WholePasses, denoised_light, mean_light
 
 FINER = 3  # fine pixels in a coarse one, down and across
@@ -69,10 +71,10 @@ def growing_capture(scene, job):
                     yield None
 
 
-def _stages(planned, journal, again=True):
-    """Steps of the stages of a planned scene, and a Grown after each; `again` if they may begin anew with layers."""
+def _stages(planned, journal, emitters=None):
+    """Steps of the stages of a planned scene, and a Grown after each; with Emitters, they do not begin anew."""
     most = planned.scene.cycles.samples
-    ready = yield from sliced_steps(planned, 1.0, journal, FINER)
+    ready = yield from sliced_steps(planned, 1.0, journal, FINER, emitters)
     passes = _GrowingPasses(ready, journal)
     for times, stages in ((1, [min(most, COARSE_SAMPLES)]), (FINER, sample_ends(most))):
         grid, capture_px = ready.grid.finer(times), ready.capture_px.finer(times)
@@ -82,8 +84,8 @@ def _stages(planned, journal, again=True):
             passes.last = samples
             lights = yield from light_steps(ready, passes, capture_px, slabs, 1.0, journal)
             captured = captured_from(ready, lights, grid, capture_px)
-            if again and (unfocused := unfocused_light(ready, captured)):
-                yield from _stages(ready.with_emitters(unfocused), journal, again=False)
+            if not emitters and (unfocused := unfocused_light(ready, captured)):
+                yield from _stages(planned, journal, ready.emitters.together(unfocused))
                 return
             yield Grown(captured, samples, times)
             passes.order.reverse()  # the next stage begins with the scene as it is

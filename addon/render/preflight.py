@@ -12,8 +12,9 @@ from ...engine.runtime.errors import InputError
 from ...engine.runtime.files import nearest_existing
 from ..capture.emitters import emitters_of
 from ..capture.empty_frame import empty_reasons
-from ..capture.radiance import check_room_for_light, job_grid, room_for_capture
+from ..capture.ready import job_grid
 from ..capture.remarks import Remark, colour_remarks, depth_remarks, scale_remarks, scene_remarks, unlayered_remarks
+from ..capture.room import check_room_for_light, room_for_capture
 from ..capture.scene_plan import ScenePlan, check_job, plan_scene
 from ..capture.slabs import looked_at, plan_by
 from ..job.job import check_output_folder, job_of

@@ -36,7 +36,7 @@ from ...engine.runtime.errors import absence
 from ...engine.runtime.files import check_target, discard, file_status, link_or_copy, stamp_of
 from ...engine.simulation.report_parts import FileFacts
 from ...request import CAMERA, CAMERA_FIELDS, RING_FIELDS, RenderRequest
-from ..capture.radiance import Captured
+from ..capture.captured import Captured
 from ..capture.remarks import ROUND_BLUR
 from ..capture.slabs import finer_region
 from ..job.job import check_output_folder, folder_for

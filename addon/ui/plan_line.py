@@ -7,7 +7,7 @@ from ...engine.image.sampling import Sampling
 from ...engine.plan.plan_cache import cached_plan
 from ...engine.runtime.messages import duration
 from ..capture.bands import pass_count
-from ..capture.radiance import detail_bytes, pass_bytes
+from ..capture.room import detail_bytes, pass_bytes
 from ..capture.sampled_passes import detail_times
 from ..job.job import denoises
 from ..scene.camera import frame_capture, frame_grid, frame_px, lens_for_view

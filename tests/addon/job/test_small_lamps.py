@@ -8,7 +8,7 @@ import pytest
 
 from lensfield import addon
 from lensfield.addon.capture.emitters import emitters_of
-from lensfield.addon.capture.radiance import job_grid
+from lensfield.addon.capture.ready import job_grid
 from lensfield.addon.job.job import job_of
 from lensfield.addon.shading.lobes import shines
 from lensfield.engine.depth.depth_range import blur_px

@@ -12,7 +12,8 @@ from lensfield.addon import apply_lens
 from lensfield.addon.capture import sky
 from lensfield.addon.capture.growing_capture import growing_capture
 from lensfield.addon.capture.outside_sources import outside_steps
-from lensfield.addon.capture.radiance import WholePasses, light_steps, planned_steps, sliced_steps
+from lensfield.addon.capture.radiance import WholePasses, light_steps
+from lensfield.addon.capture.ready import planned_steps, sliced_steps
 from lensfield.addon.job.steps import RenderPass
 from lensfield.addon.render.render import job_of_frame, render_steps, run
 from lensfield.addon.scene.undo import Journal

@@ -10,8 +10,8 @@ from bpy_extras.object_utils import world_to_camera_view
 
 from layouts import Layout
 from lensfield import addon
-from lensfield.addon.capture.radiance import pass_bytes
 from lensfield.addon.capture.remarks import ENOUGH_SAMPLES
+from lensfield.addon.capture.room import pass_bytes
 from lensfield.addon.job.job import folder_for, unsaved_folder
 from lensfield.addon.scene.camera import capture_grid
 from lensfield.addon.scene.errors import SceneError
