@@ -9,7 +9,7 @@ from bpy.app.handlers import persistent
 
 from lensfield import addon
 from lensfield.addon.scene import depth
-from lensfield.addon.ui.preview import focus_overlay, preview
+from lensfield.addon.ui.preview import focus_overlay, state
 from lensfield.engine.runtime import child
 from seed import FIRST_CYCLES_SEED
 from waiting import LAST_RESORT_S
@@ -39,7 +39,7 @@ def patient_addon():
         patch.setattr(child, "GRACE_S", LAST_RESORT_S)
         patch.setattr(depth, "LONGEST_S", LAST_RESORT_S)
         patch.setattr(focus_overlay, "LONGEST_S", LAST_RESORT_S)
-        patch.setattr(preview, "LONGEST_COPY_S", LAST_RESORT_S)
+        patch.setattr(state, "LONGEST_COPY_S", LAST_RESORT_S)
         yield
 
 

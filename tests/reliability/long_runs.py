@@ -84,7 +84,7 @@ def previews(count):
         background(scene).inputs["Strength"].default_value = number % 7
         bpy.context.view_layer.update()
         session.preview.changed_s = session.preview.other_s = 0.0
-        while preview.tick() is not None and (session.preview.job or not session.preview.fresh):
+        while preview.tick() is not None and (session.preview.at_work or not session.preview.fresh):
             time.sleep(POLL_S)
         if session.preview is None or session.preview.error:
             raise SystemExit(f"preview {number}: {session}")

@@ -363,7 +363,7 @@ def preview_is_fresh():
     preview = preview_under_way()
     assert preview and not preview.error, preview and preview.error
     key = sys.modules[f"{MODULE}.addon.ui.preview.preview"].lens_key(bpy.context.scene)
-    return preview.picture.is_file() and preview.fresh and preview.shown > 0 and preview.lens == key
+    return preview.picture.is_file() and preview.fresh and preview.number > 0 and preview.lens == key
 
 
 def frame_width_px(view):

@@ -209,4 +209,4 @@ def _wait_until_settled(request):
 
 
 def _preview_is_at_work():
-    return session.preview is not None and bool(session.preview.job)
+    return session.preview is not None and session.preview.at_work

@@ -106,7 +106,7 @@ def picture_tangents(scene, space, view):
     """The tangents of the edges of the lens's picture in a 3D view, by Preview or Live; None without a picture."""
     if shows_preview(scene, space, view):
         to_camera = scene.camera.matrix_world.normalized().inverted()
-        corners = [to_camera @ corner for corner in frame_corners(scene, session.preview.tangents)]
+        corners = [to_camera @ corner for corner in frame_corners(scene, session.preview.loaded.tangents)]
         return [each / -corner.z for corner in corners for each in corner.xy]
     live = session.live
     if live and live.shown and view.view_perspective == "CAMERA" and space.camera == scene.camera:

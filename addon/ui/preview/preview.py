@@ -7,10 +7,8 @@ data-blocks have changed, and when; a timer stops the child's work if its pictur
 request once changes have stopped. Of the file, only names and session_uids are stored.
 """
 
-import tempfile
 import time
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import bpy
@@ -24,20 +22,19 @@ from ...job.named_files import check_named_files, named_files
 from ...job.photo import ShownExposure
 from ...job.result import Result
 from ...render.child import CONTINUE, lensfield_command, preview_arguments, save_copy, work_folder
-from ...scene.active_camera import camera_settings
-from ...scene.camera import check_camera, frame_px, view_tangents
+from ...scene.camera import check_camera, frame_px
 from ...scene.changes import DIFFERENT, MAYBE, changed_blocks, render_switches, structure_digest, write_changes
 from ...scene.compositor import show_file
 from ...scene.errors import SceneError
 from ...scene.look import save_as_shown
 from ...scene.moves import still_digests, write_moves
 from ...scene.requirements import check_scene
-from ...scene.rings import rings_for, scene_iris
 from ..common.areas import areas, image_editors, tool_in_use
 from ..common.plain_words import plain
 from ..common.properties import lens_title
 from ..common.session import session
 from . import focus_overlay, preview_overlay
+from .state import Preview, Shown, State, Task, lens_key, shown_tangents
 
 NAME = "Lensfield Preview"  # image name
 TICK_S = 0.1
@@ -48,81 +45,8 @@ VIEWPORT_SIDES_PX = 240, 960  # and its limits in one
 SAMPLES = 64  # of the finest picture
 LEAST_SIDE_PX = 12
 SAME_VIEW = 0.005
-LONGEST_COPY_S = 1.0  # longest automatic copy, as copying blocks the window
 CHANGES, MOVES = "changes.json", "moves.json"  # next to the copy
 QUIET = {"WINDOWMANAGER", "SCREEN", "WORKSPACE", "BRUSH", "IMAGE"}  # ID types that do not affect the render
-
-
-@dataclass
-class Preview:
-    """The state of a running preview."""
-
-    child: Child
-    folder: tempfile.TemporaryDirectory
-    scene_uid: int
-    changed_s: float | None = 0.0  # time.monotonic() of the last change of the scene; None if unchanged since rendered
-    other_s: float | None = None  # the same, without changes of the lens or of its focus and f-stop
-    structure: str = ""  # of the scene that the child has loaded
-    changes: dict | None = None  # data-blocks that have changed since; None if the file must be copied
-    prepared: tuple = ()  # the lens's key and the size that the child has prepared the scene for
-    still: dict = field(default_factory=dict)  # the `still_digests` of that scene that are known
-    switches: dict = field(default_factory=dict)  # the last `render_switches`
-    looked_s: float = 0.0  # time.monotonic() of that
-    by_hand: bool = False  # the user has requested a refresh
-    job: tuple = ()  # the child's current job: a name, and the lens's key
-    stopping: bool = False  # the job has been stopped, and its next pictures are not wanted
-    paused: str = ""  # name of the last job, if it has been stopped
-    shown: int = 0  # number of the job's last picture that is shown; 0 for none
-    columns_px: int = 0  # of the picture, as captured
-    grown: bool = False  # whether only the frame in the viewport has changed since the picture: it has grown
-    started_s: float = 0.0
-    copies_s: tuple = ()  # seconds for each of the last two copies
-    tangents: tuple = ()  # the `view_tangents` of the captured view
-    lens: tuple = ()  # the key of the last lens that was applied or tried
-    depth: Path | None = None  # of the picture
-    facts: list = field(default_factory=list)
-    exposure: ShownExposure | None = None  # of the picture
-    error: str = ""
-    announced: str = ""  # the last `waiting_for` that the windows show
-
-    @property
-    def picture(self):
-        """The path of a PNG of the preview as Blender shows it, which exists after the first render."""
-        return Path(self.folder.name) / "shown.png"
-
-    @property
-    def slow(self):
-        """Whether copying the file takes so long that only the user may start it."""
-        return len(self.copies_s) == 2 and min(self.copies_s) > LONGEST_COPY_S  # a single slow copy may be chance
-
-    @property
-    def fresh(self):
-        return self.changed_s is None
-
-    @property
-    def same_scene(self):
-        """Whether only the lens, or its focus and f-stop, has changed since the last render."""
-        return self.other_s is None
-
-    @property
-    def up_to_date(self):
-        """Whether the picture shows the scene, if there is one."""
-        return self.same_scene and not self.error
-
-    def shows_exposure_of(self, scene):
-        """Whether the picture has the exposure of a scene's camera as it is set."""
-        try:
-            return self.scene_uid == scene.session_uid and self.same_scene and lens_key(scene) == self.lens
-        except InputError:
-            return False
-
-    @property
-    def waiting_for(self):
-        """What the first picture waits for, as text; "" once it exists."""
-        if self.picture.is_file() or self.error:
-            return ""
-        label, fraction = (self.child.status.get(name) for name in ("label", "fraction"))
-        return f"Lensfield Preview: {label} {fraction:.0%}" if label else "Lensfield Preview: starting"
 
 
 def start(scene):
@@ -186,11 +110,11 @@ def tick():
         return None
     _note_switches(preview, scene)
     _note_growth(preview, scene)
-    if preview.job:
+    if preview.at_work:
         _take_in(preview, scene)
-    if not preview.job and (shown := _shown_scene(scene)) != scene:
+    if not preview.at_work and (shown := _shown_scene(scene)) != scene:
         _turn_to(preview, shown)
-    elif not preview.job and _may_work():
+    elif not preview.at_work and _may_work():
         _ask_next(preview, scene)
     if preview.announced != (waiting_for := preview.waiting_for):
         preview.announced = waiting_for
@@ -203,22 +127,6 @@ def _scene_of(preview):
     return next((scene for scene in bpy.data.scenes if scene.session_uid == preview.scene_uid), None)
 
 
-def lens_key(scene):
-    """Everything that changes the lens or the camera's exposure but not the scene: name or path, view, out-of-field
-    treatment, focus and f-stop, blades, and the values of `EXPOSED_FIELDS`."""
-    settings = camera_settings(scene)
-    lens, out_of_field = settings.lens_name_or_path(), scene.lensfield.value_of("out_of_field")
-    exposed = (settings.body_name_or_path(), settings.value_of("iso"), settings.value_of("shutter_s"),
-               scene.lensfield.develop)
-    return lens, settings.view_text(), out_of_field, rings_for(scene, lens), scene_iris(scene, lens), exposed
-
-
-def shown_tangents(scene, key):
-    """The `view_tangents` for a lens key."""
-    lens, view, _, rings, *_ = key
-    return view_tangents(scene, lens, view, rings)
-
-
 def _shown_scene(scene):
     """The scene that the main window shows; without a window, the given one."""
     windows = bpy.context.window_manager.windows
@@ -227,9 +135,9 @@ def _shown_scene(scene):
 
 def _turn_to(preview, scene):
     """Preview another scene of the file from now on."""
-    preview.scene_uid, preview.depth, preview.lens, preview.facts = scene.session_uid, None, (), []
-    preview.exposure = None
-    preview.changed_s, preview.other_s, preview.paused, preview.shown, preview.changes = 0.0, 0.0, "", 0, None
+    preview.scene_uid, preview.shown, preview.lens = scene.session_uid, None, ()
+    preview.state, preview.number = State.IDLE, 0
+    preview.changed_s, preview.other_s, preview.loaded.changes = 0.0, 0.0, None
     preview.picture.unlink(missing_ok=True)
     preview_overlay.forget_picture()
 
@@ -250,30 +158,31 @@ def _ask_next(preview, scene):
         return
     if preview.by_hand:
         _ask_render(preview, scene, key)
-    elif preview.same_scene and preview.depth and key != preview.lens:
+    elif preview.same_scene and preview.shown and key != preview.lens:
         preview.changed_s = None  # choosing a lens does not count as a change of the scene
-        preview.shown = 0
-        _ask(preview, "lens", key, preview_arguments(scene, key))
-    elif preview.fresh and preview.paused:
-        _ask(preview, preview.paused, preview.lens, CONTINUE)  # shows the stopped job's lens
+        preview.number = 0
+        _ask(preview, Task.LENS, key, preview_arguments(scene, key))
+    elif preview.fresh and preview.state is State.PAUSED:
+        _ask(preview, preview.task, preview.lens, CONTINUE)  # shows the stopped task's lens
     elif preview.changed_s is not None and time.monotonic() - preview.changed_s > STILL_S:
         _ask_after_change(preview, scene, key)
 
 
 def _ask_after_change(preview, scene, key):
     """Send the values that have changed; if these are not all, a copy, unless that takes long: the user requests it."""
-    if preview.changes is not None and not _ask_moves_or_change(preview, scene, key):
-        preview.changes = None
-    if preview.changes is None and not preview.slow:
+    loaded = preview.loaded
+    if loaded.changes is not None and not _ask_moves_or_change(preview, scene, key):
+        loaded.changes = None
+    if loaded.changes is None and not preview.slow:
         _ask_render(preview, scene, key)
 
 
 def _ask_moves_or_change(preview, scene, key):
     """Send the values that have changed since the copy, if these are all; returns whether they are."""
     try:
-        if structure_digest(scene) != preview.structure:
+        if structure_digest(scene) != preview.loaded.structure:
             return False
-        still = still_digests(scene, preview.changes)
+        still = still_digests(scene, preview.loaded.changes)
         if _only_moved(preview, scene, key, still):
             _ask_moves(preview, key, still)
         elif not _ask_change(preview, scene, key):
@@ -281,31 +190,31 @@ def _ask_moves_or_change(preview, scene, key):
     except InputError:  # the copy will report it
         return False
     _note_request(preview)
-    preview.still |= still or {}
+    preview.loaded.still |= still or {}
     return True
 
 
 def _only_moved(preview, scene, key, still):
     """Whether objects have moved since the child prepared the scene, by their `still_digests`, and nothing else has
     changed."""
-    return (still is not None and still.items() <= preview.still.items()
-            and key == preview.lens and (key, size_px(scene)) == preview.prepared)
+    return (still is not None and still.items() <= preview.loaded.still.items()
+            and key == preview.lens and (key, size_px(scene)) == preview.loaded.prepared)
 
 
 def _ask_moves(preview, key, still):
     """Send the places of the objects that have moved."""
     path = Path(preview.folder.name) / MOVES
     write_moves(path, still)
-    preview.shown = 0
-    _ask(preview, "change", key, [*CONTINUE, "--moves", str(path)])
+    preview.number = 0
+    _ask(preview, Task.CHANGE, key, [*CONTINUE, "--moves", str(path)])
 
 
 def _ask_change(preview, scene, key):
     """Send the values that have changed, if these are all; returns whether they are."""
     path = Path(preview.folder.name) / CHANGES
-    if not write_changes(path, scene, preview.changes, MAYBE if preview.same_scene else DIFFERENT):
+    if not write_changes(path, scene, preview.loaded.changes, MAYBE if preview.same_scene else DIFFERENT):
         return False
-    _ask_pictures(preview, scene, key, "change", changes=path)
+    _ask_pictures(preview, scene, key, Task.CHANGE, changes=path)
     return True
 
 
@@ -314,26 +223,26 @@ def _ask_render(preview, scene, key):
     _note_request(preview)
     begin_s = time.monotonic()
     try:
-        preview.structure, preview.still = structure_digest(scene), {}
+        preview.loaded.structure, preview.loaded.still = structure_digest(scene), {}
         copy = save_copy(preview.folder.name)
         preview.copies_s = (*preview.copies_s[-1:], time.monotonic() - begin_s)
-        _ask_pictures(preview, scene, key, "render", copy=copy)
+        _ask_pictures(preview, scene, key, Task.RENDER, copy=copy)
     except InputError as error:
-        preview.changes = None
+        preview.loaded.changes = None
         _show_error(preview, error)
         return
     preview.started_s = begin_s
 
 
 def _note_request(preview):
-    preview.changed_s, preview.other_s, preview.by_hand, preview.changes = None, None, False, {}
+    preview.changed_s, preview.other_s, preview.by_hand, preview.loaded.changes = None, None, False, {}
 
 
-def _ask_pictures(preview, scene, key, what, **files):
-    preview.tangents = shown_tangents(scene, key)
-    preview.shown, preview.prepared = 0, (key, size_px(scene))
+def _ask_pictures(preview, scene, key, task, **files):
+    preview.loaded.tangents = shown_tangents(scene, key)
+    preview.number, preview.loaded.prepared = 0, (key, size_px(scene))
     size = tuple(-(-side // FINER) for side in size_px(scene))
-    _ask(preview, what, key, preview_arguments(scene, key, **files, size=size, samples=SAMPLES))
+    _ask(preview, task, key, preview_arguments(scene, key, **files, size=size, samples=SAMPLES))
 
 
 def _show_error(preview, error):
@@ -342,9 +251,8 @@ def _show_error(preview, error):
         redraw()
 
 
-def _ask(preview, what, key, arguments):
-    preview.job, preview.lens, preview.started_s = (what, key), key, time.monotonic()
-    preview.stopping, preview.paused = False, ""
+def _ask(preview, task, key, arguments):
+    preview.state, preview.task, preview.lens, preview.started_s = State.WORKING, task, key, time.monotonic()
     preview.child.ask(arguments)
 
 
@@ -352,61 +260,62 @@ def size_px(scene):
     """Width and height of the finest picture: as the camera's frame in the largest viewport that shows it, or of
     LONG_SIDE_PX; at most the scene's resolution."""
     rows, columns = frame_px(scene)
-    sides = preview_overlay.frame_sides_px(scene, session.preview.tangents)
+    sides = preview_overlay.frame_sides_px(scene, session.preview.loaded.tangents)
     longest = np.clip(max(sides), *VIEWPORT_SIDES_PX) if sides else LONG_SIDE_PX
     scale = min(1.0, longest / max(rows, columns))
     return max(LEAST_SIDE_PX, round(columns * scale)), max(LEAST_SIDE_PX, round(rows * scale))
 
 
 def _take_in(preview, scene):
-    """Show the job's newest picture, stop the job if it is out of date, and note its end."""
+    """Show the task's newest picture, stop the task if it is out of date, and note its end."""
     outcome, current = preview.child.status, preview.same_scene and _shown_scene(scene) == scene
-    if current and outcome.get("number", 0) > preview.shown and not preview.stopping:
-        if not preview.grown or outcome["size_px"][0] >= preview.columns_px:
+    if current and outcome.get("number", 0) > preview.number and preview.state is State.WORKING:
+        if not (preview.grown and preview.shown) or outcome["size_px"][0] >= preview.shown.columns_px:
             _show(preview, scene, outcome)
-        preview.shown = outcome["number"]
+        preview.number = outcome["number"]
         redraw()
     if "status" in outcome:
         _note_end(preview, scene, outcome)
         redraw()
-    elif not preview.stopping and (not current or preview.by_hand or _is_too_small(preview)
-                                   or _lens_is_outdated(preview, scene) or not _may_work()):
-        preview.stopping = True
+    elif preview.state is State.WORKING and (not current or preview.by_hand or _is_too_small(preview)
+                                             or _lens_is_outdated(preview, scene) or not _may_work()):
+        preview.state = State.STOPPING
         preview.child.stop()
 
 
 def _is_too_small(preview):
-    """Whether the frame has grown since the job began, and a picture is shown."""
-    return preview.grown and not preview.fresh and preview.shown > 0
+    """Whether the frame has grown since the task began, and one of its pictures is shown."""
+    return preview.grown and not preview.fresh and preview.number > 0
 
 
 def _lens_is_outdated(preview, scene):
     """Whether the lens has changed, or shows more than was captured, since the picture that is shown. Without one, a
     ring that turns steadily would never show anything."""
-    what, key = preview.job
     try:
-        return preview.shown > 0 and (lens_key(scene) != key or (what == "lens" and not _in_view(preview, scene)))
+        return preview.number > 0 and (lens_key(scene) != preview.lens
+                                       or (preview.task is Task.LENS and not _in_view(preview, scene)))
     except InputError:
         return False  # the next request reports it
 
 
 def _note_end(preview, scene, outcome):
-    (what, _), preview.job, preview.error = preview.job, (), ""
-    if outcome["status"]:
-        preview.prepared = ()
-    preview.paused = what if preview.stopping and not outcome["status"] else ""
-    if what == "lens" and (outcome["status"] or (preview.shown and not _in_view(preview, scene))):
-        preview.changed_s, preview.paused = 0.0, ""  # parts of the scene were not captured: render again
-    elif what == "change" and outcome["status"]:  # it needs a copy
-        preview.changes, preview.changed_s, preview.other_s = None, preview.changed_s or 0.0, preview.other_s or 0.0
-    elif outcome["status"]:
+    failed, task, preview.error = outcome["status"], preview.task, ""
+    preview.state = State.PAUSED if preview.state is State.STOPPING and not failed else State.IDLE
+    if failed:
+        preview.loaded.prepared = ()
+    if task is Task.LENS and (failed or (preview.number and not _in_view(preview, scene))):
+        preview.changed_s, preview.state = 0.0, State.IDLE  # parts of the scene were not captured: render again
+    elif task is Task.CHANGE and failed:  # it needs a copy
+        preview.loaded.changes = None
+        preview.changed_s, preview.other_s = preview.changed_s or 0.0, preview.other_s or 0.0
+    elif failed:
         preview.error = outcome.get("error", "Failed: see the console")
 
 
 def _in_view(preview, scene):
     """Whether the captured radiance has the view of the current lens."""
     try:
-        return np.allclose(shown_tangents(scene, lens_key(scene)), preview.tangents, rtol=SAME_VIEW)
+        return np.allclose(shown_tangents(scene, lens_key(scene)), preview.loaded.tangents, rtol=SAME_VIEW)
     except InputError:
         return False  # the render will report it
 
@@ -422,14 +331,13 @@ def _show(preview, scene, outcome):
     image = show_file(bpy.data.images.get(NAME), str(path), NAME)
     save_as_shown(image, preview.picture, scene)
     preview_overlay.forget_picture()
-    for editor in () if preview.depth else image_editors():
+    for editor in () if preview.shown else image_editors():
         if editor.image is None or editor.image.type == "RENDER_RESULT":
             editor.image = image
-    preview.columns_px, preview.error = outcome["size_px"][0], ""
-    preview.depth = Result.from_file(path, "lens_image").depth
-    seconds = time.monotonic() - preview.started_s
-    preview.facts = _facts(outcome["size_px"], outcome["samples"], seconds, preview.job[1][0])
-    preview.exposure = ShownExposure(**outcome["exposure"]) if "exposure" in outcome else None
+    facts = _facts(outcome["size_px"], outcome["samples"], time.monotonic() - preview.started_s, preview.lens[0])
+    exposure = ShownExposure(**outcome["exposure"]) if "exposure" in outcome else None
+    preview.shown = Shown(outcome["size_px"][0], Result.from_file(path, "lens_image").depth, facts, exposure)
+    preview.error = ""
 
 
 def is_visible():
@@ -482,8 +390,8 @@ def on_update(scene, depsgraph):
         return
     updates = [update for update in depsgraph.updates if update.id.id_type not in QUIET and _counts(update)]
     preview = session.preview
-    if preview and preview.changes is not None:
-        preview.changes = changed_blocks(depsgraph, preview.changes)
+    if preview and preview.loaded.changes is not None:
+        preview.loaded.changes = changed_blocks(depsgraph, preview.loaded.changes)
     if updates:
         _note(of_lens=all(map(_may_be_of_lens, updates)) and _lens_has_changed(preview))
 
@@ -527,7 +435,7 @@ def on_frame(scene, *_):
     """Record a change of frame, or an undo or redo: more than values may have changed."""
     _note()
     if session.preview:
-        session.preview.prepared = ()
+        session.preview.loaded.prepared = ()
 
 
 @persistent
@@ -544,14 +452,15 @@ def _note_switches(preview, scene):
     switched = {name: MAYBE for name, switches in preview.switches.items() if before.get(name, switches) != switches}
     if switched:
         _note()
-        if preview.changes is not None:
-            preview.changes = switched | preview.changes
+        if preview.loaded.changes is not None:
+            preview.loaded.changes = switched | preview.loaded.changes
     preview.looked_s = time.monotonic()
 
 
 def _note_growth(preview, scene):
     """Record that the frame has grown in a viewport beyond the size that the child has prepared."""
-    if preview.fresh and preview.prepared and _has_view(scene) and size_px(scene) > preview.prepared[1]:
+    loaded = preview.loaded
+    if preview.fresh and loaded.prepared and _has_view(scene) and size_px(scene) > loaded.prepared[1]:
         _note(of_lens=True)
         preview.grown = True
 

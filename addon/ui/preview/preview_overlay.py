@@ -49,7 +49,7 @@ def _draw():
     session.overlay.turned = False
     if not _has_place(preview, bpy.context.scene, space, view):
         return
-    corners = _corners_px(bpy.context.region, view, bpy.context.scene, preview.tangents)
+    corners = _corners_px(bpy.context.region, view, bpy.context.scene, preview.loaded.tangents)
     if None in corners:
         return
     if preview_place() == IN_CAMERA:
@@ -61,7 +61,7 @@ def _draw():
 def _has_place(preview, scene, space, view):
     """Whether a 3D view has a place for the preview."""
     return (view.view_perspective == "CAMERA" and scene.session_uid == preview.scene_uid
-            and space.camera == scene.camera and space.overlay.show_overlays and bool(preview.tangents))
+            and space.camera == scene.camera and space.overlay.show_overlays and bool(preview.loaded.tangents))
 
 
 def shows_preview(scene, space, view):

@@ -11,6 +11,7 @@ from ..common.session import session
 from ..common.text_wrap import draw_wrapped
 from . import focus_overlay
 from .preview import is_visible, look_through_camera, redraw, start, switch_off
+from .state import Task
 
 
 def draw_preview(layout):
@@ -47,10 +48,10 @@ def _status(preview):
     if preview.error:
         yield preview.error  # alone: the facts are about a picture that is hidden
         return
-    yield from preview.facts
-    if preview.job:
-        yield "Refining" if preview.shown else "Applying the lens" if preview.job[0] == "lens" else "Rendering"
-    elif preview.slow and preview.changes is None and not preview.fresh:
+    yield from preview.shown.facts if preview.shown else ()
+    if preview.at_work:
+        yield "Refining" if preview.number else "Applying the lens" if preview.task is Task.LENS else "Rendering"
+    elif preview.slow and preview.loaded.changes is None and not preview.fresh:
         yield f"Out of date: click Refresh Preview, which copies this file in {preview.copies_s[-1]:.1f} s"
 
 

@@ -68,7 +68,7 @@ def on(scene, monkeypatch):
 
 def follow():
     wait_until(lambda: preview.tick() is None or (
-        session.preview.fresh and not session.preview.job))
+        session.preview.fresh and not session.preview.at_work))
 
 
 def tinted(scene):

@@ -17,7 +17,7 @@ from lensfield.addon.scene.compositor import compositing_tree
 from lensfield.addon.ui.common.preferences import IN_PANEL
 from lensfield.addon.ui.common.properties import lens_title
 from lensfield.addon.ui.common.session import session
-from lensfield.addon.ui.preview import preview, preview_panel
+from lensfield.addon.ui.preview import preview, preview_panel, state
 from lensfield.addon.ui.preview.preview_overlay import frame_corners
 from lensfield.engine.library import PRESCRIPTIONS
 from small_scenes import light, material, wall
@@ -50,7 +50,7 @@ def copied_ns():
 
 def follow():
     """Tick until everything is finished and displayed."""
-    wait_until(lambda: preview.tick() is None or (on().fresh and not on().job))
+    wait_until(lambda: preview.tick() is None or (on().fresh and not on().at_work))
 
 
 def shown():
@@ -231,7 +231,7 @@ def test_changes_do_not_pile_up(ready_scene):
         bpy.context.view_layer.update()
         preview.tick()
     first_job_s = on().started_s
-    assert on().job[0] == "render" and not on().fresh
+    assert on().at_work[0] == "render" and not on().fresh
     follow()
     assert on().started_s > first_job_s and on().fresh
 
@@ -240,16 +240,16 @@ def test_changes_do_not_pile_up(ready_scene):
 def test_another_lens_shows_immediately_and_then_with_its_field_of_view(ready_scene):
     preview.start(ready_scene)
     follow()
-    narrow, shown_first, copied = on().tangents, red(ready_scene), copied_ns()
+    narrow, shown_first, copied = on().loaded.tangents, red(ready_scene), copied_ns()
     ready_scene.camera.data.lensfield.lens = "nikkor-28mm"
     bpy.context.view_layer.update()
     preview.tick()
-    assert on().job[0] == "lens"
-    while on().job[0] == "lens":
+    assert on().at_work[0] == "lens"
+    while on().at_work[0] == "lens":
         preview.tick()
-    assert red(ready_scene) != shown_first and "Nikkor 28 mm" in shown() and on().job[0] == "change"
+    assert red(ready_scene) != shown_first and "Nikkor 28 mm" in shown() and on().at_work[0] == "change"
     follow()
-    assert copied_ns() == copied and on().tangents[2] > 1.5 * narrow[2]
+    assert copied_ns() == copied and on().loaded.tangents[2] > 1.5 * narrow[2]
 
 
 @pytest.mark.one_blender
@@ -302,20 +302,20 @@ def endless(ready_scene, monkeypatch):
     dof.use_dof, dof.focus_distance, dof.aperture_fstop = True, 3.0, 8.0
     bpy.context.view_layer.update()
     preview.start(ready_scene)
-    wait_until(lambda: preview.tick() and on().shown > 2)
-    assert on().job and "Refining" in shown()
+    wait_until(lambda: preview.tick() and on().number > 2)
+    assert on().at_work and "Refining" in shown()
     return dof
 
 
 @pytest.mark.one_blender
 def test_a_change_of_the_scene_stops_the_refinement(endless):
-    first, count = red(endless), on().shown
+    first, count = red(endless), on().number
     bpy.data.lights["Light"].energy *= 2
     bpy.context.view_layer.update()
     assert not on().same_scene  # so the picture is hidden
-    wait_until(lambda: preview.tick() and not on().job)
-    assert on().shown == count  # no picture of the scene before the change
-    wait_until(lambda: preview.tick() and on().same_scene and on().shown)
+    wait_until(lambda: preview.tick() and not on().at_work)
+    assert on().number == count  # no picture of the scene before the change
+    wait_until(lambda: preview.tick() and on().same_scene and on().number)
     assert red(endless) == pytest.approx(2 * first, rel=0.2)
 
 
@@ -326,11 +326,11 @@ def test_the_picture_stays_while_a_ring_turns_and_is_refined_afterwards(endless)
         endless.aperture_fstop = f_stop
         bpy.context.view_layer.update()
         assert on().same_scene and not on().fresh
-        wait_until(lambda: preview.tick() and on().fresh and on().shown)
+        wait_until(lambda: preview.tick() and on().fresh and on().number)
         assert on().lens[3].f_number == f_stop
-    number = on().shown
-    wait_until(lambda: preview.tick() and on().shown > number)
-    assert on().child.status["size_px"] == [96, 72] and on().job and on().depth.name == before.name
+    number = on().number
+    wait_until(lambda: preview.tick() and on().number > number)
+    assert on().child.status["size_px"] == [96, 72] and on().at_work and on().depth.name == before.name
     assert copied_ns() == copied and not on().error
 
 
@@ -348,20 +348,20 @@ def test_another_scene_in_the_window_stops_the_refinement(endless, ready_scene):
     other.render.engine, other.camera = "CYCLES", ready_scene.camera
     bpy.context.window.scene = other
     wait_until(lambda: preview.tick() and on().scene_uid == other.session_uid)
-    assert not on().picture.is_file() and not on().shown
-    wait_until(lambda: preview.tick() and on().shown)
+    assert not on().picture.is_file() and not on().number
+    wait_until(lambda: preview.tick() and on().number)
     assert on().picture.is_file() and not on().error
 
 
 @pytest.mark.one_blender
 def test_the_refinement_pauses_during_a_render(endless, monkeypatch):
     monkeypatch.setattr(session, "render", object())
-    wait_until(lambda: preview.tick() and not on().job)
+    wait_until(lambda: preview.tick() and not on().at_work)
     assert on().fresh
     monkeypatch.setattr(session, "render", None)
-    count, samples = on().shown, int(on().facts[0].split(" px, ")[1].split()[0])
-    wait_until(lambda: preview.tick() and on().shown > count)
-    assert on().job and not on().error and int(on().facts[0].split(" px, ")[1].split()[0]) > samples
+    count, samples = on().number, int(on().shown.facts[0].split(" px, ")[1].split()[0])
+    wait_until(lambda: preview.tick() and on().number > count)
+    assert on().at_work and not on().error and int(on().shown.facts[0].split(" px, ")[1].split()[0]) > samples
 
 
 @pytest.mark.one_blender
@@ -438,7 +438,7 @@ def test_an_unusable_lens_is_reported_until_it_is_restored(ready_scene, tmp_path
 
 @pytest.mark.one_blender
 def test_a_file_that_is_slow_to_copy_is_refreshed_manually(ready_scene, monkeypatch):
-    monkeypatch.setattr(preview, "LONGEST_COPY_S", 0.0)
+    monkeypatch.setattr(state, "LONGEST_COPY_S", 0.0)
     preview.start(ready_scene)
     for _ in range(2):  # once may be coincidence
         on().by_hand = True
@@ -453,7 +453,7 @@ def test_a_file_that_is_slow_to_copy_is_refreshed_manually(ready_scene, monkeypa
     bpy.context.view_layer.update()
     on().changed_s = 0.0
     preview.tick()
-    assert not on().job and "click Refresh Preview" in shown()
+    assert not on().at_work and "click Refresh Preview" in shown()
     assert bpy.ops.lensfield.refresh_preview() == {"FINISHED"}
     follow()
     assert copied_ns() > copied
@@ -463,10 +463,10 @@ def test_the_preview_waits_for_a_lens_render(ready_scene, monkeypatch):
     preview.start(ready_scene)
     monkeypatch.setattr(session, "render", object())
     preview.tick()
-    assert not on().job
+    assert not on().at_work
     monkeypatch.setattr(session, "render", None)
     preview.tick()
-    assert on().job
+    assert on().at_work
 
 
 def test_the_preview_ends_with_its_file_scene_child_or_the_add_on(ready_scene):
@@ -518,10 +518,10 @@ def test_the_first_picture_waits_until_the_turned_viewport_is_drawn(ready_scene,
     assert bpy.ops.lensfield.preview() == {"FINISHED"}
     for _ in range(3):
         preview.tick()
-        assert not on().job
+        assert not on().at_work
     session.overlay.turned = False  # as a drawing does
     preview.tick()
-    assert on().job
+    assert on().at_work
 
 
 def test_a_frame_that_grows_is_rendered_finer_and_never_coarser_meanwhile(ready_scene, monkeypatch):
