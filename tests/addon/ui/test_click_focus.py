@@ -304,7 +304,8 @@ def test_a_click_on_the_preview_uses_its_frame(turned, window, monkeypatch, tmp_
     picture = tmp_path / "preview.png"
     picture.touch()
     monkeypatch.setattr(session, "preview", SimpleNamespace(
-        scene_uid=turned.session_uid, loaded=SimpleNamespace(tangents=tangents), up_to_date=up_to_date, picture=picture))
+        scene_uid=turned.session_uid, loaded=SimpleNamespace(tangents=tangents), up_to_date=up_to_date,
+        picture=picture))
     space = SimpleNamespace(camera=turned.camera, overlay=SimpleNamespace(show_overlays=True))
     edges = picture_tangents(turned, space, context.screen.areas[0].regions[0].data)
     assert edges == (pytest.approx(tangents, rel=ROUNDING) if up_to_date else None)
