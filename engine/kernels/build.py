@@ -22,7 +22,7 @@ HERE = Path(__file__).resolve().parent
 LIBRARY_FOLDER = HERE / "lib"
 
 LOOPS = ("spreading", "extremes", "excess", "footprints", "turning", "waves", "tracing", "fitting", "spots", "cast",
-         "collecting", "reading", "ghosts")
+         "collecting", "reading", "ghosts", "control")
 VARIANTS: dict[str, dict[str, tuple[int, list[str]]]] = {
     "x64": {"base": (4, []), "avx2": (8, ["-mavx2"]), "avx512": (16, ["-mavx512f", "-mavx512vl", "-mavx512dq"])},
     "arm64": {"neon": (4, [])},

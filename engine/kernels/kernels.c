@@ -18,6 +18,7 @@ typedef struct {
     lf_cast_loop *cast;
     lf_collect_loop *collect;
     lf_read_loop *read;
+    lf_control_loop *control;
 } variant;
 
 #define DECLARED(v) \
@@ -35,10 +36,12 @@ typedef struct {
     lf_spots_loop lf_spots_##v; \
     lf_cast_loop lf_cast_##v; \
     lf_collect_loop lf_collect_##v; \
-    lf_read_loop lf_read_##v;
+    lf_read_loop lf_read_##v; \
+    lf_control_loop lf_control_##v;
 #define LISTED(v) \
     {#v, lf_spread_##v, lf_extremes_##v, lf_excess_##v, lf_footprints_##v, lf_turn_##v, lf_waves_##v, lf_trace_##v, \
-     lf_aim_##v, lf_ghost_rays_##v, lf_ghost_light_##v, lf_fit_##v, lf_spots_##v, lf_cast_##v, lf_collect_##v, lf_read_##v}
+     lf_aim_##v, lf_ghost_rays_##v, lf_ghost_light_##v, lf_fit_##v, lf_spots_##v, lf_cast_##v, lf_collect_##v, \
+     lf_read_##v, lf_control_##v}
 
 #if defined(__x86_64__)
 DECLARED(base) DECLARED(avx2) DECLARED(avx512)
@@ -358,4 +361,18 @@ int lf_read(int variant, const lf_pixels *p, const lf_picture *light_e, int64_t 
         || !within(p->column, 0, LF_MOST_SENSOR - light_e->columns) || !(p->white_dn >= 0 && p->white_dn <= 65535))
         return LF_BAD_SIZE;
     return variants[variant].read(p, light_e, first_row, end_row, numbers);
+}
+
+int64_t lf_control_work(int64_t columns)
+{
+    return within(columns, 1, MOST_PX) ? 37 * LF_CONTROL_STRIDE(columns) : 0;
+}
+
+int lf_control(int variant, const lf_controlled *c, int64_t first_row, int64_t end_row, float *estimate, float *difference,
+               double *work)
+{
+    if (!within(variant, 0, VARIANTS - 1) || !within(c->rows, 0, MOST_PX) || !within(c->columns, 1, MOST_PX)
+        || !within(first_row, 0, end_row) || end_row > c->rows)
+        return LF_BAD_SIZE;
+    return variants[variant].control(c, first_row, end_row, estimate, difference, work);
 }

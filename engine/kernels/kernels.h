@@ -17,7 +17,7 @@
 #define LENSFIELD_KERNELS_H
 #include <stdint.h>
 
-#define LF_ABI 12
+#define LF_ABI 13
 
 enum { LF_OUTSIDE = 1, LF_BAD_SIZE = 2 };
 
@@ -328,6 +328,27 @@ typedef struct { /* a sensor's pixels, as they are read in an exposure */
 typedef int lf_read_loop(const lf_pixels *, const lf_picture *light_e, int64_t first_row, int64_t end_row,
                          uint16_t *numbers);
 
+/* control */
+
+#define LF_CHANNELS 3   /* wavelengths in a pass */
+#define LF_WINDOW_PX 11 /* side of a regression's window */
+
+typedef struct { /* a picture from few samples, and a control of many; each (channel, row, column) */
+    const float *one, *other; /* the picture after each half of its few samples */
+    const float *control_one, *control_other, *control_rest; /* the control after the same, and after its other samples */
+    const float *scale;   /* (row, column): of errors, in the regression */
+    const float *weights; /* (row, column): share of the rest in the samples of the control; 0: everywhere the same, and */
+    float weight;
+    float ratios[LF_CHANNELS]; /* of the channels' means */
+    double ridge, least_ridge; /* weight of these ratios, relative to the control's mean square, and at least */
+    int64_t rows, columns;
+} lf_controlled;
+
+#define LF_CONTROL_STRIDE(columns) (((columns) + 7) / 8 * 8 + 16) /* doubles in a row of its workspace */
+
+typedef int lf_control_loop(const lf_controlled *, int64_t first_row, int64_t end_row, float *estimate, float *difference,
+                            double *work);
+
 /* the library's functions */
 
 LF_API int lf_abi(void);
@@ -362,6 +383,9 @@ LF_API int lf_cast(int variant, const lf_cast_of *, int64_t first_tile, int64_t 
                    const lf_picture *clear, float *work); /* work: 32 floats for each pixel of a tile and wavelength */
 LF_API int lf_collect(int variant, const lf_picture *light, const lf_filters *, int64_t first_row, int64_t end_row,
                       const lf_picture *out);
+LF_API int64_t lf_control_work(int64_t columns); /* doubles of workspace for lf_control; 0 for bad sizes */
+LF_API int lf_control(int variant, const lf_controlled *, int64_t first_row, int64_t end_row, float *estimate,
+                      float *difference, double *work); /* both (channel, row, column) */
 LF_API int lf_read(int variant, const lf_pixels *, const lf_picture *light_e, int64_t first_row, int64_t end_row,
                    uint16_t *numbers); /* numbers: (plane, row, column) */
 #endif

@@ -12,9 +12,10 @@ neighbours alone: pixels have independent samples, and so gains and corrections 
 from collections.abc import Sequence
 
 import numpy as np
-import scipy
 
-WINDOW_PX = 11  # side of the regression's window
+from ..kernels.control import control
+from ..kernels.numpy_control import window_mean
+
 RIDGE = 0.001  # of the mean square of A in the window: weight of the pictures' mean ratio
 LEAST_RIDGE = 1e-4  # the least, in units of normalised light: a few dark pixels determine no gains
 BLOCK_PX = 8  # side of the blocks over which noise is averaged
@@ -42,66 +43,22 @@ def estimate(halves: Sequence[np.ndarray], control_halves: Sequence[np.ndarray],
     difference : float32 array (channel, row, column)
         Between the two halves, each corrected by the control variate; it shows the noise that remains.
     """
-    picture, control = ((one + other) / 2 for one, other in (halves, control_halves))
-    gains = _gains(picture, control)
-    return (picture + _combined(gains, weight * (control_rest - control)),
-            halves[0] - halves[1] - _combined(gains, control_halves[0] - control_halves[1]))
+    picture, helper = ((one + other) / 2 for one, other in (halves, control_halves))
+    means, helper_means = picture.mean(axis=(1, 2)), helper.mean(axis=(1, 2))
+    ratios = np.divide(means, helper_means, out=np.ones_like(means), where=helper_means > 0)
+    return control(halves, control_halves, control_rest, _scale(helper), ratios, weight, RIDGE, LEAST_RIDGE)
 
 
-def _combined(gains, control):
-    """Linear combinations of the control's channels: array (channel, row, column)."""
-    return np.einsum("icyx,iyx->cyx", gains, control)
+def _scale(helper):
+    """Of the errors of a regression, by a control (channel, row, column): array (row, column).
 
-
-def _gains(picture, control):
-    """Linear combinations of the control's channels that predict the picture's: array (control channel, channel, row,
-    column).
-
-    They have the least squared relative errors in a window around each pixel, without the pixel itself; without light
-    in it, they are the ratios of the pictures' means. Errors of single pixels weigh little in the dark. Their weights
-    depend on no other pixel's light: a bright sample would otherwise affect its own gains.
+    The gains have the least squared relative errors in a window around each pixel, without the pixel itself. Errors of
+    single pixels weigh little in the dark. Their weights depend on no other pixel's light: a bright sample would
+    otherwise affect its own gains.
     """
-    brightness = np.abs(control).mean(axis=0)
+    brightness = np.abs(helper).mean(axis=0)
     level = brightness + np.sqrt(brightness).mean()**2  # in the middle between dark and bright pixels
-    scale = np.divide(1, level, out=np.zeros_like(level), where=level > 0)
-    picture, control = picture * scale, control * scale
-    normal = _neighbours_mean(control[:, None] * control)
-    right = _neighbours_mean(control[:, None] * picture)
-    means, control_means = picture.mean(axis=(1, 2)), control.mean(axis=(1, 2))
-    ratios = np.divide(means, control_means, out=np.ones_like(means), where=control_means > 0)
-    channels = range(len(control))
-    ridge = RIDGE * sum(normal[one, one] for one in channels) / len(channels) + np.float32(LEAST_RIDGE)
-    for one in channels:
-        normal[one, one] += ridge
-        right[one, one] += ridge * ratios[one]
-    return _solve(normal, right)
-
-
-def _neighbours_mean(planes):
-    """Means of planes (..., row, column) over square windows without their middle; 0 outside the planes."""
-    return _window_mean(planes) - planes / WINDOW_PX**2
-
-
-def _window_mean(planes):
-    """Means of planes (..., row, column) over square windows; 0 outside the planes."""
-    for axis in (-2, -1):
-        planes = scipy.ndimage.uniform_filter1d(planes, WINDOW_PX, axis=axis, mode="constant")
-    return planes
-
-
-def _solve(normal, right):
-    """Solve positive definite systems (equation, unknown, ...) for right sides (equation, side, ...), in place."""
-    count = len(normal)
-    for one in range(count):
-        for other in range(one + 1, count):
-            factor = normal[other, one] / normal[one, one]
-            normal[other, one:] -= factor * normal[one, one:]
-            right[other] -= factor * right[one]
-    for one in reversed(range(count)):
-        for other in range(one + 1, count):
-            right[one] -= normal[one, other] * right[other]
-        right[one] /= normal[one, one]
-    return right
+    return np.divide(1, level, out=np.zeros_like(level), where=level > 0)
 
 
 def balance(plane: np.ndarray) -> None:
@@ -117,9 +74,9 @@ def balance(plane: np.ndarray) -> None:
     if not deficit.any():
         return
     np.maximum(plane, 0, out=plane)
-    around = _window_mean(plane)
+    around = window_mean(plane)
     shares = np.divide(deficit, around, out=np.zeros_like(plane), where=around > 0)
-    plane *= np.maximum(1 - _window_mean(shares), 0)
+    plane *= np.maximum(1 - window_mean(shares), 0)
 
 
 def remaining_shares(difference: np.ndarray, unhelped: np.ndarray) -> np.ndarray:

@@ -15,8 +15,8 @@
 
 static uint64_t state;
 static uint64_t hash[MOST_VARIANTS];
-#define LOOPS 15 /* spreading, footprints, turning, waves, casting, extremes, excess, spots, tracing, aiming, fitting,
-                    collecting, reading, ghosts' rays and light */
+#define LOOPS 16 /* spreading, footprints, turning, waves, casting, extremes, excess, spots, tracing, aiming, fitting,
+                    collecting, reading, ghosts' rays and light, controls */
 static double worst[MOST_VARIANTS][LOOPS];
 
 static uint32_t random_bits(void)
@@ -1349,6 +1349,82 @@ static void try_reading(void)
     free(values);
 }
 
+/* Controls, by sums over the window of each pixel; light that is not finite counts as none in them. */
+
+static double scaled_mean(const float *one, const float *other, const float *scale, int64_t at, int64_t pixel)
+{
+    const double value = ((double)one[at] + other[at]) / 2 * scale[pixel];
+    return isfinite(value) ? value : 0;
+}
+
+static void gains_at(const lf_controlled *c, int64_t y, int64_t x, double gains[3][3])
+{
+    const int half = LF_WINDOW_PX / 2;
+    double rows[3][6] = {{0}}; /* the normal equations, and their right sides */
+    for (int64_t v = y - half; v <= y + half; v++)
+        for (int64_t u = x - half; u <= x + half; u++) {
+            if (v < 0 || v >= c->rows || u < 0 || u >= c->columns || (v == y && u == x)) continue;
+            double light[6];
+            for (int k = 0; k < 3; k++) {
+                const int64_t pixel = v * c->columns + u, at = k * c->rows * c->columns + pixel;
+                light[k] = scaled_mean(c->control_one, c->control_other, c->scale, at, pixel);
+                light[3 + k] = scaled_mean(c->one, c->other, c->scale, at, pixel);
+            }
+            for (int i = 0; i < 3; i++)
+                for (int k = 0; k < 6; k++) rows[i][k] += light[i] * light[k] / (LF_WINDOW_PX * LF_WINDOW_PX);
+        }
+    const double ridge = c->ridge * (rows[0][0] + rows[1][1] + rows[2][2]) / 3 + c->least_ridge;
+    for (int i = 0; i < 3; i++) rows[i][i] += ridge, rows[i][3 + i] += ridge * c->ratios[i];
+    for (int i = 0; i < 3; i++) {
+        for (int k = 5; k >= i; k--) rows[i][k] /= rows[i][i];
+        for (int j = 0; j < 3; j++)
+            for (int k = 5; k >= i && j != i; k--) rows[j][k] -= rows[j][i] * rows[i][k];
+    }
+    for (int i = 0; i < 3; i++)
+        for (int k = 0; k < 3; k++) gains[i][k] = rows[i][3 + k];
+}
+
+static void try_control(void)
+{
+    const int64_t rows = 1 + below(20), columns = 1 + below(40), plane = rows * columns, count = 3 * plane;
+    float *values = ROOM(float, 5 * count), *scale = ROOM(float, plane), *weights = ROOM(float, plane);
+    for (int64_t i = 0; i < 5 * count; i++) values[i] = below(9) ? (float)(0.1 + unit()) : 0;
+    for (int64_t i = 0; i < plane; i++) scale[i] = (float)(0.2 + unit()), weights[i] = (float)unit();
+    if (!below(4)) scale[below(plane)] = INFINITY;
+    const lf_controlled c = {values, values + count, values + 2 * count, values + 3 * count, values + 4 * count, scale,
+                             below(2) ? weights : 0, (float)unit(), {0.5f, 1, 2}, 1e-3, 1e-4, rows, columns};
+    lf_controlled bare = c;
+    bare.columns = 0;
+    expect(lf_control_work(0) == 0, "a control without columns has room");
+    for (int v = 0; runs(v); v++) {
+        float *light = ROOM(float, count), *noise = ROOM(float, count);
+        double *work = ROOM(double, lf_control_work(columns));
+        expect(lf_control(v, &bare, 0, rows, light, noise, work) == LF_BAD_SIZE
+               && lf_control(v, &c, 0, rows + 1, light, noise, work) == LF_BAD_SIZE, "a control took a size that cannot be");
+        expect(!lf_control(v, &c, 0, 1, light, noise, work) && !lf_control(v, &c, 1, rows, light, noise, work),
+               "a control refused its sizes");
+        take_bits(v, light, count * 4), take_bits(v, noise, count * 4);
+        for (int64_t pixel = 0; pixel < plane; pixel++) {
+            double gains[3][3];
+            gains_at(&c, pixel / columns, pixel % columns, gains);
+            for (int k = 0; k < 3; k++) {
+                const int64_t at = k * plane + pixel;
+                double sum = (c.one[at] + (double)c.other[at]) / 2, between = (double)c.one[at] - c.other[at], size = fabs(sum) + 1;
+                for (int i = 0; i < 3; i++) {
+                    const int64_t of = i * plane + pixel;
+                    const double mean = ((double)c.control_one[of] + c.control_other[of]) / 2;
+                    sum += gains[i][k] * (c.weights ? c.weights[pixel] : c.weight) * (c.control_rest[of] - mean);
+                    between -= gains[i][k] * ((double)c.control_one[of] - c.control_other[of]);
+                    size += fabs(gains[i][k]);
+                }
+                take_deviation(v, 15, fmax(fabs(light[at] - sum), fabs(noise[at] - between)), 4 * SINGLE * size);
+            }
+        }
+        free(light), free(noise), free(work);
+    }
+    free(values), free(scale), free(weights);
+}
+
 int main(int argc, char **argv)
 {
     const int rounds = argc > 1 ? atoi(argv[1]) : 100;
@@ -1356,7 +1432,7 @@ int main(int argc, char **argv)
     expect(lf_abi() == LF_ABI, "the library is of another ABI");
     expect(lf_spread_work(-1, 1) == 0 && lf_spread_work(1, (int64_t)1 << 60) == 0, "sizes that cannot be have room");
     for (int i = 0; i < rounds; i++) try_spreading(), try_footprints(), try_sections(), try_turning(), try_waves(), try_casting(), try_spots(), try_tracing(), try_ghost_rays(), try_ghost_light(), try_fitting(),
-                                     try_collecting(), try_reading();
+                                     try_collecting(), try_reading(), try_control();
     int off = 0;
     for (int v = 0; runs(v); v++) {
         printf("%-7s off by", lf_variant(v));

@@ -15,6 +15,7 @@ from lensfield.engine.field.radial.psf_bank import PsfBank
 from lensfield.engine.field.radial.psf_table import PsfTable, TurnedPsfs
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.kernels.collecting import collect
+from lensfield.engine.kernels.control import BAND_ROWS, control
 from lensfield.engine.kernels.excess import excess
 from lensfield.engine.kernels.extremes import extremes
 from lensfield.engine.kernels.footprints import MeshGeometry, RadialGeometry, footprints
@@ -457,6 +458,32 @@ def test_collect_refuses_mismatched_shapes():
         collect(np.zeros((3, 5, 6), np.float32), np.ones((1, 2, 1), np.float32), slice(0, 5), out)
     with pytest.raises(ValueError, match="invalid sizes"):
         collect(np.zeros((2, 5, 7), np.float32), np.ones((1, 2, 1), np.float32), slice(0, 5), out)
+
+
+@pytest.mark.parametrize("even", [True, False])
+@pytest.mark.parametrize("shape", [(1, 1), (BAND_ROWS + 1, 7), (2 * BAND_ROWS + 5, 70)])
+def test_control_equals_numpy(shape, even):
+    """The control explains most of the picture, and a pixel is not finite."""
+    random = np.random.default_rng(6)
+    of_control = random.gamma(2.0, 1.0, (3, 3, *shape)).astype(np.float32)
+    halves = np.einsum("hiyx,ic->hcyx", of_control[:2], random.random((3, 3))).astype(np.float32)
+    scale = (1 / of_control[0].mean(axis=0)).astype(np.float32)
+    scale[shape[0] // 2, shape[1] // 2] = np.inf
+    weight = 0.9 if even else random.random(shape, np.float32)
+
+    def controlled():
+        return np.stack(control(halves, of_control[:2], of_control[2], scale, np.array([0.5, 1.0, 2.0]), weight, 1e-3,
+                                1e-4))
+
+    result = in_every_variant(controlled)
+    with using(NUMPY):
+        np.testing.assert_allclose(controlled(), result, rtol=2e-3, atol=2e-4 * np.abs(result).max())
+
+
+def test_control_refuses_mismatched_shapes():
+    halves = np.ones((2, 3, 4, 5), np.float32)
+    with pytest.raises(ValueError, match="of shape"):
+        control(halves, halves, halves[0, :, 1:], halves[0, 0], np.ones(3), 0.5, 1e-3, 1e-4)
 
 
 PIXELS = Pixels(pixel_key=3**39, noise_key=-(5**27), place=(40, 65500), prnu=0.01, dsnu_e=1.5, dark_e=0.2,
