@@ -18,7 +18,7 @@ FLOORS = {
     # engine: foundations
     "engine.runtime": set(),
     "engine.kernels": {"engine.runtime"},
-    "engine.spectral": {"engine.runtime"},
+    "engine.spectral": {"engine.kernels", "engine.runtime"},
     # the lens: prescription and data
     "engine.prescription": {"engine.runtime", "engine.spectral"},
     "engine.lens": {"engine.prescription", "engine.runtime"},

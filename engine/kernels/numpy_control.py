@@ -1,4 +1,6 @@
-"""The loop of `control`, in numpy; the arguments are the same."""
+"""A regression around each pixel in numpy: for machines without a library, and as the reference of tests."""
+
+from collections.abc import Sequence
 
 import numpy as np
 import scipy
@@ -8,8 +10,10 @@ from .declarations import NUMBERS
 WINDOW_PX = NUMBERS["WINDOW_PX"]
 
 
-def numpy_control(halves, control_halves, control_rest, scale, ratios, weight, ridge, least_ridge):
-    """See `control`."""
+def numpy_control(halves: Sequence[np.ndarray], control_halves: Sequence[np.ndarray], control_rest: np.ndarray,
+                  scale: np.ndarray, ratios: np.ndarray, weight: float | np.ndarray, ridge: float, least_ridge: float
+                  ) -> tuple[np.ndarray, np.ndarray]:
+    """As `kernels.control.control`."""
     picture, control = ((one + other) / 2 for one, other in (halves, control_halves))
     gains = _gains(np.nan_to_num(picture * scale, posinf=0.0, neginf=0.0),
                    np.nan_to_num(control * scale, posinf=0.0, neginf=0.0), ratios, ridge, least_ridge)
