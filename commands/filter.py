@@ -1,7 +1,7 @@
 """`lensfield filter`: apply a lens to spectral radiance or any renderer's RGB picture, single or in a sequence."""
 
 import time
-from dataclasses import replace
+from dataclasses import asdict, replace
 from math import isfinite
 from pathlib import Path
 
@@ -12,8 +12,11 @@ from ..engine.depth.depth_range import AUTO, OFF
 from ..engine.depth.slabs import plan_slabs
 from ..engine.field.field_map import field_map
 from ..engine.lens.iris import opening
+from ..engine.pictures.frame_record import read_record, write_record
 from ..engine.runtime.build_identity import is_accepted, other_builds_line
+from ..engine.runtime.files import discard, stamp_of
 from ..engine.runtime.locks import Busy, only_writer
+from ..engine.runtime.values import json_value
 from ..engine.simulation.file_depth import DEPTH_KINDS
 from ..engine.simulation.lens_image import lens_image
 from ..engine.simulation.report import FIGURE, together
@@ -33,13 +36,15 @@ from .arguments import (
     shown_iris,
     stray_option,
 )
-from .frame_records import record_frame, record_stamp, recorded_build, remove_record, request_facts
 from .outcome import finish
 from .reading import frame_of, read_picture
 from .sequence import find_shots
 from .terminal import progress_bar, quiet, say
 
 WAIT_S = 0.5
+UNRECORDED = ("radiance", "output", "preview", "frames", "report", "overwrite", "any_build", "lens", "untrusted",
+              "root", "time_limit", "memory_limit")
+"""Options that finished frames do not depend on, or that their records state in other words."""
 CAMERA_FIGURES = {"--pitch-um": ("pitch_um",), "--fov": ("fov",), "--focal-mm": ("focal_mm", "sensor_width_mm")}
 
 
@@ -117,9 +122,17 @@ def _frame(shot, options, lens):
 
 def _filter_sequence(options, lens, chosen, shots):
     """Filter the missing frames, except those that other processes are filtering; returns the report of all."""
-    by, first, reports = request_facts(options, lens, chosen), shots[0], {}
-    noted = {shot: record_stamp(shot) for shot in shots}  # before checking whether the frames are complete
-    builds = {} if options.overwrite else {shot: recorded_build(shot, first, by) for shot in shots}
+    settings, first, reports = _recorded_settings(options, lens, chosen), shots[0], {}
+
+    def job_of(shot):
+        return settings | {"sources": shot.sources(first)}
+
+    def build_of(shot):
+        record = read_record(shot.record, job_of(shot), shot.targets)
+        return record and record["build"]
+
+    noted = {shot: stamp_of(shot.record) for shot in shots}  # before checking whether the frames are complete
+    builds = {} if options.overwrite else {shot: build_of(shot) for shot in shots}
     pending = [shot for shot in shots if not is_accepted(builds.get(shot), options.any_build)]
     for line in other_builds_line(builds.values(), options.any_build, "filtered"):
         say(line)
@@ -130,11 +143,10 @@ def _filter_sequence(options, lens, chosen, shots):
     def is_left(shot):
         try:
             with only_writer(shot.output):
-                build = recorded_build(shot, first, by)
-                if record_stamp(shot) == noted[shot] or not is_accepted(build, options.any_build):
-                    remove_record(shot)
+                if stamp_of(shot.record) == noted[shot] or not is_accepted(build_of(shot), options.any_build):
+                    discard(shot.record)
                     reports[shot.frame] = run.put_through(shot)
-                    record_frame(shot, first, by)
+                    write_record(shot.record, job_of(shot), shot.targets)
                     say(*shot.targets)
         except Busy:
             return True
@@ -149,6 +161,13 @@ def _filter_sequence(options, lens, chosen, shots):
     if left:
         say(f"left to other processes: {len(left)} of the frames, from frame {left[0].frame} on")
     return together(reports, {shot.frame: {} for shot in shots if shot.frame not in reports})
+
+
+def _recorded_settings(options, lens, chosen):
+    """Everything that the frames of a command line depend on, except their files, as JSON values."""
+    arguments = {name: value if value is None else str(value) for name, value in vars(options).items()
+                 if name not in UNRECORDED and not callable(value)}
+    return json_value({"arguments": arguments, "options": asdict(chosen), "lens": lens.digest.hex()})
 
 
 class _Run:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ..engine import InputError
 from ..engine.runtime.errors import absence
-from ..engine.runtime.files import file_status
+from ..engine.runtime.files import file_status, hidden_folder
 
 NUMBER = re.compile(r"#+|%(?:0(\d+))?d")
 FRAMES = re.compile(r"(-?\d{1,15})(?:-(-?\d{1,15})(?::(\d{1,15}))?)?")
@@ -26,6 +26,17 @@ class Shot:
     @property
     def targets(self):
         return [path for path in (self.output, self.preview) if path]
+
+    @property
+    def record(self):
+        """The record of a finished frame."""
+        return hidden_folder(self.output.parent) / f"{self.output.name}.json"
+
+    def sources(self, first):
+        """The pictures that the files are made of, if the frame `first` sets the exposure of the previews: list of
+        [name, bytes, time]."""
+        read = [self.radiance, *([first.radiance] if self.preview else [])]
+        return [[path.name, status.st_size, status.st_mtime_ns] for path in read for status in [path.stat()]]
 
 
 def parse_frames(text):

@@ -18,7 +18,7 @@ from ...engine.runtime.errors import InputError
 from ...engine.runtime.files import discard, hidden_folder, matching, move, note_resumable, remove, uninterrupted
 from ...engine.runtime.locks import Busy, only_writer
 from ...engine.runtime.values import json_value
-from ..job.record import recorded_fields
+from ..job.recorded import recorded_fields
 from ..job.result import stem_of
 from ..job.steps import Work
 from .light import read_pass

@@ -22,7 +22,7 @@ from ..scene.rings import scene_iris, scene_lens
 from ..scene.trust import check_output
 from ..shading.assigned import LOADERS
 from .photo import chosen_camera
-from .record import picture_settings
+from .recorded import picture_settings
 
 _folders = {}  # of the .blend files that open ones are copies of, by the copies' paths
 

@@ -39,7 +39,7 @@ class Result:
     raw : Path
         The camera's picture, if there is a camera and its raw file is wanted.
     record : Path
-        JSON: the report and the frame's settings, which `record.py` reads back.
+        JSON: the report and the frame's settings, which `engine/pictures/frame_record.py` reads back.
     relative_illumination, stmap_distort, stmap_undistort : Path
         Properties of the lens, one file for all frames; docs/stmap.md has the convention.
     frame : int

@@ -5,6 +5,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 
 from ...engine.depth.depth_range import TRACED
+from ...engine.pictures.frame_record import read_record
 from ...engine.runtime.build_identity import is_accepted, other_builds_line
 from ...engine.runtime.errors import InputError, one_line
 from ...engine.runtime.files import remove_half_written, stamp_of
@@ -13,7 +14,7 @@ from ...engine.simulation.report import together
 from ..capture.finished_passes import remove_passes
 from ..job.job import check_output_folder, folder_for
 from ..job.origin import check_replaced
-from ..job.record import read_record
+from ..job.recorded import recorded_fields
 from ..job.result import Result
 from ..scene.compositor import fingerprint_anew, lay_into_compositor
 from ..scene.errors import SceneError
@@ -24,7 +25,6 @@ from .one_capture import OneCapture
 from .render import baking, job_of_frame, render_steps, run
 from .shot_meter import shot_exposure, shot_of
 
-UNKNOWN = "unknown"  # the build of a frame whose record is older than build identities
 WAIT_S = 0.5  # between checks of frames that other processes are rendering
 
 
@@ -97,14 +97,15 @@ class Animation:
             return False
         with _named(frame):
             job = self._job(frame)
-        record = read_record(job, result)
+        record = read_record(result.record, recorded_fields(job), result.pictures)
         if record is None:
             return False
-        self.builds[frame] = record.get("build", UNKNOWN)
+        self.builds[frame] = record["build"]
         if not is_accepted(self.builds[frame], self._any_build):
             return False
         self.earlier[frame] = result, record
-        if comparable(record["state"]) and record["state"] != job.state:
+        state = str(record.get("state"))
+        if comparable(state) and state != job.state:
             self.outdated.append(frame)
         return True
 

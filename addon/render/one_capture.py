@@ -10,7 +10,7 @@ from ...engine.runtime.files import link_or_copy
 from ...request import RING_FIELDS
 from ..capture.radiance import capture
 from ..capture.remarks import scene_remarks
-from ..job.record import recorded_fields
+from ..job.recorded import recorded_fields
 from ..scene.render_state import go_to_frame, turn_on_layer
 from ..scene.rings import scene_rings
 from ..scene.undo import Journal

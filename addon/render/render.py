@@ -7,6 +7,7 @@ import bpy
 
 from ...engine import ChannelCache
 from ...engine.image.spectral_image import IRRADIANCE
+from ...engine.pictures.frame_record import write_record
 from ...engine.runtime.files import discard
 from ...engine.runtime.locks import only_writer
 from ...engine.simulation.lens_image import lens_image
@@ -16,7 +17,7 @@ from ..capture.scene_plan import check_job
 from ..job.job import check_output_folder, job_of
 from ..job.origin import attribute_of, check_replaced, origin_of
 from ..job.photo import shown_picture, take_photo
-from ..job.record import write_record
+from ..job.recorded import recorded_fields
 from ..job.result import PINHOLE_FILES, Result
 from ..job.shown import LOOK, look_for
 from ..job.steps import RenderPass, Work
@@ -145,7 +146,8 @@ def render_steps(scene, job, one=None):
         yield Work(_timed(report, "write radiance", lambda _: write_by(captured, result.radiance, attributes)),
                    "Writing radiance", RENDER_SHARE)
         yield from lens_steps(captured, job.lens, job, job.iris, result, RENDER_SHARE + 0.02)
-    write_record(job, result)
+    write_record(result.record, recorded_fields(job), result.pictures,
+                 result.report.as_dict() | {"state": job.state})
     if one is None:
         remove_passes(scene, job.output_folder, job.frame)
     if job.to_compositor:

@@ -17,7 +17,7 @@ import lensfield as extension
 from lens_texts import DOT_LENS
 from lensfield import addon, cli
 from lensfield.addon.job.job import job_of
-from lensfield.addon.job.record import recorded_fields
+from lensfield.addon.job.recorded import recorded_fields
 from lensfield.addon.job.result import FRAME_FILES, LENS_FILES
 from lensfield.cli import main
 from lensfield.engine import ReadingOptions, read_prescription

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from lensfield.addon.job.job import job_of
-from lensfield.addon.job.record import recorded_fields
+from lensfield.addon.job.recorded import recorded_fields
 from lensfield.addon.ui.common.properties import SETTINGS, LensfieldCameraSettings, LensfieldSettings
 from lensfield.cli import _parser
 from lensfield.engine import InputError, Options

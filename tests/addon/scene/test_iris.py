@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lensfield import addon
-from lensfield.addon.job.record import read_record
+from lensfield.addon.job.recorded import recorded_fields
 from lensfield.addon.render.render import job_of_frame
 from lensfield.addon.scene import rings
 from lensfield.addon.scene.rings import scene_iris, scene_lens
@@ -22,6 +22,7 @@ from lensfield.engine.lens.entrance_pupil import entrance_pupil_diameter_mm
 from lensfield.engine.lens.iris import Iris, opening
 from lensfield.engine.lens_files.package import write_package
 from lensfield.engine.library import PRESCRIPTIONS
+from lensfield.engine.pictures.frame_record import read_record
 from lensfield.engine.pictures.spectral_exr import read_parts
 from lensfield.request import to_arguments
 from small_scenes import material, set_world, wall
@@ -80,8 +81,9 @@ def test_blades_can_be_keyframed_and_are_recorded(scene, blades, tmp_path):
     assert [job.iris.roundness for job in jobs] == pytest.approx([0, 0.5, 1])
     set_world(scene)
     result = addon.render_through_lens(scene, output_folder=tmp_path, **options)
-    assert read_record(replace(jobs[0], state=""), result)
-    assert read_record(replace(jobs[0], iris=Iris(7)), result) is None
+    for changed, finished in (({"state": ""}, True), ({"iris": Iris(7)}, False)):
+        job = recorded_fields(replace(jobs[0], **changed))
+        assert bool(read_record(result.record, job, result.pictures)) == finished
     assert json.loads(result.record.read_text())["job"]["iris"]["blades"] == 6
 
 

@@ -8,7 +8,7 @@ from cycles_pictures import picture
 from lensfield import addon
 from lensfield.addon.capture.slabs import looked_at
 from lensfield.addon.capture.unlayered import MIRRORED, unlayered
-from lensfield.addon.job.record import picture_settings
+from lensfield.addon.job.recorded import picture_settings
 from lensfield.addon.scene.bodies import uncut_depths_mm
 from lensfield.addon.scene.camera import aim_camera, capture_grid
 from lensfield.addon.scene.depth import visible_depth_mm

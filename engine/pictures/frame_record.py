@@ -1,0 +1,70 @@
+"""The record of a finished frame: a JSON file, written after the frame's files.
+
+It states the job that the files come from, their sizes, and the build that wrote them. With records, a sequence resumes
+where it stopped, and makes damaged or outdated frames again.
+"""
+
+import json
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from ..runtime.build_identity import build_identity, software
+from ..runtime.errors import ImageError
+from ..runtime.files import atomic_path, file_status
+from .spectral_exr import read_parts
+
+SIGNATURES = {".png": b"\x89PNG\r\n\x1a\n", ".dng": b"II*\0"}
+
+
+def write_record(record: Path, job: dict[str, Any], files: Iterable[Path],
+                 facts: Mapping[str, Any] | None = None) -> None:
+    """Record that a frame is finished.
+
+    Parameters
+    ----------
+    record : Path
+    job : dict
+        Everything that the files depend on, except the build, as `json_value` returns it.
+    files : iterable of Path
+    facts : mapping, optional
+        Others that the record states, such as a report.
+    """
+    contents = {"software": software(), "build": build_identity()} | dict(facts or {}) | {
+        "job": job, "sizes": _sizes(files)}
+    with atomic_path(record) as temporary:
+        temporary.write_text(json.dumps(contents, indent=2) + "\n", encoding="utf-8")
+
+
+def read_record(record: Path, job: dict[str, Any], files: Iterable[Path]) -> dict[str, Any] | None:
+    """The contents of a frame's record if its files have their recorded sizes and their headers, and come from this
+    job; else None.
+
+    Its "build" identifies the build that wrote the files, which may differ from this one.
+    """
+    files = list(files)
+    try:
+        contents = json.loads(record.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return None
+    finished = (isinstance(contents, dict) and isinstance(contents.get("build"), str) and contents.get("job") == job
+                and contents.get("sizes") == _sizes(files)
+                and all(has_header(path) for path in files if path.is_file()))
+    return contents if finished else None
+
+
+def _sizes(files):
+    """Sizes in bytes by name; None for a file that does not exist."""
+    return {path.name: (status := file_status(path)) and status.st_size for path in files}
+
+
+def has_header(path: Path) -> bool:
+    """Whether an EXR's header is readable, or a PNG or DNG has its signature: after a disk failure a file may be all
+    zeros."""
+    if signature := SIGNATURES.get(path.suffix.lower()):
+        with open(path, "rb") as file:
+            return file.read(len(signature)) == signature
+    try:
+        return bool(read_parts(path, header_only=True))
+    except ImageError:
+        return False
