@@ -9,7 +9,7 @@ from ..engine.runtime.build_identity import MARK
 from ..engine.runtime.errors import shown
 from ..engine.runtime.files import atomic_path
 from .arguments import check_outputs
-from .render_options import add_farm_options, add_frame_options, add_scene_options
+from .render_options import add_farm_options, add_task_options
 from .sequence import frames_text
 from .task import frames_by_task, resolved_anywhere, scene_path, task_arguments
 from .terminal import say
@@ -27,8 +27,7 @@ def add_options(farm):
     openjd = kinds.add_parser("openjd", help="an Open Job Description job, as for AWS Deadline Cloud",
                               description="Write an Open Job Description job, as for AWS Deadline Cloud: a folder "
                                           "with template.yaml, and parameter_values.yaml for this .blend.")
-    add_scene_options(openjd)
-    add_frame_options(openjd)
+    add_task_options(openjd)
     add_farm_options(openjd)
     openjd.add_argument("--job", type=Path, required=True, metavar="DIR", help="folder to write the job to")
     openjd.set_defaults(run=_write_openjd)

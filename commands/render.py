@@ -20,12 +20,7 @@ from .blend import open_scene
 from .outcome import finish
 from .prescription_file import given_reading, lens_source
 from .progress import add_progress_options, messages, progress
-from .render_options import (
-    add_farm_options,
-    add_frame_options,
-    add_scene_options,
-    requested_frames,
-)
+from .render_options import add_farm_options, add_task_options, requested_frames
 from .terminal import say
 
 SAMPLE_LIMITS = 1, 1 << 24  # Blender's
@@ -36,8 +31,7 @@ def add_options(render):
         "Render a .blend multispectrally and through a lens. Options that you leave out come from the scene's "
         "Lensfield settings; options that belong together (tier and errors; accuracy, method and advanced options) "
         "only if you leave out all of them.")
-    add_scene_options(render)
-    add_frame_options(render)
+    add_task_options(render)
     render.add_argument("--wait", action="store_true",
                         help="end only when all frames are finished, including frames of other processes")
     add_followed(render.add_argument_group("for programs that run this command"))

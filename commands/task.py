@@ -2,17 +2,16 @@
 
 import os
 import sys
-from argparse import ArgumentParser
 from pathlib import Path
 
 from ..engine import InputError
 from ..engine.runtime.inputs import check_input
 from ..request import argument
 from .arguments import check_limits
-from .render_options import OWN_FRAMES, add_frame_options, add_scene_options, requested_frames
+from .render_options import OWN_FRAMES, requested_frames
 from .sequence import MOST_FRAMES
 
-TASK_SPECIFIC = {"scene", "frames", "report"}
+TASK_SPECIFIC = {"scene", "frames", "report", "help"}
 PATHS = "lens", "output", "root"
 PACKAGE = __package__.rpartition(".")[0]
 
@@ -34,13 +33,10 @@ def scene_path(options):
 
 def task_arguments(options, without=()):
     """Arguments of `lensfield render` that repeat the given options, except the scene and the frames."""
-    parser = ArgumentParser()
-    add_scene_options(parser)
-    add_frame_options(parser)
     omitted = TASK_SPECIFIC | set(without)
-    return [word for name, default in vars(parser.parse_args(["-"])).items()
-            if name not in omitted and getattr(options, name) != default
-            for word in arguments_of(name, getattr(options, name))]
+    return [word for name, default in options.task_defaults.items()
+            if name not in omitted and (value := getattr(options, name)) != default
+            for word in arguments_of(name, value)]
 
 
 def arguments_of(name, value):
