@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lensfield.engine import LensError
-from lensfield.engine.prescription.readers import READERS, ReadingOptions, read_prescription
+from lensfield.engine.prescription.readers import SUFFIXES, ReadingOptions, read_prescription
 from lensfield.engine.prescription.system import system_of
 
 FIELD = "image_height_mm", 10.0  # for files that do not state the end of the field; it does not affect paraxial figures
@@ -113,7 +113,7 @@ def main(arguments=None):
     parser.add_argument("--list", action="store_true", help="name every file, with its outcome")
     options = parser.parse_args(arguments)
     paths = sorted(path for folder in options.folders for path in folder.rglob("*")
-                   if path.suffix.lower() in READERS and path.is_file())
+                   if path.suffix.lower() in SUFFIXES and path.is_file())
     results = [result for path in paths for result in outcomes(path)]
     print(*table(results), sep="\n")
     for kind, reason, count in _reasons(results):

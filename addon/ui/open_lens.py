@@ -18,7 +18,7 @@ from ...engine.inspection.cross_section import cross_section
 from ...engine.library import has_rings
 from ...engine.prescription.glasses import glass_names, similar_glasses
 from ...engine.prescription.prescription import Prescription
-from ...engine.prescription.readers import READERS, ReadingOptions, read_prescription
+from ...engine.prescription.readers import SUFFIXES, ReadingOptions, read_prescription
 from ...engine.prescription.readers.reading import F_NUMBER, FOCAL_LENGTH
 from ...engine.prescription.system import System, system_of, unknown_glasses
 from ...engine.rays.field_heights import image_radius_mm
@@ -269,7 +269,7 @@ class LENSFIELD_FH_lens(bpy.types.FileHandler):
     bl_idname = "LENSFIELD_FH_lens"
     bl_label = "Lensfield Lens"
     bl_import_operator = "lensfield.open_lens"
-    bl_file_extensions = ";".join((*READERS, ".npz"))
+    bl_file_extensions = ";".join((*SUFFIXES, ".npz"))
 
     @classmethod
     def poll_drop(cls, context):

@@ -15,7 +15,7 @@ from ..lens.pinhole import Pinhole
 from ..lens_files import IMPORT_FIRST, is_import
 from ..lens_files.package import read_package
 from ..prescription.prescription import Prescription
-from ..prescription.readers import AS_IT_IS, READERS, ReadingOptions, checked, read_file, read_prescription
+from ..prescription.readers import AS_IT_IS, SUFFIXES, ReadingOptions, checked, read_file, read_prescription
 from ..prescription.readers.toml import Description, read_description, read_lensfield
 from ..rays.focus import build_system
 from ..rays.rings import AT_REST, Rings, is_stopped_down, turned
@@ -154,7 +154,7 @@ def iris_is_visible(source: LensSource, rings: Rings) -> bool:
 def has_rings(source: LensSource) -> bool:
     """Whether a lens can be focused and stopped down, because it has a prescription."""
     return (isinstance(source, Prescription) or str(source) in bundled_names()
-            or Path(source).suffix.lower() in READERS)
+            or Path(source).suffix.lower() in SUFFIXES)
 
 
 def package_path(name_or_path: str | PathLike[str]) -> Path | None:
@@ -169,7 +169,7 @@ def package_path(name_or_path: str | PathLike[str]) -> Path | None:
         raise LensError(path, "lens data", "in another program's format", IMPORT_FIRST)
     if path.suffix.lower() != ".npz" and not has_rings(path):
         raise LensError(path, "kind of file", path.suffix or "without a suffix",
-                        f"expected a .npz lens package or a prescription ({', '.join(READERS)}); {IMPORT_FIRST}")
+                        f"expected a .npz lens package or a prescription ({', '.join(SUFFIXES)}); {IMPORT_FIRST}")
     return None if has_rings(path) else path
 
 

@@ -26,7 +26,7 @@ from ....engine.lens.iris import Iris
 from ....engine.library import described_lenses
 from ....engine.library.bodies import bundled_cameras
 from ....engine.plan.options import AUTO, KNOBS, TIER_ACCURACY
-from ....engine.prescription.readers import READERS
+from ....engine.prescription.readers import SUFFIXES
 from ....engine.runtime.errors import InputError
 from ....engine.runtime.inputs import note_who_names
 from ....engine.runtime.setting import settings_of
@@ -57,7 +57,7 @@ MORE_ITEMS = {"tier": [("RESULT", "Custom", "Set the accuracy of colours and blu
 """Items that only the panel has."""
 NO_BODY = "NONE"
 OWN_BODY = "Your own camera (.toml), with the parameters of EMVA 1288"
-OWN_LENS = f"Your own prescription ({', '.join(READERS)}), with adjustable focus and f-stop, or a lens package (.npz)"
+OWN_LENS = f"Your own prescription ({', '.join(SUFFIXES)}), with adjustable focus and f-stop, or a lens package (.npz)"
 OVERRIDABLE = {"LIBRARY_OVERRIDABLE"}  # in library overrides of cameras
 BLEND_RELATIVE = {"PATH_SUPPORTS_BLEND_RELATIVE"}  # paths that start with // are relative to the .blend
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ...runtime.errors import LensError
-from ...runtime.text import object_distance, read_text
+from ...runtime.text import object_distance
 from ...runtime.unread import unread_names
 from ..glasses import best_name, name_in
 from ..prescription import Prescription, Surface, check_surface_count
@@ -60,9 +60,9 @@ OBSTRUCTED = f"CIR {OBSTRUCTION}"
 QUOTED = re.compile(r"""('[^'\n]*')|"[^"\n]*"|![^\n]*""")
 
 
-def read_codev(path: Path, options: ReadingOptions) -> Reading:
+def read_codev(path: Path, text: str, options: ReadingOptions) -> Reading:
     """Read a .seq. CIR apertures and obstructions block light; vignetting factors are ignored."""
-    system, rows, private = _commands(path)
+    system, rows, private = _commands(path, text)
     glasses = {glass.glass.name: glass for glass in private_glasses(private)}
     _check_ends(path, rows)
     unit_mm, curvatures = _unit_mm(system), _has_curvatures(path, system, rows)
@@ -89,13 +89,13 @@ def read_codev(path: Path, options: ReadingOptions) -> Reading:
         unread=unread_names([*system, *_unread_of_ends(rows)], (*KNOWN_COMMANDS, *HARMLESS_COMMANDS)))
 
 
-def _commands(path):
+def _commands(path, text):
     """{command: its last line} of the system; a list of the same for surfaces; and lines of private glasses.
 
     Surface commands belong to the surface above them, or to those that they name. PRV and END enclose private glasses.
     """
     system, rows, private, of_surfaces, inside = {}, [], [], [], False
-    for words in _words(path):
+    for words in _words(text):
         command = words[0].upper()
         if inside or command == "PRV":
             inside = command != "END"
@@ -162,9 +162,9 @@ def _add(row, line, named):
         row[OBSTRUCTED if kind == OBSTRUCTION else command] = line
 
 
-def _words(path):
+def _words(text):
     """Commands as lists of words: without comments, with & lines joined, and split at ; outside titles."""
-    text = "\n".join(read_text(path).splitlines())
+    text = "\n".join(text.splitlines())
     text = QUOTED.sub(lambda match: (match[1] or "").replace(";", ","), text)
     lines = re.sub(r"&[ \t]*\n", " ", text).split("\n")
     return [words for line in lines for words in map(str.split, line.split(";")) if words]

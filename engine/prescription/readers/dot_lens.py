@@ -7,7 +7,6 @@ toroid's radius along x is first, and its profile's, along y, in an eighth colum
 with semi-diameters.
 """
 
-import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -15,11 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from ...runtime.errors import LensError
-from ...runtime.text import read_text
 from ...runtime.unread import unread_names
 from ..coatings import of_layers
 from ..prescription import LEAST_F_NUMBER, Prescription, Surface
-from .ghostlight import read_ghostlight
 from .lines import Line, numbered
 from .reading import Reading, ReadingOptions, with_stop
 
@@ -37,11 +34,8 @@ DIAMETERS, SEMI_DIAMETERS = "diameters", "semi-diameters"
 NO_APERTURE_MM = 1e5  # wider apertures mean none: files state 1e6
 
 
-def read_dot_lens(path: Path, options: ReadingOptions) -> Reading:
+def read_dot_lens(path: Path, text: str, options: ReadingOptions) -> Reading:
     """Read a .lens. The image plane is at the best focus, because patents round thicknesses."""
-    text = read_text(path)
-    if text.lstrip().startswith("{"):
-        return read_ghostlight(path, json.loads(text), options)
     if options.field is None:
         raise LensError(path, "field", "missing",
                         "a .lens does not state the end of the field: give --field-angle or --field-height")

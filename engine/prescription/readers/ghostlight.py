@@ -1,5 +1,6 @@
 """Ghostlight's .lens: JSON with elements, which are rigid groups of surfaces, and a table of their glasses."""
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -28,8 +29,14 @@ HARMLESS_NAMES = ("version", "metadata", "glass_catalogue", "modifiers", "id", "
                   "offset", "exposed")
 
 
-def read_ghostlight(path: Path, contents: dict, options: ReadingOptions) -> Reading:
+def is_ghostlight(text: str) -> bool:
+    """Whether a .lens is Ghostlight's: the others are not JSON."""
+    return text.lstrip().startswith("{")
+
+
+def read_ghostlight(path: Path, text: str, options: ReadingOptions) -> Reading:
     """Read a file. The image plane is at the best focus: the authors estimated distances that patents do not state."""
+    contents = json.loads(text)
     if contents.get("format") != FORMAT:
         raise LensError(path, "format", str(contents.get("format", "missing")), f"expected {FORMAT}")
     if options.field is None:

@@ -24,6 +24,11 @@ HARMLESS_NAMES = (  # remarks, and lentil's own results, whose f-stops are focal
 FIRST_POWER = 4  # of r in the aspheric terms: 4, 6, 8 and 10
 
 
+def is_lentil(contents: dict) -> bool:
+    """Whether any of a file's entries is a lens of lentil's."""
+    return any(isinstance(entry, dict) and ELEMENTS in entry for entry in contents.values())
+
+
 def read_lentil(path: Path, contents: dict, options: ReadingOptions) -> Reading:
     """Read the lens with this number, with its adjusted elements, if any, instead of the elements of the patent."""
     entries = {key: entry for key, entry in contents.items() if isinstance(entry, dict) and ELEMENTS in entry}

@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 
 from ...runtime.errors import LensError
-from ...runtime.text import read_text
 from ...runtime.unread import unread_names
 from ..prescription import Prescription, Surface
 from .lines import numbered
@@ -31,13 +30,13 @@ FULL_FRAME_MM = (36.0, 24.0)
 SAME_DIAGONAL_MM = 0.3
 
 
-def read_optbench(path: Path, options: ReadingOptions) -> Reading:
+def read_optbench(path: Path, text: str, options: ReadingOptions) -> Reading:
     """Read an Optical Bench text at the position with this number, by default the first one for infinity.
 
     Positions that only differ in focus become the lens's variable gaps, unless a position is given. The image plane is
     at the best focus, because patents round thicknesses.
     """
-    sections, which, field = _sections(path), options.which, options.field
+    sections, which, field = _sections(path, text), options.which, options.field
     for name in ("variable distances", "lens data"):
         if not sections.get(name):
             raise LensError(path, f"[{name}]", "missing", "expected a text file of PhotonsToPhotos' Optical Bench")
@@ -79,10 +78,10 @@ def _unread(sections, variables):
                 (line.words[0] for line in sections.get("aspherical data", ())), surfaces)))
 
 
-def _sections(path):
+def _sections(path, text):
     """{name: lines} of the sections. Names are in brackets; a name may share its line with another."""
     sections, current = {}, None
-    for line in numbered(path, map(str.rstrip, read_text(path).splitlines()), "\t"):
+    for line in numbered(path, map(str.rstrip, text.splitlines()), "\t"):
         words = tuple(word.strip() for word in line.words)
         if words[0].startswith("["):
             current = sections.setdefault(words[0].rsplit("[", 1)[1].rstrip("] ").lower(), [])

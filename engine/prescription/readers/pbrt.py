@@ -11,17 +11,15 @@ from pathlib import Path
 import numpy as np
 
 from ...runtime.errors import LensError
-from ...runtime.text import read_text
 from ..prescription import Prescription, Surface
 from .lines import Line
 from .reading import Reading, ReadingOptions, with_stop
 
 
-def read_pbrt(path: Path, options: ReadingOptions) -> Reading:
+def read_pbrt(path: Path, text: str, options: ReadingOptions) -> Reading:
     """Read a pbrt .dat. It lacks Abbe numbers: glasses are named by their index, for the user to replace."""
     if options.field is None:
         raise LensError(path, "field", "missing", "a pbrt file does not state the end of the field: give --field-angle")
-    text = read_text(path)
     lines = {number: words for number, line in enumerate(text.splitlines(), 1) if (words := line.split("#")[0].split())}
     focal_mm = None
     if lines and len(lines[min(lines)]) == 1:  # ISET's files start with the focal length

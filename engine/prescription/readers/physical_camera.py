@@ -12,7 +12,7 @@ from ..coatings import MULTI, NONE, SINGLE
 from ..prescription import Prescription, Surface
 from .reading import Reading, ReadingOptions, with_stop
 
-LENS, SURFACES = "lens", "surface"  # the presence of both identifies the format
+LENS, SURFACES = "lens", "surface"
 KINDS = ("spherical", "flat", "stop", "aspheric", "cylindrical_x", "cylindrical_y")
 STOP, PLANES, ASPHERE = "stop", ("flat", "stop"), "aspheric"
 CYLINDERS = {"cylindrical_x": ("radius_x_mm", "radius_mm"), "cylindrical_y": ("radius_mm", "radius_x_mm")}
@@ -23,6 +23,11 @@ KNOWN_NAMES = (LENS, SURFACES, "name", "patent", "focal_length", "max_fstop", "c
                "thickness_close")
 COATINGS = (NONE, SINGLE, MULTI)
 HARMLESS_NAMES = ("squeeze",)  # the surfaces determine the squeeze
+
+
+def is_physical_camera(table: TomlTable) -> bool:
+    """Whether a TOML file is physical-camera's."""
+    return {LENS, SURFACES} <= table.values.keys()
 
 
 def read_physical_camera(path: Path, table: TomlTable, options: ReadingOptions) -> Reading:

@@ -15,7 +15,7 @@ from ...spectral.refraction import Formula
 from ..coatings import Coating, MeasuredReflectance
 from ..glasses import Glass
 from ..prescription import APERTURES, FIELDS, MOST_TERMS, ORIGINS, PARTS, Pose, Prescription, Surface
-from .reading import AS_IT_IS, ReadingOptions, with_stop
+from .reading import AS_IT_IS, Reading, ReadingOptions, with_stop
 
 FORMAT, VERSION = "lensfield-prescription", 1
 TEXTS = ("name", "title", "maker", "story", "source", "notes", "focus", "coating")
@@ -63,6 +63,11 @@ def read_lensfield(path: Path, options: ReadingOptions = AS_IT_IS) -> Prescripti
     of_the_lens: dict[str, Any] = {name: table.number(name) for name in OF_THE_LENS if name in table}
     of_the_lens |= {"field": field} if field else {}  # the requested field is not scaled
     return replace(prescription, sensor_mm=_sensor_mm(table), **of_the_lens)
+
+
+def read_native(path: Path, table: TomlTable, options: ReadingOptions) -> Reading:
+    """Read a Lensfield prescription, where unknown names are errors."""
+    return Reading(read_lensfield(path, options), native=True)
 
 
 class Description(NamedTuple):

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ...runtime.errors import LensError
-from ...runtime.text import object_distance, read_text
+from ...runtime.text import object_distance
 from ...runtime.unread import unread_names
 from ..glasses import best_name
 from ..prescription import MOST_TERMS, Prescription, Surface, check_surface_count
@@ -46,10 +46,10 @@ USUAL_AIR = (20.0, 1.0)  # degrees Celsius and atmospheres, the conditions of th
 PLACEHOLDER = (1.5, 40.0)  # written by Zemax after a glass name, regardless of its index and Abbe number
 
 
-def read_zemax(path: Path, options: ReadingOptions) -> Reading:
+def read_zemax(path: Path, text: str, options: ReadingOptions) -> Reading:
     """Read a sequential .zmx. Circular and rectangular apertures, central obstructions and fixed semi-diameters block
     light; vignetting factors do not."""
-    system, rows, unread = _operands(path)
+    system, rows, unread = _operands(path, text)
     field = options.field
     if "MODE" in system and system["MODE"][-1].words[1:2] != ("SEQ",):
         raise system["MODE"][-1].refusal("expected a sequential lens, MODE SEQ")
@@ -75,10 +75,10 @@ def read_zemax(path: Path, options: ReadingOptions) -> Reading:
         notes=_notes(system, surfaces, options, sizes)), unread=(*unread, *_unread_of_surfaces(rows)))
 
 
-def _operands(path):
+def _operands(path, text):
     """{operand: its lines} of the system and of each surface; and the names of unused operands."""
     system, rows, names, ended = defaultdict(list), [], [], False
-    for line in numbered(path, read_text(path).splitlines()):
+    for line in numbered(path, text.splitlines()):
         operand = line.words[0]
         if operand != "NAME":  # some systems write decimal commas
             line = line._replace(words=tuple(re.sub(r"(?<=\d),(?=\d)", ".", word) for word in line.words))

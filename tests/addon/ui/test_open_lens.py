@@ -15,7 +15,7 @@ from lensfield.addon.ui.common.previews import drawing_preview
 from lensfield.addon.ui.open_lens import DROPPED_ON, LENSFIELD_FH_lens, ask, draw_opened
 from lensfield.addon.ui.panels import draw_settings
 from lensfield.engine import ReadingOptions, read_prescription
-from lensfield.engine.prescription.readers import READERS
+from lensfield.engine.prescription.readers import SUFFIXES
 from lensfield.engine.prescription.readers.toml import read_lensfield
 from places import SHARED_DATA
 
@@ -199,7 +199,7 @@ def test_real_files_are_opened(saved, name, answers, efl_mm):
 
 
 def test_dropped_files_of_all_kinds_are_opened():
-    assert LENSFIELD_FH_lens.bl_file_extensions.split(";") == [*READERS, ".npz"]
+    assert LENSFIELD_FH_lens.bl_file_extensions.split(";") == [*SUFFIXES, ".npz"]
     assert not LENSFIELD_FH_lens.poll_drop(bpy.context) and "VIEW_3D" in DROPPED_ON
 
 

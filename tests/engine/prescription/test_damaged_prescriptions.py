@@ -12,7 +12,7 @@ from lens_texts import SAMPLES, prescriptions
 from lensfield.engine import LensError
 from lensfield.engine.prescription import prescription
 from lensfield.engine.prescription.prescription import Prescription
-from lensfield.engine.prescription.readers import READABLE, READERS, ReadingOptions, read_prescription
+from lensfield.engine.prescription.readers import READABLE, SUFFIXES, ReadingOptions, read_prescription
 from lensfield.engine.prescription.readers.deeplens import read_deeplens
 
 ROUNDS = 150
@@ -47,10 +47,10 @@ kinds = pytest.mark.parametrize("kind", SAMPLES)
 
 
 def test_every_kind_of_file_has_a_valid_sample():
-    assert {f".{kind.rsplit('.', 1)[1]}" for kind in SAMPLES} == set(READERS)
+    assert {f".{kind.rsplit('.', 1)[1]}" for kind in SAMPLES} == set(SUFFIXES)
 
 
-@pytest.mark.parametrize("suffix", READERS)
+@pytest.mark.parametrize("suffix", SUFFIXES)
 def test_the_help_names_every_kind_of_file(suffix):
     assert re.search(rf"{re.escape(suffix)}\b", READABLE)
 

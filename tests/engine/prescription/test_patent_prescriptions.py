@@ -218,7 +218,7 @@ def test_an_invalid_dot_lens_is_an_error_with_its_line(dot_lens, old, new, messa
 def test_a_dot_lens_needs_a_field_and_contains_one_lens(dot_lens, tmp_path):
     with pytest.raises(LensError, match="field is missing: a .lens does not state .*--field-angle or --field-height"):
         dot_lens()
-    with pytest.raises(LensError, match="--which is 2: a file of this kind contains one lens: leave it out"):
+    with pytest.raises(LensError, match="--which is 2: the file contains one lens: leave it out"):
         read_prescription(tmp_path / "lens.lens", ReadingOptions(FIELD, "2"))
 
 

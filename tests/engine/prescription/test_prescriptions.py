@@ -12,7 +12,7 @@ from lensfield.engine import LensError
 from lensfield.engine.library import BUNDLED, bundled_names, prescription_of
 from lensfield.engine.prescription.glasses import find_glass
 from lensfield.engine.prescription.prescription import Prescription, Surface
-from lensfield.engine.prescription.readers import READERS, ReadingOptions, read_prescription
+from lensfield.engine.prescription.readers import SUFFIXES, ReadingOptions, read_prescription
 from lensfield.engine.prescription.readers.toml import read_lensfield, write_prescription
 from lensfield.engine.prescription.system import system_of
 from lensfield.engine.rays.focus import build_system
@@ -401,7 +401,7 @@ def test_missing_files_folders_and_unknown_kinds_are_errors(tmp_path):
 
 
 @pytest.mark.parametrize("contents", [b"", b"\xff\xfe\0", b"[" * 100000, b"{" * 100000], ids=["empty", "?", "[", "{"])
-@pytest.mark.parametrize("kind", READERS)
+@pytest.mark.parametrize("kind", SUFFIXES)
 def test_empty_or_garbled_files_are_lens_errors(tmp_path, kind, contents):
     (tmp_path / f"lens{kind}").write_bytes(contents)
     with pytest.raises(LensError, match=rf"lens\{kind}: "):
