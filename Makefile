@@ -230,13 +230,13 @@ lenses: $(READY)
 	$(VENV)/bin/python packaging/bake_lenses.py
 
 lens-pictures: $(READY)
-	$(VENV)/bin/python packaging/lens_pictures.py
+	$(VENV)/bin/python docs/figures/lens_pictures.py
 
 hero: $(READY) kernels
-	$(VENV)/bin/python -W ignore packaging/hero_pictures.py build/hero
+	$(VENV)/bin/python -W ignore docs/figures/hero_pictures.py build/hero
 
 camera-pictures: $(READY) kernels
-	$(VENV)/bin/python -W ignore packaging/camera_pictures.py build/camera
+	$(VENV)/bin/python -W ignore docs/figures/camera_pictures.py build/camera
 
 cameras: $(READY)
 	$(VENV)/bin/python packaging/make_cameras.py $(RAWTOACES)

@@ -10,7 +10,7 @@ from places import ROOT
 
 @pytest.fixture(scope="module")
 def gallery():
-    specification = importlib.util.spec_from_file_location("gallery", ROOT / "docs" / "lenses.py")
+    specification = importlib.util.spec_from_file_location("gallery", ROOT / "docs" / "figures" / "lenses.py")
     module = importlib.util.module_from_spec(specification)
     specification.loader.exec_module(module)
     return module
@@ -24,12 +24,12 @@ def page():
 def test_the_gallery_lists_all_lenses_by_year(gallery, page):
     lenses = gallery.lenses()
     head = gallery.HEAD.format(number=len(lenses))
-    assert page.startswith(head), "python docs/lenses.py docs/lenses.md"
+    assert page.startswith(head), "python docs/figures/lenses.py docs/lenses.md"
     for line, lens in zip(page.removeprefix(head).splitlines(), lenses, strict=True):
-        assert f"<br>`{lens.name}`<br>" in line, "python docs/lenses.py docs/lenses.md"
+        assert f"<br>`{lens.name}`<br>" in line, "python docs/figures/lenses.py docs/lenses.md"
 
 
 @pytest.mark.sample(12)
 @pytest.mark.parametrize("name", bundled_names())
 def test_a_lens_of_the_gallery_is_up_to_date(gallery, page, name):
-    assert gallery.row(prescription_of(name)) in page, "python docs/lenses.py docs/lenses.md"
+    assert gallery.row(prescription_of(name)) in page, "python docs/figures/lenses.py docs/lenses.md"

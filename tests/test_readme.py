@@ -95,6 +95,6 @@ def test_named_commands_exist(page, capsys):
 
 
 def test_the_graph_of_the_rooms_is_up_to_date():
-    """If it is not, run `python docs/rooms.py docs/architecture.md`."""
+    """If it is not, run `python docs/figures/rooms.py docs/architecture.md`."""
     text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
     assert rooms.with_graph(text) == text

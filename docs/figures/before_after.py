@@ -1,6 +1,6 @@
 """Compare the sample scene before and after the lens, for docs/gallery.md, from the two pictures of `make demo`.
 
-    python docs/before_after.py demo docs
+    python docs/figures/before_after.py demo docs
 
 One sheet shows the frame through a perfect pinhole and through the lens, the other an enlarged corner of both.
 """

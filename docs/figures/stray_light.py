@@ -1,6 +1,6 @@
 """Pictures of docs/stray_light.md: the sun just in the frame and just out of it, through three lenses.
 
-    python docs/stray_light.py ZOOM.txt docs/stray_light.jpg
+    python docs/figures/stray_light.py ZOOM.txt docs/stray_light.jpg
 
 ZOOM.txt is Optical Bench's Nikkor 70-200 mm f/2.8E (WO 2019/097669, example 1), as the library has no zoom lens.
 The scene is bright ground, a dark sky, and the sun, which is as bright as it is to such ground. In the fourth row, the

@@ -1,6 +1,6 @@
 """The pictures of the bundled lenses: a bust at night with lamps behind it, and points from the centre to the corner.
 
-    python packaging/lens_pictures.py [NAME ...]
+    python docs/figures/lens_pictures.py [NAME ...]
 
 writes engine/library/pictures/NAME.jpg for these lenses, or for each lens without a picture of its present figures;
 `make lens-pictures` does that with Blender's wheel. Each lens is wide open and focused on the bust, which is equally

@@ -16,7 +16,7 @@ from lensfield.engine.image.layers import Layer
 from lensfield.engine.pictures.spectral_exr import read_parts
 from lensfield.engine.spectral.colour import light_basis
 
-BUST_SCENE = Path(__file__).resolve().parent.parent / "sample_scenes" / "night_portrait.blend"
+BUST_SCENE = Path(__file__).resolve().parents[2] / "sample_scenes" / "night_portrait.blend"
 BUST = "Head", "Hair", "Cloche", "Band", "Lash", "Brow", "Earrings", "Brooch beads", "Scarf", "Coat"
 BUST_PX, BUST_SAMPLES, BUST_VIEW_DEG = 320, 64, 15
 BUST_HEIGHT, BUST_V = 1.06, -0.06  # of its square picture

@@ -1,6 +1,6 @@
 """Draw two metamers as the eye and as a film see them: docs/film_metamers.png.
 
-    python docs/film_metamers.py docs/film_metamers.png
+    python docs/figures/film_metamers.py docs/film_metamers.png
 
 The stock is made up: layers with bell-shaped sensitivities, balanced for D55.
 """

@@ -1,6 +1,6 @@
 """Generate the gallery of the bundled lenses, docs/lenses.md.
 
-    python docs/lenses.py docs/lenses.md
+    python docs/figures/lenses.py docs/lenses.md
 
 Each lens is shown with its picture engine/library/pictures/NAME.jpg, if this exists.
 """
@@ -31,7 +31,7 @@ anamorphic lenses are unsqueezed, and their points are as in the picture, toward
     lensfield lens list portrait 85mm      # by name, maker, year, focal length or character
     lensfield lens check nikkor-85mm-f1.4  # check its figures
 
-`docs/lenses.py` generates this page.
+`docs/figures/lenses.py` generates this page.
 
 | | lens | character | description | source |
 |---|---|---|---|---|

@@ -1,6 +1,6 @@
 """The pictures of docs/camera.md: sample scenes through lenses and cameras, developed from their raw files.
 
-    python packaging/camera_pictures.py FOLDER
+    python docs/figures/camera_pictures.py FOLDER
 
 writes docs/camera_NAME.jpg, and the raw files to FOLDER; `make camera-pictures` does that in build/camera. LibRaw
 develops them with its own demosaicing and colours, as other raw converters would. Existing raw files are reused: delete
@@ -18,7 +18,7 @@ from PIL import Image
 from lensfield import addon
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 WAVELENGTHS_NM = range(400, 701, 20)
 SHOWN_PX = 600  # the longer side
 

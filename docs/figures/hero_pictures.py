@@ -1,6 +1,6 @@
 """The pictures of the front page: one night portrait through ten lenses, in scope, and a focus pull.
 
-    python packaging/hero_pictures.py FOLDER
+    python docs/figures/hero_pictures.py FOLDER
 
 writes docs/hero.jpg (three lenses side by side), docs/scope.jpg, docs/gallery/NAME.jpg and docs/focus_pull.webp; `make
 hero` does that with Blender's wheel, in build/hero. Cycles renders `sample_scenes/night_portrait.blend` once, in layers
@@ -21,7 +21,7 @@ from lensfield.addon.scene.lens_facts import lens_facts
 from lensfield.engine import Options
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 SCENE = ROOT / "sample_scenes" / "night_portrait.blend"
 DOCS = ROOT / "docs"
 

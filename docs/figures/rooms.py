@@ -1,6 +1,6 @@
 """Generate the graph of the rooms in docs/architecture.md, from the table that tests/test_architecture.py enforces.
 
-    python docs/rooms.py docs/architecture.md
+    python docs/figures/rooms.py docs/architecture.md
 
 An arrow means "imports". Arrows that follow from others are omitted.
 """
@@ -9,7 +9,7 @@ import re
 import sys
 from pathlib import Path
 
-sys.path[:0] = [str(Path(__file__).resolve().parents[1] / folder) for folder in ("tests", "tests/support")]
+sys.path[:0] = [str(Path(__file__).resolve().parents[2] / folder) for folder in ("tests", "tests/support")]
 
 from test_architecture import FLOORS  # noqa: E402
 
