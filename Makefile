@@ -163,14 +163,14 @@ long-runs: $(READY) kernels
 	$(VENV)/bin/python -W ignore tests/reliability/long_runs.py
 
 bench: $(READY) kernels
-	$(VENV)/bin/python benchmarks/bench.py build/bench
-	$(VENV)/bin/python -W ignore benchmarks/whole_job.py
+	$(VENV)/bin/python benchmarks/figures.py bench
+	$(VENV)/bin/python -W ignore benchmarks/figures.py job
 
 bench-all: bench
-	$(VENV)/bin/python benchmarks/accuracy_figures.py
-	$(VENV)/bin/python benchmarks/supersampling.py
-	$(VENV)/bin/python -W ignore benchmarks/scene_figures.py
-	$(VENV)/bin/python -W ignore benchmarks/noise_of_samples.py
+	$(VENV)/bin/python benchmarks/figures.py accuracy
+	$(VENV)/bin/python benchmarks/figures.py supersampling
+	$(VENV)/bin/python -W ignore benchmarks/figures.py scene
+	$(VENV)/bin/python -W ignore benchmarks/figures.py noise
 
 validate: $(VALIDATE)/.ready $(BAKE_READY) kernels
 	$(VALIDATE)/bin/python -W ignore validation/cornell_truth.py build/validation
@@ -245,7 +245,7 @@ tables: $(TABLES)/.ready
 	$(TABLES)/bin/python packaging/make_spectra.py
 
 bench-tables: $(TABLES)/.ready
-	$(TABLES)/bin/python benchmarks/upsampling.py
+	$(TABLES)/bin/python benchmarks/figures.py upsampling
 
 lint: $(LINT)/.ready
 	$(LINT)/bin/ruff check .

@@ -1,13 +1,19 @@
-"""The pictures, lenses and accuracies of the engine's benchmarks, and their targets."""
+"""The pictures, lenses and accuracies of the measurements, and their targets."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
+import scipy
 
-from lensfield.engine import Lens, Options, SpectralImage
+from lensfield.engine import Lens, Options, Rings, SpectralImage, load_lens
+from lensfield.engine.field.field_map import field_map
+from lensfield.engine.lens import GridLens, RadialLens
 from lensfield.engine.spectral.spectra import blackbody
 
+ROOT = Path(__file__).resolve().parents[1]
+SCENE = ROOT / "sample_scenes" / "evening_chess.blend"
 LENSES = ("angenieux-50mm", "apple-phone-4mm", "cooke-triplet-50mm", "edmund-54852", "kodak-petzval-100mm",
           "muller-fisheye-25mm", "nikkor-28mm", "tessar-50mm")  # a varied selection
 PAPER_LENS = "edmund-54852"
@@ -15,6 +21,12 @@ NM = 587.6
 SENSOR_UM = 4800  # the paper's 1/3 inch frame: 4.8 x 3.6 mm
 PAPER = Options(method="paper")
 HD, QUARTER_HD, UHD = (1080, 1920), (540, 960), (2160, 3840)
+ALIKE = ("name", "maker", "story", "source", "notes", "efl_mm", "magnification", "f_number_effective",
+         "object_distance_mm", "entrance_pupil_mm", "sensor_mm", "reference_wavelength_nm", "wavelengths_nm",
+         "psf_pitch_um", "transmittance")
+ON_GRID = " on a grid"
+LEANING = 0.1  # of the light, removed at the upper edge of the field to make the halves differ
+
 
 
 def checkerboard(rows: int = 576, columns: int = 768, square_px: int = 24) -> SpectralImage:
@@ -51,6 +63,60 @@ def night_street(lens: Lens, shape_px: tuple[int, int], nm: np.ndarray) -> Spect
 def _squares(rows, columns, size_px):
     row, column = np.mgrid[:rows, :columns]
     return (row // size_px + column // size_px) % 2
+
+
+def lens_set_to(text: str) -> Lens:
+    """The lens NAME[:F-NUMBER] of the library, at preview quality."""
+    name, _, f_number = text.partition(":")
+    return load_lens(name, Rings(f_number=float(f_number) if f_number else None), "preview")
+
+
+def pixels(size: str) -> tuple[int, int]:
+    """Width and height in a text such as 96x72."""
+    width, height = map(int, size.split("x"))
+    return width, height
+
+
+def lens_of(name: str) -> Lens:
+    """A lens of the library, or the same sampled on a grid of places: "NAME on a grid"."""
+    return on_grid(load_lens(name.removesuffix(ON_GRID))) if name.endswith(ON_GRID) else load_lens(name)
+
+
+def on_grid(lens: RadialLens, rows: int = 13, columns: int = 19, mirrored: tuple[bool, bool] = (False, False)
+            ) -> GridLens:
+    """The lens on a grid over its sensor, without prescription; with less light above than below unless mirrored."""
+    y_mm, x_mm = (np.linspace(0 if mirror else -side_mm / 2, side_mm / 2, (n + 1) // 2 if mirror else n)
+                  for n, mirror, side_mm in zip((rows, columns), mirrored, lens.sensor_mm[::-1], strict=True))
+    x, y = np.meshgrid(x_mm, y_mm)
+    fields = [field_map(lens).at_wavelength(nm) for nm in lens.wavelengths_nm]
+    heights_mm = [np.hypot(*field.source_mm(x, y)) for field in fields]
+    tables = {name: np.array([np.interp(at_mm, lens.heights_mm, table) for at_mm, table in
+                              zip(heights_mm, getattr(lens, name), strict=True)])
+              for name in ("relative_illumination", "point_flux", "enclosed_energy")}
+    if not mirrored[0]:
+        tables["relative_illumination"] *= 1 - LEANING * (1 + y / y_mm[-1]) / 2
+    last_mm = float(lens.real_height_at(lens.reference_wavelength_nm)[-1])
+    return GridLens(**{name: getattr(lens, name) for name in ALIKE}, y_mm=y_mm, x_mm=x_mm, mirrored=mirrored,
+                    source_mm=np.array([np.stack(field.source_mm(x, y), axis=-1) for field in fields]),
+                    within=np.hypot(x, y) / last_mm, **tables,
+                    psf=np.array([_turned(psf, lens.heights_mm, at_mm, np.arctan2(y, x))
+                                  for psf, at_mm in zip(lens.psf, heights_mm, strict=True)]))
+
+
+def _turned(psf, heights_mm, at_mm, azimuth_rad):
+    """PSFs (height, v, u) at places, turned so that v points upwards: array (row, column, v, u)."""
+    middle, position = psf.shape[-1] // 2, np.interp(at_mm, heights_mm, np.arange(heights_mm.size))
+    up, right = np.indices(psf.shape[1:]) - middle
+    result = np.empty((*at_mm.shape, *psf.shape[1:]), np.float32)
+    for place in np.ndindex(at_mm.shape):
+        below = min(int(position[place]), heights_mm.size - 2)
+        on = position[place] - below
+        cosine, sine = np.cos(azimuth_rad[place]), np.sin(azimuth_rad[place])
+        outwards, along = right * cosine + up * sine, right * sine - up * cosine
+        turned = scipy.ndimage.map_coordinates((1 - on) * psf[below] + on * psf[below + 1],
+                                               [outwards + middle, along + middle], order=1)
+        result[place] = turned / turned.sum()
+    return result
 
 
 @dataclass(frozen=True)

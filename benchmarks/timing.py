@@ -1,4 +1,4 @@
-"""Timing of cold runs of the engine in processor seconds, and a description of the machine.
+"""Timing in processor seconds, cold runs of the engine, and a description of the machine.
 
 Processor seconds are the sum over all threads, so other load on the machine hardly changes them. A cold run starts from
 the lens data and computes the plan, the PSFs and the OTFs; modules are already imported, and no file is read.
@@ -6,6 +6,8 @@ the lens data and computes the plan, the PSFs and the OTFs; modules are already 
 
 import os
 import platform
+import resource
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -18,7 +20,13 @@ from lensfield.engine import ChannelCache, Lens, Options, Report, SpectralImage,
 from lensfield.engine.kernels.library import available, running
 from lensfield.engine.runtime.threads import thread_count
 
-os.environ["LENSFIELD_CACHE"] = "off"  # to avoid cached plans
+LENSFIELD = [sys.executable, "-c", "from lensfield.cli import console; console()"]
+"""The command line of `lensfield`."""
+
+
+def without_cache() -> None:
+    """From now on, read no plans and no lens data from the disk, in this process and its children."""
+    os.environ["LENSFIELD_CACHE"] = "off"
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +73,19 @@ def least_s(function: Callable[[], object], best_of: int) -> tuple[float, float]
         seconds.append((time.process_time() - begin_processor_s, time.perf_counter() - begin_s))
     processor_s, waited_s = (min(each) for each in zip(*seconds, strict=True))
     return processor_s, waited_s
+
+
+def children_s(work: Callable[[], object]) -> float:
+    """Processor seconds of all child processes that end during a call of `work`."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    work()
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def marked(text: str, missed: bool) -> str:
+    """A figure with a mark if it misses its target."""
+    return f"{text}{'!' if missed else ' '}"
 
 
 def machine() -> str:

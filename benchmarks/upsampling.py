@@ -1,30 +1,40 @@
-"""Compare ways to upsample colours: bases of reflectances for linear Rec. 709, tested on measured reflectances.
-
-    pip install -e .[tables]
-    python benchmarks/upsampling.py
-
-Each sample's colour under D65 is upsampled to a reflectance. The tables give the root mean square of its error, and the
-colour difference CIEDE2000 from the sample under other lamps: median and 95th percentile. Samples outside the gamut are
-omitted. The project's basis is fitted to the first two sets. "held out" is fitted to the other of these sets each time,
-so it is never tested on the samples that it was fitted to.
-"""
+"""Ways to upsample colours: bases of reflectances for linear Rec. 709, tested on measured reflectances."""
 
 import sys
-from pathlib import Path
+from collections.abc import Iterator
 
 import colour
 import numpy as np
+from cases import ROOT
 from colour.utilities import suppress_warnings
 
 from lensfield.engine.image.spectral_image import SpectralImage
 from lensfield.engine.pictures.preview import to_rec709 as picture
 from lensfield.engine.spectral.spectra import library_names, load_spectrum, reflectance_basis, white_density
 
-sys.path.append(str(Path(__file__).resolve().parents[1] / "packaging"))
+sys.path.append(str(ROOT / "packaging"))
 from fit_basis import D65, NM, OBSERVER, fit_basis, measured_reflectances, to_rec709  # noqa: E402
 
 LAMPS = ("A", "FL11", "LED-B3", "D50")
 FEW = (6, 9, 12)
+
+
+def upsampling() -> Iterator[str]:
+    """Compare ways to upsample colours: bases of reflectances for linear Rec. 709, tested on measured reflectances.
+
+    Each sample's colour under D65 is upsampled to a reflectance. The tables give the root mean square of its error, and
+    the colour difference CIEDE2000 from the sample under other lamps: median and 95th percentile. Samples outside the
+    gamut are omitted. The project's basis is fitted to the first two sets. "held out" is fitted to the other of these
+    sets each time, so it is never tested on the samples that it was fitted to.
+    """
+    fidelity, chart = measured_reflectances()
+    names = (name for name in library_names("reflectance") if not name.startswith("chart-"))
+    natural = np.stack([load_spectrum(name).at(NM) for name in names])
+    with suppress_warnings(colour_usage_warnings=True, python_warnings=True):
+        yield from table("99 CIE 2017 samples", fidelity, chart)
+        yield from table("24 chart patches", chart, fidelity)
+        yield from table("library's USGS samples", natural, np.vstack([fidelity, chart]))
+        yield from few_wavelengths(np.vstack([fidelity, chart]))
 
 
 def tristimulus(reflectances, lamp):
@@ -49,23 +59,23 @@ def upsampled(samples, others):
     return {name: rgb @ basis.T for name, basis in linear.items()}
 
 
-def print_table(title, samples, others):
+def table(title, samples, others):
     rgb = samples @ to_rec709()
     samples = samples[(rgb.min(axis=1) >= 0) & (rgb.max(axis=1) <= 1)]
-    print(f"\n| {title}, {len(samples)} in gamut | RMS | {' | '.join(LAMPS)} |\n|---|---|{'---|' * len(LAMPS)}")
+    yield f"\n| {title}, {len(samples)} in gamut | RMS | {' | '.join(LAMPS)} |\n|---|---|{'---|' * len(LAMPS)}"
     for name, spectra in upsampled(samples, others).items():
         under = (differences(samples, spectra, colour.SDS_ILLUMINANTS[lamp][NM]) for lamp in LAMPS)
         cells = (f"{np.median(delta_e):.2f} / {np.percentile(delta_e, 95):.2f}" for delta_e in under)
-        print(f"| {name} | {np.sqrt(np.mean((spectra - samples)**2)):.3f} | {' | '.join(cells)} |")
+        yield f"| {name} | {np.sqrt(np.mean((spectra - samples)**2)):.3f} | {' | '.join(cells)} |"
 
 
-def print_few_wavelengths(samples):
-    """Print colour differences under D65 of renders at few wavelengths between 400 and 700 nm."""
+def few_wavelengths(samples):
+    """Colour differences under D65 of renders at few wavelengths between 400 and 700 nm."""
     rgb = samples @ to_rec709()
     rgb = rgb[(rgb.min(axis=1) >= 0) & (rgb.max(axis=1) <= 1)]
     primaries = tristimulus(np.eye(NM.size), D65).T @ np.linalg.pinv(to_rec709()).T
     white = primaries.sum(axis=1)
-    print(f"\n| wavelengths rendered | {' | '.join(map(str, FEW))} |\n|---|{'---|' * len(FEW)}")
+    yield f"\n| wavelengths rendered | {' | '.join(map(str, FEW))} |\n|---|{'---|' * len(FEW)}"
     bases = {"project": reflectance_basis(NM),
              "Mallett-Yuksel 2019": colour.recovery.MSDS_BASIS_FUNCTIONS_sRGB_MALLETT2019[NM]}
     for name, basis in bases.items():
@@ -76,19 +86,4 @@ def print_few_wavelengths(samples):
             image = picture(SpectralImage((curves @ rgb.T)[:, None], nm, pitch_um=1))[0].astype(float)
             delta_e = colour.delta_E(lab(image @ primaries.T, white), lab(rgb @ primaries.T, white), method="CIE 2000")
             cells.append(f"{np.median(delta_e):.2f} / {np.percentile(delta_e, 95):.2f}")
-        print(f"| {name} | {' | '.join(cells)} |")
-
-
-def main():
-    fidelity, chart = measured_reflectances()
-    names = (name for name in library_names("reflectance") if not name.startswith("chart-"))
-    natural = np.stack([load_spectrum(name).at(NM) for name in names])
-    with suppress_warnings(colour_usage_warnings=True, python_warnings=True):
-        print_table("99 CIE 2017 samples", fidelity, chart)
-        print_table("24 chart patches", chart, fidelity)
-        print_table("library's USGS samples", natural, np.vstack([fidelity, chart]))
-        print_few_wavelengths(np.vstack([fidelity, chart]))
-
-
-if __name__ == "__main__":
-    main()
+        yield f"| {name} | {' | '.join(cells)} |"

@@ -14,7 +14,7 @@ from .plan import Plan
 
 COMPILED = "compiled"
 # Processor nanoseconds of each kind of work: the part of a single thread, and the part that all threads share. Fitted
-# by benchmarks/calibrate_cost.py on an AMD EPYC with two cores; `machine_factor` converts them to this machine.
+# by benchmarks/figures.py cost on an AMD EPYC with two cores; `machine_factor` converts them to this machine.
 NANOSECONDS = {
     NUMPY: {
         "wavelength": (3.8e6, 6.9e6),  # independent of its size

@@ -199,7 +199,8 @@ def reflectance_basis(wavelengths_nm: Wavelengths) -> np.ndarray:
 
     As in Mallett and Yuksel (2019), the three curves are between 0 and 1, sum to 1, and reproduce every colour under
     D65. Theirs are the smoothest such curves. These are the closest to 123 measured reflectances, which is more
-    accurate under lamps other than daylight (packaging/fit_basis.py fits them, benchmarks/upsampling.py compares them).
+    accurate under lamps other than daylight (packaging/fit_basis.py fits them, and `benchmarks/figures.py upsampling`
+    compares them).
 
     Returns
     -------

@@ -1,26 +1,17 @@
-"""Fit the constants of engine/plan/cost.py to this machine, and check their accuracy.
-
-    python benchmarks/calibrate_cost.py
-
-prints NANOSECONDS and REFERENCE_S of this machine, for the default loops or the loops that LENSFIELD_KERNELS names. For
-fitted and for other cases, it prints the ratio of predicted to measured time, with the present constants, converted to
-this machine as in a plan, and with the new ones. Only processor time is measured, so the machine may be busy. The main
-thread's time counts as serial work, and the rest as work that all threads share.
-"""
+"""The constants of the cost of plans: fitted to this machine, and checked."""
 
 import time
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from cases import HD, NM, PAPER_LENS, QUARTER_HD, night_street
-from on_grid import ON_GRID, lens_of
+from cases import HD, NM, ON_GRID, PAPER_LENS, QUARTER_HD, lens_of, night_street
 from scipy.optimize import nnls
-from timing import machine
+from timing import machine, without_cache
 
 from lensfield.engine import Options, Report, simulate
 from lensfield.engine.kernels.library import NUMPY, running
-from lensfield.engine.plan import cost
+from lensfield.engine.plan import cost as costs
 from lensfield.engine.plan.choose import workload
 
 HOLD = 0.02  # weight of the present constants of filtering, relative to the cases
@@ -31,6 +22,31 @@ OF_STAGES = {
     "filtering": ("wavelength", "picture pixel", "step", "transformed value", "spectrum value", "tap", "mixed tap",
                   "tap of a run", "turned sample")}
 """The kinds of work in each stage. Each stage is fitted separately; time outside these stages counts as filtering."""
+
+
+def cost():
+    """Fit the constants of engine/plan/cost.py to this machine, and check their accuracy.
+
+    Prints NANOSECONDS and REFERENCE_S of this machine, for the default loops or the loops that LENSFIELD_KERNELS names.
+    For fitted and for other cases, it prints the ratio of predicted to measured time, with the present constants,
+    converted to this machine as in a plan, and with the new ones. Only processor time is measured, so the machine may
+    be busy. The main thread's time counts as serial work, and the rest as work that all threads share.
+    """
+    without_cache()
+    yield machine()
+    loops = NUMPY if running() == NUMPY else costs.COMPILED
+    first, others = ([case for case in (measured(*each) for each in cases) if case.single or loops == NUMPY]
+                     for cases in (fitted_cases(), other_cases()))
+    present = costs.NANOSECONDS[loops]
+    here, present = fitted(first, present), converted(present)
+    yield f"REFERENCE_S = {costs._look() * costs.REFERENCE_S:.2g}"
+    for name, (alone, shared) in here.items():
+        yield f'        "{name}": ({alone:g}, {shared:g}),'
+    for kind, cases in (("fitted", first), ("not fitted", others)):
+        yield f"{kind}: processor seconds; predicted over measured, with the present and with the new constants"
+        for case in cases:
+            now, then = (case.predicted(each) / case.total_s for each in (present, here))
+            yield f"  {case.text}: {case.total_s:6.2f}  {now:5.2f} {then:5.2f}"
 
 
 @dataclass
@@ -120,7 +136,7 @@ def measured(name, shape, number, options):
         if best is None or sum(stages.values()).sum() < sum(best.values()).sum():
             best = stages
     plan = report.lens_image.plan
-    counts = cost.counts(workload(plan, lens, picture.sampling), plan)
+    counts = costs.counts(workload(plan, lens, picture.sampling), plan)
     text = (f"{name:30}{shape[1]:5} x {shape[0]:4} x {number:2}, {options.accuracy or '     '}: {plan.method.name:8} "
             f"{plan.method.section_size:3} px, {plan.method.azimuths:3} azimuths, radius {plan.psf_radius_px:3} px")
     return Measured(text, plan.precision == "float32", {name: count * number for name, count in counts.items()}, best)
@@ -149,28 +165,7 @@ def _held(shares, took, now):
 
 
 def converted(nanoseconds):
-    """Constants converted to this machine and its loops, as in `cost.seconds`."""
-    factor, slowness = cost.machine_factor(), cost.SLOWNESS.get(running(), 1.0)
-    return {name: factor * (slowness if name in cost.LOOPS else 1.0) * np.array(each)
+    """Constants converted to this machine and its loops, as in `plan.cost.seconds`."""
+    factor, slowness = costs.machine_factor(), costs.SLOWNESS.get(running(), 1.0)
+    return {name: factor * (slowness if name in costs.LOOPS else 1.0) * np.array(each)
             for name, each in nanoseconds.items()}
-
-
-def main():
-    print(machine())
-    loops = NUMPY if running() == NUMPY else cost.COMPILED
-    first, others = ([case for case in (measured(*each) for each in cases) if case.single or loops == NUMPY]
-                     for cases in (fitted_cases(), other_cases()))
-    present = cost.NANOSECONDS[loops]
-    here, present = fitted(first, present), converted(present)
-    print(f"REFERENCE_S = {cost._look() * cost.REFERENCE_S:.2g}")
-    for name, (alone, shared) in here.items():
-        print(f'        "{name}": ({alone:g}, {shared:g}),')
-    for kind, cases in (("fitted", first), ("not fitted", others)):
-        print(f"{kind}: processor seconds; predicted over measured, with the present and with the new constants")
-        for case in cases:
-            now, then = (case.predicted(each) / case.total_s for each in (present, here))
-            print(f"  {case.text}: {case.total_s:6.2f}  {now:5.2f} {then:5.2f}")
-
-
-if __name__ == "__main__":
-    main()
