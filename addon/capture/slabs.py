@@ -183,16 +183,32 @@ def plan_by(depth_mm, scene, job, grid, tinting, sky, emitters, light=None):
 
 
 def _cut(scene, lens, plan, grid, region, volumes_mm, bodies_mm):
-    world_apart = all(np.isfinite(far_mm) for _, far_mm in volumes_mm)
+    """The Cut by a SlabPlan.
+
+    grid            PixelGrid of the capture without slabs
+    region          slices of its rows and columns that are captured
+    capture         PixelGrid of the capture with slabs
+    world_apart     whether the world can be rendered separately: no volume is endless
+    start_m, end_m  clip distances of the scene's camera
+    regions         for each slab, slices of rows and columns of `capture`
+    nears_mm        near ends of the slabs, ascending
+    fars_mm         their far ends, which may overlap the next slab
+    """
+    # the capture, and the region of each slab
     capture = grid.with_overscan(plan.margin_px)
-    film, unit_m = scene.render.film_transparent, metres_per_unit(scene)
-    start_m, end_m = _clipping_m(scene)
     regions = [tuple(slice(part.start + most - margin, part.stop + most - 2 * overscan + margin)
                      for part, most, margin, overscan in zip(region, capture.overscan_px, margins, grid.overscan_px,
                                                              strict=True)) for margins in plan.margins_px]
+
+    # the ends of the slabs
+    start_m, end_m = _clipping_m(scene)
     overlap_per_mm = OVERLAP_PX / blur_per_nearness_px(lens, grid.pitch_um)
     nears_mm = [start_m * M_TO_MM, *plan.borders_mm]
     fars_mm = [*(_far_mm(border_mm, volumes_mm, bodies_mm, overlap_per_mm) for border_mm in plan.borders_mm), np.inf]
+
+    # the slabs, without those beyond the camera's far end, and the world
+    world_apart = all(np.isfinite(far_mm) for _, far_mm in volumes_mm)
+    film, unit_m = scene.render.film_transparent, metres_per_unit(scene)
     slabs = [Slab(near_mm / M_TO_MM, far_m, part, bool(film or world_apart or far_m < end_m), True)
              for near_mm, far_mm, part in zip(nears_mm, fars_mm, regions, strict=True)
              if near_mm / M_TO_MM < (far_m := min(far_mm / M_TO_MM, end_m))]

@@ -117,11 +117,29 @@ def _in_focus(layers, layered, times, progress):
 
 
 def _cast(layers, layered, lens, rays, most_rays, most_of_lamps, stop, times, progress):
-    capture, wavelengths_nm, known = layered.grid, layered.wavelengths_nm, layered.detail_times
-    sensor, count = capture.frame(), wavelengths_nm.size  # the sensor in the capture's columns
+    """The planes of `cast` if light is out of focus.
+
+    capture       PixelGrid of the layers, which may have finer columns than the sensor
+    sensor        PixelGrid of the frame, in the capture's columns
+    known         parts of a pixel whose light is known, down and across
+    ends          rays at the first and last wavelength, for the reach of all
+    per_focal     tangent per pixel of the capture
+    meetings      the layers that the rays of each tile meet
+    shares        share of each layer's light that is in focus: arrays (row, column) of the layer, or None
+    group         up to TOGETHER wavelengths, which are cast together
+    sharp         radiance of each wavelength in focus: arrays (row, column) of the capture
+    faint         radiance of each wavelength below which light does not count
+    blurred       radiance out of focus: array (wavelength, row, column) of the sensor
+    clear         share of the in-focus light that reaches the sensor, from 0 to 1: an array like `blurred`
+    """
+    # the sensor, and the rays of its pixels
+    capture, sensor, known = layered.grid, layered.grid.frame(), layered.detail_times
+    wavelengths_nm, count = layered.wavelengths_nm, layered.wavelengths_nm.size
     focal_mm, field = layered.focal_mm or lens.capture_focal_length_mm, field_map(lens)
     of_pixels, caster = field.pixel_rays(rays, sensor.on_sensor()), _Caster(lens, field, rays, focal_mm, stop)
     ends = field.pixel_rays(rays, sensor).sample(wavelengths_nm[[0, -1]], focal_mm, SAMPLE_RAYS, stop.reach)
+
+    # the layers, where these rays meet them
     layers = [layer.near_surfaces(_reach_px(layer, ends)) for layer in layers]
     layers = [layer.in_place(parallax_per_nearness_px(lens, ends, layered.capture, layer.layer.place,
                                                       float(wavelengths_nm[0])), lens) for layer in layers]
@@ -130,6 +148,8 @@ def _cast(layers, layered, lens, rays, most_rays, most_of_lamps, stop, times, pr
                              lambda radius_px: capture.projection.shrinkage(radius_px * per_focal), most_rays,
                              most_of_lamps, known)
     shares = _sharp_shares(layers, capture.shape_px)
+
+    # the wavelengths, a group at a time
     for first in range(0, count, TOGETHER):
         group = slice(first, min(first + TOGETHER, count))
         sharp = [_sharp(layers, shares, index, layered) for index in range(group.start, group.stop)]

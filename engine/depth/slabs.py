@@ -138,6 +138,18 @@ def plan_slabs(depth_mm: ArrayLike, capture: PixelGrid, lens: Lens, *, accuracy:
     -------
     SlabPlan
     """
+    # lenses       the lens and the others
+    # look         the depths and the light, prepared: arrays (row, column)
+    # in_frame     pixels of the look in the frame with a known depth or background: bool (row, column)
+    # reaching_mm  depths whose light may reach the frame: (pixel,)
+    # shares       share of these pixels' light that counts as in focus, for each lens: (pixel,), from 0 to 1
+    # uncut        ranges without borders, as places (px of blur from that at infinity): pairs, near and far
+    # edges        jumps in blur between pixels
+    # borders      places of the borders, descending
+    # hidden       share of the light from behind edges that remains hidden
+    # behind       share of the picture's light that comes from behind edges
+
+    # what the look shows, and whether everything is in focus
     lenses = lens, *others
     look = _look(depth_mm, light, empty, capture, lenses, overscan_px, reach)
     in_frame = np.all(look.beyond_px == 0, axis=0) & (look.empty | ~np.isnan(look.planar_mm))
@@ -150,10 +162,14 @@ def plan_slabs(depth_mm: ArrayLike, capture: PixelGrid, lens: Lens, *, accuracy:
               for one, in_focus in zip(lenses, look.in_focus, strict=True)]
     if np.all(np.array(shares) >= 1 - accuracy):
         return SlabPlan(False, (), (look.least_px,), 0.0, 0.0, check)
+
+    # the borders, and what they leave hidden
     uncut = look.places(uncut_mm) + [body for body in look.places(bodies_mm) if np.ptp(body) <= DEEP_PX]
     edges = _edges(look)
     borders, hidden = _cut(edges, uncut, most_slabs, accuracy)
     behind = BEHIND_PX * edges.jump_px2.sum() / (edges.surfaces.size * edges.pixel_px2)
+
+    # the slabs between them
     ends = (np.inf, *borders, 0.0)
     margins = tuple(look.margin_px(near, far) for near, far in zip(ends[:-1], ends[1:], strict=True))
     return SlabPlan(True, tuple(look.scale / place for place in borders), margins, float(behind),
@@ -361,18 +377,33 @@ def _cut(edges, uncut, most_slabs, accuracy):
     """Places of the borders, descending, and the fraction of the jumps that remains, including the cost of borders.
 
     By dynamic programming: the best cut up to a place into n slabs extends a best cut up to a farther place into n - 1.
+
+    candidates    places where a border may be, px of blur: array (candidate,), ascending
+    inside        jumps inside the slab between two nodes, px²: array (node, node); nodes are candidates and both ends
+    close         cost of the surfaces close to a border at each candidate, px²: array (candidate,)
+    step          `inside` with the cost of the border at the second node: array (node, node)
+    cost          of the best cut up to each node into the current number of slabs: array (node,)
+    ways          for each number of slabs, the node before each in its best cut: arrays (node,)
+    totals        cost of the best complete cut, for each number of slabs
+    nodes         of the chosen cut, from the near end to the far one
     """
+    # the costs of borders and slabs
     candidates = _candidates(edges, uncut)
     inside, close = _costs(edges, candidates)
     for near, far in uncut:
         close[(far < candidates) & (candidates < near)] = np.inf
     step = inside + np.concatenate([[np.inf], close, [0.0]])
-    cost, ways, totals = np.append(0.0, np.full(len(step) - 1, np.inf)), [], []
+
+    # the best cut into each number of slabs
+    cost = np.append(0.0, np.full(len(step) - 1, np.inf))
+    ways, totals = [], []
     for _ in range(min(most_slabs, len(step) - 1)):
         by = cost[:, None] + step
         ways.append(np.argmin(by, axis=0))
         cost = by.min(axis=0)
         totals.append(cost[-1])
+
+    # the fewest slabs that keep the hidden light within the accuracy
     slabs = 1 + int(np.argmax(np.array(totals) <= max(AT_EDGES * accuracy * totals[0], min(totals))))
     nodes = [len(step) - 1]
     for way in reversed(ways[:slabs]):

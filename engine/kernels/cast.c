@@ -189,6 +189,12 @@ INLINE rays at_pixel(const pixel *here, int mesh, int64_t where, rays weight, ra
     return between(below, between(at(here->low + where), at(here->high + where), weight), up_weight);
 }
 
+/* The quantities of an eight of rays, of 8 floats each: the place in the stop, then those of each wavelength. */
+enum { STOP_TWO, STOP_ONE, OF_STOP };
+enum { FAR_ONE, FAR_TWO, MOVED_ONE, MOVED_TWO, CELLS_INSIDE, WEIGHT, OF_WAVELENGTH };
+
+INLINE int64_t floats_before(int64_t wavelength) { return 8 * (OF_STOP + OF_WAVELENGTH * wavelength); }
+
 enum { LIGHT, BLURRED, THROUGH, ALL, SUMS }; /* sums over the rays of a pixel at a wavelength, in eights */
 
 INLINE void add(float *sums, rays a) { *(rays *)sums = *(const rays *)sums + a; }
@@ -214,20 +220,20 @@ INLINE void follow(const lf_cast_of *c, const pixel *here, int mesh, int64_t fir
     const int wavelengths = (int)c->wavelengths;
     const rays weight = (rays){0} + here->weight, up_weight = (rays){0} + here->up_weight;
     const rays held = mesh ? larger(smaller(weight, 1), 0) : smaller(weight, 1), up_held = larger(smaller(up_weight, 1), 0);
-    const rays through = between_blades(c, here, at(here->low + first), at(here->low + first + 8));
+    const rays through = between_blades(c, here, at(here->low + first + 8 * STOP_TWO), at(here->low + first + 8 * STOP_ONE));
     pencil pencils[LF_TOGETHER];
     masks open = {0};
     for (int w = 0; w < wavelengths; w++) {
-        const int64_t a = first + 16 + 48 * w;
-#define OF(n, weight, up_weight) at_pixel(here, mesh, a + 8 * n, weight, up_weight)
-        rays one = OF(0, weight, up_weight), two = OF(1, weight, up_weight);
+        const int64_t of_wavelength = first + floats_before(w);
+#define RAYS(quantity, weight, up_weight) at_pixel(here, mesh, of_wavelength + 8 * quantity, weight, up_weight)
+        rays one = RAYS(FAR_ONE, weight, up_weight), two = RAYS(FAR_TWO, weight, up_weight);
         if (mesh) one += here->chief[w][0], two += here->chief[w][1];
-        const rays by_one = OF(2, weight, up_weight), by_two = OF(3, weight, up_weight);
-        const rays part = open_share(OF(4, held, up_held)) * through;
+        const rays by_one = RAYS(MOVED_ONE, weight, up_weight), by_two = RAYS(MOVED_TWO, weight, up_weight);
+        const rays part = open_share(RAYS(CELLS_INSIDE, held, up_held)) * through;
         const masks pass = part > 0;
         pencil *p = pencils + w;
-        p->light = kept(pass, part * OF(5, held, up_held));
-#undef OF
+        p->light = kept(pass, part * RAYS(WEIGHT, held, up_held));
+#undef RAYS
         p->x = one * here->right[0] + two * here->right[1];
         p->y = one * here->up[0] + two * here->up[1];
         p->by_x = by_one * here->right[0] + by_two * here->right[1];
@@ -301,7 +307,7 @@ INLINE void find_chief(const lf_cast_of *c, double right, double up, pixel *here
 INLINE pixel pixel_of(const lf_cast_of *c, int mesh, int64_t row, int64_t column, float cells)
 {
     const double x = (double)column - c->centre_column, y = c->centre_row - (double)row;
-    const int64_t node = c->eights * (16 + 48 * c->wavelengths);
+    const int64_t node = c->eights * floats_before(c->wavelengths);
     pixel here = {.cells = cells};
     if (mesh) {
         const int left = c->mirrored_right && x < 0, below = c->mirrored_up && y < 0;
@@ -374,7 +380,7 @@ INLINE void cast_pixels(const lf_cast_of *c, int mesh, int64_t tile, int focused
     const int64_t bottom = top + c->tile_px < blurred->rows ? top + c->tile_px : blurred->rows;
     const int64_t right = left + c->tile_px < blurred->columns ? left + c->tile_px : blurred->columns;
     const int64_t step = c->tile_step[tile], tall = (bottom - top + step - 2) / step + 1, wide = (right - left + step - 2) / step + 1;
-    const int64_t size = 16 + 48 * c->wavelengths, each = 8 * SUMS * c->wavelengths, eights = c->tile_eights[tile];
+    const int64_t size = floats_before(c->wavelengths), each = 8 * SUMS * c->wavelengths, eights = c->tile_eights[tile];
     const float cells = __builtin_sqrtf((float)eights) / c->cell_of_eight;
     for (int64_t n = 0; n < tall * wide * each; n++) work[n] = 0;
     for (int64_t n = c->first_eights[tile]; n < c->first_eights[tile] + eights; n++) {
