@@ -20,7 +20,7 @@ from ..runtime.memory import MemoryBudget
 from .grid.field import GridFieldMap
 from .mirror_symmetry import Planes
 from .radial.field import RadialFieldMap
-from .ray_blur import Tiles
+from .ray_blur import RayReach, Tiles
 
 Place = Any
 """Places in the field, as the tables of their own field map count them."""
@@ -175,26 +175,6 @@ class PicturePsfs(Protocol):
 
     def uniform_light_error(self) -> float:
         """Largest relative error of a pixel under uniform radiance, because each pixel has one PSF."""
-
-
-class RayReach(Protocol):
-    """The positions in a layer of depth that rays of tiles reach: arrays (tile row, tile column)."""
-
-    least: float
-    most: float
-
-    def radius_px(self, least: np.ndarray, most: np.ndarray) -> np.ndarray:
-        """Largest radius of the blur between two inverse depths."""
-
-    def blur_px(self, difference: np.ndarray) -> np.ndarray:
-        """Difference in blur for a difference in inverse depth."""
-
-    def area_px(self, nearness: np.ndarray) -> np.ndarray:
-        """Area of the blur of the open stop, without vignetting, at an inverse depth: in square pixels."""
-
-    def bounds_px(self, least: np.ndarray, most: np.ndarray, around_px: np.ndarray) -> list[np.ndarray]:
-        """Top, bottom, left and right of the area that rays reach between two inverse depths, in the layer's pixels,
-        with a margin."""
 
 
 class RaySample(Protocol):

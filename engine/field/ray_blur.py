@@ -1,5 +1,6 @@
 """The rays of pixels: what the fields of all lenses have in common."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -66,6 +67,57 @@ class NodeRays:
     def blur_shapes(self) -> np.ndarray:
         """`blur_shapes` of the nodes: array (3, node, 2, 2)."""
         return blur_shapes(self.far_px[:, 0], self.moved_px[:, 0], self.inside[0] > -0.5, self.stop)
+
+
+class RayReach(ABC):
+    """The positions in a layer of depth that rays of tiles reach: arrays (tile row, tile column).
+
+    Parameters
+    ----------
+    rays : NodeRays
+    nodes : int array (tile row, tile column)
+        The node whose blur a tile has.
+    radius_px : array (node,)
+        Distances of the nodes' rays from the axis at infinity, on a plane.
+    nearness : array
+        Inverse depths of the layer.
+    axis_px : (float, float)
+        Row and column of the axis, in the layer's pixels.
+    shrinkage : callable (radius_px)
+        Ratios of the layer's radii to these radii on a plane.
+    """
+
+    def __init__(self, rays: NodeRays, nodes: np.ndarray, radius_px: np.ndarray, nearness: np.ndarray,
+                 axis_px: tuple[float, float], shrinkage: Callable[[np.ndarray], np.ndarray]) -> None:
+        self.least, self.most = float(nearness.min()), float(nearness.max())
+        self._row, self._column = axis_px
+        self._depths, self._nodes = np.linspace(self.least, self.most, DEPTHS), nodes
+        self._blur = 2 * (np.hypot(*rays.moved_px[:, 0]) * (rays.inside[0] > -0.5)).max(axis=-1)
+        along = (radius_px + 1) * shrinkage(radius_px + 1) - radius_px * shrinkage(radius_px)
+        self._shapes = rays.blur_shapes * (along * shrinkage(radius_px))[:, None, None]  # in the capture's pixels
+
+    @abstractmethod
+    def radius_px(self, least: np.ndarray, most: np.ndarray) -> np.ndarray:
+        """Largest radius of the blur between two inverse depths."""
+
+    def blur_px(self, difference: np.ndarray) -> np.ndarray:
+        """Difference in blur for a difference in inverse depth."""
+        return self._blur[self._nodes] * difference
+
+    def area_px(self, nearness: np.ndarray) -> np.ndarray:
+        """Area of the blur of the open stop, without vignetting, at an inverse depth: in square pixels."""
+        return area_px(self._shapes[:, self._nodes], nearness)
+
+    @abstractmethod
+    def bounds_px(self, least: np.ndarray, most: np.ndarray, around_px: np.ndarray) -> list[np.ndarray]:
+        """Top, bottom, left and right of the area that rays reach between two inverse depths, in the layer's pixels,
+        with a margin."""
+
+    def _place(self, nearness):
+        """Inverse depths among `_depths`: the index of the one before, and the distance from it."""
+        depth = np.clip((nearness - self.least) / max(self.most - self.least, 1e-30), 0, 1) * (DEPTHS - 1)
+        before = np.minimum(depth.astype(int), DEPTHS - 2)
+        return before, depth - before
 
 
 def tangents(rays: SensorRays) -> np.ndarray:

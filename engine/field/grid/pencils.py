@@ -11,7 +11,7 @@ from ...image.pixel_grid import PixelGrid
 from ...kernels.casting import MeshRays, rays_shape
 from ...rays.grid_rays import GridRayTable
 from ...rays.stop_places import RAY_COUNTS, cell_size, stop_places
-from ..ray_blur import DEPTHS, NodeRays, Tiles, area_px, cells_inside, in_eights, packed_sets, tangents
+from ..ray_blur import NodeRays, RayReach, Tiles, cells_inside, in_eights, packed_sets, tangents
 
 STEPS = 20  # of the mesh from the axis to the farthest corner: rays are interpolated linearly between its nodes,
 FINER = 5  # and chief rays between those of a mesh with this many times as many steps
@@ -128,35 +128,24 @@ class Pencils(NodeRays):
                 np.broadcast_to(stop, far.shape))
 
     def reach(self, nearness: np.ndarray, axis_px: tuple[float, float],
-              shrinkage: Callable[[np.ndarray], np.ndarray], tiles: Tiles) -> "RayReach":
+              shrinkage: Callable[[np.ndarray], np.ndarray], tiles: Tiles) -> RayReach:
         """The reach of the rays of tiles in a layer of these inverse depths, with the axis at `axis_px`."""
-        return RayReach(self, nearness, axis_px, shrinkage, tiles)
+        return BoxReach(self, nearness, axis_px, shrinkage, tiles)
 
     def packed(self) -> np.ndarray:
         """The rays for the loops: array (node, eight, 2 + 6 wavelengths, 8), see `kernels.cast.MeshRays`."""
         return in_eights(self.stop[::-1], self.far_px, self.moved_px, self.inside, self.light)
 
 
-class RayReach:
-    """The reach of the rays of tiles in a layer: rectangles around the rays of a tile's corners.
-
-    Parameters
-    ----------
-    rays : Pencils
-    nearness : array
-        Inverse depths of the layer.
-    axis_px : (float, float)
-        Row and column of the axis, in the layer's pixels.
-    shrinkage : callable (radius_px)
-        Ratios of the layer's radii to these radii on a plane.
-    tiles : Tiles
-    """
+class BoxReach(RayReach):
+    """The reach of the rays of tiles in a layer: rectangles around the rays of a tile's corners."""
 
     def __init__(self, rays: Pencils, nearness: np.ndarray, axis_px: tuple[float, float],
                  shrinkage: Callable[[np.ndarray], np.ndarray], tiles: Tiles) -> None:
-        self.least, self.most = float(nearness.min()), float(nearness.max())
-        self._row, self._column = axis_px
-        low, high = _ends(rays, shrinkage, np.linspace(self.least, self.most, DEPTHS))
+        across, up = rays.far_px[:, 0].mean(axis=-1, dtype=float)
+        super().__init__(rays, _nearest_nodes(rays.mesh, tiles), np.hypot(rays.squeeze * across, up), nearness,
+                         axis_px, shrinkage)
+        low, high = _ends(rays, shrinkage, self._depths)
         half_px = tiles.side_px / 2
         corners = [rays.mesh.corners(tiles.right + across * half_px, tiles.up + up * half_px)
                    for across, up in product((-1, 1), repeat=2)]
@@ -165,27 +154,13 @@ class RayReach:
         self._low = np.minimum.reduce([each for each, _ in at_corners])
         self._high = np.maximum.reduce([each for _, each in at_corners])
         self._margin = MARGIN_PX + _bend_px(rays.mesh, low, high, half_px)
-        self._nearest = _nearest_nodes(rays.mesh, tiles)
-        self._blur = 2 * (np.hypot(*rays.moved_px[:, 0]) * (rays.inside[0] > -0.5)).max(axis=-1)
-        self._shapes = rays.blur_shapes * _area_shrinkage(rays, shrinkage)[:, None, None]
 
     def radius_px(self, least: np.ndarray, most: np.ndarray) -> np.ndarray:
-        """Largest radius of the blur between two inverse depths."""
         ends = [np.hypot(*(self._between(self._high, nearness) - self._between(self._low, nearness))) / 2
                 for nearness in (least, most)]
         return np.maximum(*ends)
 
-    def blur_px(self, difference: np.ndarray) -> np.ndarray:
-        """Difference in blur for a difference in inverse depth."""
-        return self._blur[self._nearest] * difference
-
-    def area_px(self, nearness: np.ndarray) -> np.ndarray:
-        """Area of the blur of the open stop, without vignetting, at an inverse depth: in square pixels."""
-        return area_px(self._shapes[:, self._nearest], nearness)
-
     def bounds_px(self, least: np.ndarray, most: np.ndarray, around_px: np.ndarray) -> list[np.ndarray]:
-        """Top, bottom, left and right of the area that rays reach between two inverse depths, in the layer's pixels,
-        with a margin."""
         low, high = (bound(*(self._between(each, nearness) for nearness in (least, most)))
                      for bound, each in ((np.minimum, self._low), (np.maximum, self._high)))
         around_px = self._margin + around_px
@@ -194,10 +169,9 @@ class RayReach:
 
     def _between(self, table, nearness):
         """A table (2, depth, tile row, tile column) at these inverse depths: array (2, tile row, tile column)."""
-        depth = np.clip((nearness - self.least) / max(self.most - self.least, 1e-30), 0, 1) * (DEPTHS - 1)
-        before = np.minimum(depth.astype(int), DEPTHS - 2)
+        before, share = self._place(nearness)
         low, high = (np.take_along_axis(table, (before + n)[None, None], axis=1)[:, 0] for n in (0, 1))
-        return low + (depth - before) * (high - low)
+        return low + share * (high - low)
 
 
 def _ends(rays, shrinkage, nearness):
@@ -224,14 +198,6 @@ def _nearest_nodes(mesh, tiles):
     row, column = (np.rint((at - axis[0]) / (axis[1] - axis[0])).astype(int)
                    for at, axis in ((up_px, mesh.up_px), (right_px, mesh.right_px)))
     return row * len(mesh.right_px) + column
-
-
-def _area_shrinkage(rays, shrinkage):
-    """Factor on areas in the capture's pixels, relative to those on a plane: array (node,)."""
-    across, up = rays.far_px[:, 0].mean(axis=-1, dtype=float)
-    radius_px = np.hypot(rays.squeeze * across, up)
-    along = (radius_px + 1) * shrinkage(radius_px + 1) - radius_px * shrinkage(radius_px)
-    return along * shrinkage(radius_px)
 
 
 def _pencils(table: GridRayTable, sensor: PixelGrid, mesh: Mesh, focal_mm: float, count: int, reach: float,

@@ -11,7 +11,7 @@ from ...image.pixel_grid import PixelGrid
 from ...kernels.casting import HeightRays, rays_shape
 from ...rays.ray_table import RayTable
 from ...rays.stop_places import RAY_COUNTS, cell_size, stop_places
-from ..ray_blur import DEPTHS, NodeRays, Tiles, area_px, cells_inside, in_eights, packed_sets, tangents
+from ..ray_blur import NodeRays, RayReach, Tiles, cells_inside, in_eights, packed_sets, tangents
 
 HEIGHTS = 65  # with linear interpolation of rays between them
 
@@ -61,39 +61,26 @@ class Pencils(NodeRays):
                 light * np.clip(inside + 0.5, 0, 1), np.stack(turned(*self.stop[::-1])))
 
     def reach(self, nearness: np.ndarray, axis_px: tuple[float, float],
-              shrinkage: Callable[[np.ndarray], np.ndarray], tiles: Tiles) -> "RayReach":
+              shrinkage: Callable[[np.ndarray], np.ndarray], tiles: Tiles) -> RayReach:
         """The reach of the rays of tiles in a layer of these inverse depths, with the axis at `axis_px`."""
-        return RayReach(self, nearness, axis_px, shrinkage, tiles)
+        return RoundReach(self, nearness, axis_px, shrinkage, tiles)
 
     def packed(self) -> np.ndarray:
         """The rays for the loops: array (height, eight, 2 + 6 wavelengths, 8), see `kernels.cast.HeightRays`."""
         return in_eights(self.stop, self.far_px, self.moved_px, self.inside, self.light)
 
 
-class RayReach:
-    """The reach of the rays of tiles in a layer: a middle and a radius around it.
-
-    Parameters
-    ----------
-    rays : Pencils
-    nearness : array
-        Inverse depths of the layer.
-    axis_px : (float, float)
-        Row and column of the axis, in the layer's pixels.
-    shrinkage : callable (radius_px)
-        Ratios of the layer's radii to these radii on a plane.
-    tiles : Tiles
-    """
+class RoundReach(RayReach):
+    """The reach of the rays of tiles in a layer: a middle and a radius around it."""
 
     def __init__(self, rays: Pencils, nearness: np.ndarray, axis_px: tuple[float, float],
                  shrinkage: Callable[[np.ndarray], np.ndarray], tiles: Tiles) -> None:
-        self.least, self.most = float(nearness.min()), float(nearness.max())
-        self._row, self._column = axis_px
-        right, up = tiles.right, tiles.up
-        distance = np.hypot(right, up)
-        self._right, self._up = (axis / np.maximum(distance, 1e-9) for axis in (right, up))
+        distance = np.hypot(tiles.right, tiles.up)
+        self._right, self._up = (axis / np.maximum(distance, 1e-9) for axis in (tiles.right, tiles.up))
         self._at = np.minimum(distance * rays.heights_per_px, rays.heights - 1)
-        middle, radius = _ends(rays, shrinkage, np.linspace(self.least, self.most, DEPTHS))
+        super().__init__(rays, self._at.astype(int), np.hypot(*rays.far_px[:, 0], dtype=float).mean(axis=-1), nearness,
+                         axis_px, shrinkage)
+        middle, radius = _ends(rays, shrinkage, self._depths)
         step_px = 1 / rays.heights_per_px
         slope = np.gradient(middle, step_px, axis=1).max()
         beyond = np.maximum(distance - rays.last_px, 0) * slope
@@ -102,24 +89,11 @@ class RayReach:
         self._beyond = beyond
         self._middle = middle
         self._radius = scipy.ndimage.maximum_filter1d(radius, 2 * int(np.ceil(half_px / step_px)) + 1, axis=1)
-        self._blur = 2 * (np.hypot(*rays.moved_px[:, 0]) * (rays.inside[0] > -0.5)).max(axis=-1)
-        self._shapes = rays.blur_shapes * _area_shrinkage(rays, shrinkage)[:, None, None]
 
     def radius_px(self, least: np.ndarray, most: np.ndarray) -> np.ndarray:
-        """Largest radius of the blur between two inverse depths."""
         return np.maximum(*(self._between(self._radius, nearness) for nearness in (least, most)))
 
-    def blur_px(self, difference: np.ndarray) -> np.ndarray:
-        """Difference in blur for a difference in inverse depth."""
-        return self._blur[self._at.astype(int)] * difference
-
-    def area_px(self, nearness: np.ndarray) -> np.ndarray:
-        """Area of the blur of the open stop, without vignetting, at an inverse depth: in square pixels."""
-        return area_px(self._shapes[:, self._at.astype(int)], nearness)
-
     def bounds_px(self, least: np.ndarray, most: np.ndarray, around_px: np.ndarray) -> list[np.ndarray]:
-        """Top, bottom, left and right of the area that rays reach between two inverse depths, in the layer's pixels,
-        with a margin."""
         ends = []
         for nearness in (least, most):
             middle = self._between(self._middle, nearness) + self._beyond
@@ -130,9 +104,9 @@ class RayReach:
 
     def _between(self, table, nearness):
         """A table (depth, height) interpolated at the tiles' distances and at these inverse depths."""
-        depth = np.clip((nearness - self.least) / max(self.most - self.least, 1e-30), 0, 1) * (DEPTHS - 1)
-        i, j = np.minimum(depth.astype(int), DEPTHS - 2), np.minimum(self._at.astype(int), table.shape[1] - 2)
-        u, v = depth - i, self._at - j
+        i, u = self._place(nearness)
+        j = np.minimum(self._nodes, table.shape[1] - 2)
+        v = self._at - j
         return ((1 - u) * ((1 - v) * table[i, j] + v * table[i, j + 1])
                 + u * ((1 - v) * table[i + 1, j] + v * table[i + 1, j + 1]))
 
@@ -155,13 +129,6 @@ def _ends(rays, shrinkage, nearness):
     middle = np.where(low <= high, (low + high) / 2, 0)
     distance = np.hypot(place[0] - middle[:, None, :, None], place[1])
     return middle, np.maximum.reduce(distance, axis=(1, 3), where=lit, initial=0)
-
-
-def _area_shrinkage(rays, shrinkage):
-    """Factor on areas in the capture's pixels, relative to those on a plane: array (height,)."""
-    radius_px = np.hypot(*rays.far_px[:, 0], dtype=float).mean(axis=-1)
-    along = (radius_px + 1) * shrinkage(radius_px + 1) - radius_px * shrinkage(radius_px)
-    return along * shrinkage(radius_px)
 
 
 def pencils(rays: RayTable, wavelengths_nm: np.ndarray, sensor: PixelGrid, focal_mm: float, count: int,
