@@ -10,7 +10,6 @@ from ..field.field_map import field_map
 from ..lens import GridLens
 from .curves import WHITE_NM, reference_nm, white_contrast
 from .grid_curves import (
-    Path,
     angle_rad,
     displacement_um,
     distortion_lines,
@@ -21,44 +20,18 @@ from .grid_curves import (
     reference_field,
     relative_illumination,
 )
-from .page import (
-    DISTORTION,
-    ILLUMINATION,
-    LATERAL_COLOUR,
-    LEFT,
-    LEFT_WIDTH,
-    MAP_HEIGHT,
-    MAP_TOP,
-    MTF,
-    add_panel,
-    focal_length_text,
-    write,
-)
+from .page import DISTORTION, LEFT, LEFT_WIDTH, MAP_HEIGHT, MAP_TOP, add_panel, focal_length_text, write
 from .panels import (
     DASHES,
-    MOST_ILLUMINATIONS,
-    Line,
+    PathCurves,
     distortion_title,
+    draw_curves,
     draw_distortion,
-    draw_illumination,
-    draw_lateral_colour,
-    draw_legend,
-    draw_mtf,
-    label_mtf,
-    label_wavelengths,
-    lateral_colour_title,
+    illumination_nm,
+    lateral_nm,
 )
-from .psf_map import (
-    add_map,
-    draw_colour_bar,
-    draw_note,
-    draw_single,
-    draw_white,
-    even_indices,
-    hidden_share,
-    shown_wavelengths,
-)
-from .style import INK, PALE_INK, SMALL, TEXT, TITLE, degree_labels
+from .psf_map import add_map, draw_colour_bar, draw_note, draw_single, draw_white, hidden_share
+from .style import PALE_INK, TEXT, TITLE, degree_labels
 from .white_light import in_white_light
 
 if TYPE_CHECKING:
@@ -66,9 +39,6 @@ if TYPE_CHECKING:
 
 TILES = 3, 5  # along the short and the long side of the sensor
 MAP_GAP = 0.27  # between the two maps, in inches, as all lengths here
-PANEL_GAP = 0.3
-LABEL_ROOM = 0.3  # for the labels at the right ends of curves
-TICKS = {2: 5, 3: 3, 4: 2}  # on each of as many panels side by side
 OUTLINE_POINTS = 301
 
 
@@ -82,13 +52,23 @@ def grid_facts(lens: GridLens) -> tuple[str, str]:
 
 def draw_grid_panels(figure: "Figure", lens: GridLens, frequencies_per_mm: Sequence[float]) -> None:
     """Draw the PSFs of a lens over its picture, and its curves along x, y and diagonals."""
-    lines = paths(lens)
     reach = field_map(lens).covered_diagonal(lens.sensor_mm)
     _draw_psfs(figure, lens, reach)
     _draw_distortion(add_panel(figure, *DISTORTION), lens, reach)
-    _draw_mtf(figure, lens, lines, frequencies_per_mm)
-    _draw_illumination(figure, lens, lines)
-    _draw_lateral_colour(figure, lens, lines[:2])
+    draw_curves(figure, lens, [_along(lens, number, path, frequencies_per_mm) for number, path in
+                               enumerate(paths(lens))], frequencies_per_mm, "lines: solid vertical, dashed horizontal")
+
+
+def _along(lens, number, path, frequencies_per_mm):
+    """The curves along a path; lateral colour along x and y alone, which are the first two."""
+    places_mm = path.places_mm(path.along_mm)
+    moved_um = _along_psf(displacement_um(lens, WHITE_NM, *places_mm))
+    horizontal, vertical = white_contrast(lens, psfs_at(lens, *places_mm), moved_um, frequencies_per_mm)
+    return PathCurves(
+        path.along_mm, path.along_mm[0], lambda along_mm: angle_rad(lens, *path.places_mm(along_mm)),
+        f"{path.name} in mm", vertical, horizontal, relative_illumination(lens, illumination_nm(lens), *places_mm),
+        np.cos(angle_rad(lens, *places_mm))**4,
+        displacement_um(lens, lateral_nm(lens), *places_mm)[..., number] if number < 2 else None)
 
 
 def _draw_psfs(figure, lens, reach):
@@ -162,57 +142,3 @@ def _draw_end(lens, panel, _):
     x_mm, y_mm = (np.linspace(-side, side, OUTLINE_POINTS) / 2 for side in lens.sensor_mm)
     known = np.asarray(reference_field(lens).within(x_mm, y_mm[:, None]), float)
     panel.contour(x_mm, y_mm, known, [0.5], colors=PALE_INK, linestyles=[DASHES], linewidths=1, zorder=3)
-
-
-def _draw_mtf(figure, lens, lines, frequencies_per_mm):
-    panels = _side_by_side(figure, MTF, len(lines))
-    for panel, line in zip(panels, lines, strict=True):
-        places_mm = line.places_mm(line.along_mm)
-        moved_um = _along_psf(displacement_um(lens, WHITE_NM, *places_mm))
-        horizontal, vertical = white_contrast(lens, psfs_at(lens, *places_mm), moved_um, frequencies_per_mm)
-        draw_mtf(panel, _line(lens, line, len(lines)), frequencies_per_mm, vertical, horizontal,
-                 "MTF in white light" if line is lines[0] else "")
-    label_mtf(panels[-1], frequencies_per_mm, vertical, "lines: solid vertical, dashed horizontal")
-
-
-def _draw_illumination(figure, lens, lines):
-    left, bottom, width, height = ILLUMINATION
-    panels = _side_by_side(figure, (left, bottom, width - LABEL_ROOM, height), len(lines))
-    nm = lens.wavelengths_nm[even_indices(lens.wavelengths_nm.size, MOST_ILLUMINATIONS)]
-    curves = [relative_illumination(lens, nm, *line.places_mm(line.along_mm)) for line in lines]
-    for panel, line, each in zip(panels, lines, curves, strict=True):
-        cosine = np.cos(angle_rad(lens, *line.places_mm(line.along_mm)))**4
-        draw_illumination(panel, _line(lens, line, len(lines)), nm, each, cosine, max(map(np.max, curves)),
-                          "Relative illumination" if line is lines[0] else "")
-    panels[-1].set_title("dotted: cos⁴ of the field angle", fontsize=SMALL, loc="right", color=INK)
-    label_wavelengths(panels[-1], nm, curves[-1][:, -1])
-
-
-def _draw_lateral_colour(figure, lens, lines):
-    panels = _side_by_side(figure, LATERAL_COLOUR, len(lines))
-    nm = lens.wavelengths_nm[shown_wavelengths(lens)]
-    for number, (panel, line) in enumerate(zip(panels, lines, strict=True)):
-        curves = displacement_um(lens, nm, *line.places_mm(line.along_mm))[..., number]
-        draw_lateral_colour(panel, _line(lens, line, len(lines)), lens, nm, curves,
-                            lateral_colour_title(lens) if line is lines[0] else "")
-    draw_legend(panels[0], "best")
-    label_wavelengths(panels[-1], nm, curves[:, -1])
-
-
-def _side_by_side(figure, place, count):
-    """Panels with a common vertical axis."""
-    left, bottom, width, height = place
-    each = (width - (count - 1) * PANEL_GAP) / count
-    panels = []
-    for number in range(count):
-        panels.append(add_panel(figure, left + number * (each + PANEL_GAP), bottom, each, height))
-        if number:
-            panels[-1].sharey(panels[0])
-            panels[-1].tick_params(labelleft=False)
-    return panels
-
-
-def _line(lens: GridLens, path: Path, count: int) -> Line:
-    """A path as a line of `count` panels side by side."""
-    return Line(path.along_mm, path.along_mm[0], lambda along_mm: angle_rad(lens, *path.places_mm(along_mm)),
-                f"{path.name} in mm", ticks=TICKS[count])

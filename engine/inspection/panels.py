@@ -1,4 +1,4 @@
-"""The panels of a lens sheet: distortion, and MTF, illumination and lateral colour along lines of the field."""
+"""The panels of a lens sheet: distortion, and MTF, illumination and lateral colour along paths through the field."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -8,45 +8,151 @@ import numpy as np
 
 from ..lens import Lens
 from .curves import airy_radius_um
+from .page import ILLUMINATION, LATERAL_COLOUR, MTF, add_panel
+from .psf_map import even_indices, shown_wavelengths
 from .style import GRID_COLOUR, INK, PALE_INK, SMALL, TITLE, degree_labels
 from .white_light import wavelength_colours
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
     from matplotlib.patches import Patch
 
 REAL_COLOUR, IDEAL_COLOUR, AIRY_COLOUR = "#0072B2", "#B5B5B5", "#E6E6E6"
 FREQUENCY_COLOURS = "#08306B", "#2F7EBC", "#8FC1E3", "#5A5A5A", "#A5A5A5"
 DASHES = (0, (2, 2))
-MOST_TICKS, MOST_ILLUMINATIONS = 6, 3
+MOST_TICKS, MOST_ILLUMINATIONS = {1: 6, 2: 5, 3: 3, 4: 2}, 3  # ticks on each of as many panels side by side
 LABEL_SPACING, HEADROOM = 0.09, 1.03  # in heights of a panel
+PANEL_GAP = 0.3  # in inches
+LABEL_ROOM = 0.3  # for the labels at the right ends of curves
 
 
 @dataclass(frozen=True, eq=False)
-class Line:
-    """A line from the middle of the picture, or through it, along which panels show curves.
+class PathCurves:
+    """A path from the middle of the picture, or through it, and the curves of a lens along it.
 
     Attributes
     ----------
-    places_mm : array (place,), ascending
+    along_mm : array (place,), ascending
         Of the curves' points, relative to the middle.
     start_mm : float
         Left end of the panels.
     angle_rad : callable
         Field angles at places.
     label : str
+    solid, dashed : arrays (place, frequency)
+        MTF in white light.
+    illumination : array (wavelength of `illumination_nm`, place)
+        Relative to the middle.
+    cosine : array (place,)
+        The cosine fourth law.
+    lateral_um : array (wavelength of `lateral_nm`, place) or None
+        Lateral colour, if it is drawn.
     corner_mm : float or None
         The sensor's corner, to be marked.
-    ticks : int
-        Most labels on it.
     """
 
-    places_mm: np.ndarray
+    along_mm: np.ndarray
     start_mm: float
     angle_rad: Callable[[np.ndarray], np.ndarray]
     label: str
+    solid: np.ndarray
+    dashed: np.ndarray
+    illumination: np.ndarray
+    cosine: np.ndarray
+    lateral_um: np.ndarray | None
     corner_mm: float | None = None
-    ticks: int = MOST_TICKS
+
+
+def illumination_nm(lens: Lens) -> np.ndarray:
+    """The wavelengths of the curves of illumination."""
+    return lens.wavelengths_nm[even_indices(lens.wavelengths_nm.size, MOST_ILLUMINATIONS)]
+
+
+def lateral_nm(lens: Lens) -> np.ndarray:
+    """The wavelengths of the curves of lateral colour."""
+    return lens.wavelengths_nm[shown_wavelengths(lens)]
+
+
+def draw_curves(figure: "Figure", lens: Lens, paths: Sequence[PathCurves], frequencies_per_mm: Sequence[float],
+                key: str) -> None:
+    """Draw the curves of a lens, with a panel for each path side by side; `key` names solid and dashed curves."""
+    _draw_mtf(figure, paths, frequencies_per_mm, key)
+    _draw_illumination(figure, paths, illumination_nm(lens))
+    _draw_lateral_colour(figure, [path for path in paths if path.lateral_um is not None], lens)
+
+
+def _draw_mtf(figure, paths, frequencies_per_mm, key):
+    panels = _side_by_side(figure, MTF, len(paths))
+    for panel, path in zip(panels, paths, strict=True):
+        for colour, one, other in zip(FREQUENCY_COLOURS, path.solid.T, path.dashed.T, strict=False):  # of five
+            panel.plot(path.along_mm, one, color=colour, linewidth=2)
+            panel.plot(path.along_mm, other, "--", color=colour, linewidth=2)
+        panel.set_ylim(0, HEADROOM)
+        _dress(panel, path, len(paths), "MTF in white light" if path is paths[0] else "")
+    panels[-1].set_title(key, fontsize=SMALL, loc="right", color=INK)
+    _label_ends(panels[-1], paths[-1].solid[-1], [f"{frequency:g}/mm" for frequency in frequencies_per_mm],
+                FREQUENCY_COLOURS)
+
+
+def _draw_illumination(figure, paths, wavelengths_nm):
+    """Draw the relative illumination along each path, and the cosine fourth law."""
+    left, bottom, width, height = ILLUMINATION
+    alone = len(paths) == 1
+    panels = _side_by_side(figure, (left, bottom, width if alone else width - LABEL_ROOM, height), len(paths))
+    most = max(np.max(path.illumination) for path in paths)
+    for panel, path in zip(panels, paths, strict=True):
+        for one, colour, curve in zip(wavelengths_nm, wavelength_colours(wavelengths_nm), path.illumination,
+                                      strict=True):
+            panel.plot(path.along_mm, curve, color=colour, linewidth=1.8, label=f"{one:.4g} nm")
+        panel.plot(path.along_mm, path.cosine, ":", color="black", linewidth=1.8, label="cos⁴ of the field angle")
+        panel.set_ylim(0, HEADROOM * max(1, most))
+        _dress(panel, path, len(paths), "Relative illumination" if path is paths[0] else "")
+    if alone:
+        _draw_legend(panels[0], "lower left", labelspacing=0.25)
+    else:
+        panels[-1].set_title("dotted: cos⁴ of the field angle", fontsize=SMALL, loc="right", color=INK)
+        _label_wavelengths(panels[-1], wavelengths_nm, paths[-1].illumination[:, -1])
+    if paths[0].corner_mm is not None:
+        panels[0].text(paths[0].corner_mm, 0.98, "corner ", fontsize=SMALL - 1, color=PALE_INK, ha="right", va="top",
+                       rotation=90, transform=panels[0].get_xaxis_transform())
+
+
+def _draw_lateral_colour(figure, paths, lens):
+    """Draw the lateral colour along each path, and the size of the Airy disk."""
+    panels, wavelengths_nm = _side_by_side(figure, LATERAL_COLOUR, len(paths)), lateral_nm(lens)
+    airy_um = airy_radius_um(lens, lens.reference_wavelength_nm)
+    title = f"Lateral colour in µm, relative to {lens.reference_wavelength_nm:.4g} nm"
+    for panel, path in zip(panels, paths, strict=True):
+        panel.axhspan(-airy_um, airy_um, color=AIRY_COLOUR, linewidth=0, zorder=0, label="Airy disk")
+        for colour, curve in zip(wavelength_colours(wavelengths_nm), path.lateral_um, strict=True):
+            panel.plot(path.along_mm, curve, color=colour, linewidth=1.8)
+        _dress(panel, path, len(paths), title if path is paths[0] else "")
+    _draw_legend(panels[0], "lower left" if len(paths) == 1 else "best")
+    _label_wavelengths(panels[-1], wavelengths_nm, paths[-1].lateral_um[:, -1])
+
+
+def _side_by_side(figure, place, count):
+    """Panels with a common vertical axis."""
+    left, bottom, width, height = place
+    each = (width - (count - 1) * PANEL_GAP) / count
+    panels = []
+    for number in range(count):
+        panels.append(add_panel(figure, left + number * (each + PANEL_GAP), bottom, each, height))
+        if number:
+            panels[-1].sharey(panels[0])
+            panels[-1].tick_params(labelleft=False)
+    return panels
+
+
+def _label_wavelengths(panel, wavelengths_nm, ends):
+    """Label curves at their right ends with wavelengths."""
+    _label_ends(panel, ends, [f"{one:.4g} nm" for one in wavelengths_nm], wavelength_colours(wavelengths_nm))
+
+
+def _draw_legend(panel, place, **style):
+    """Draw the names of the curves."""
+    panel.legend(loc=place, fontsize=SMALL, frameon=False, **style)
 
 
 def draw_distortion(panel: "Axes", lens: Lens, lines_mm: Sequence[np.ndarray], corners_mm: np.ndarray, title: str,
@@ -93,77 +199,26 @@ def distortion_title(percents: Sequence[float], reaches_corner: bool) -> str:
     return f"Distortion {least} to {most} % {place}{'s' * reaches_corner}"
 
 
-def draw_mtf(panel: "Axes", line: Line, frequencies_per_mm: Sequence[float], solid: np.ndarray, dashed: np.ndarray,
-             title: str) -> None:
-    """Draw two MTFs, arrays (place, frequency), in white light along a line."""
-    for colour, one, other in zip(FREQUENCY_COLOURS, solid.T, dashed.T, strict=False):  # of five
-        panel.plot(line.places_mm, one, color=colour, linewidth=2)
-        panel.plot(line.places_mm, other, "--", color=colour, linewidth=2)
-    panel.set_ylim(0, HEADROOM)
-    _dress(panel, line, title)
-
-
-def label_mtf(panel: "Axes", frequencies_per_mm: Sequence[float], solid: np.ndarray, key: str) -> None:
-    """Label the curves of `draw_mtf`."""
-    panel.set_title(key, fontsize=SMALL, loc="right", color=INK)
-    _label_ends(panel, solid[-1], [f"{frequency:g}/mm" for frequency in frequencies_per_mm], FREQUENCY_COLOURS)
-
-
-def draw_illumination(panel: "Axes", line: Line, wavelengths_nm: np.ndarray, curves: np.ndarray, cosine: np.ndarray,
-                      most: float, title: str) -> None:
-    """Draw the relative illumination (wavelength, place), of up to `most`, along a line, and the cosine fourth law
-    (place,)."""
-    for one, colour, curve in zip(wavelengths_nm, wavelength_colours(wavelengths_nm), curves, strict=True):
-        panel.plot(line.places_mm, curve, color=colour, linewidth=1.8, label=f"{one:.4g} nm")
-    panel.plot(line.places_mm, cosine, ":", color="black", linewidth=1.8, label="cos⁴ of the field angle")
-    panel.set_ylim(0, HEADROOM * max(1, most))
-    _dress(panel, line, title)
-
-
-def draw_lateral_colour(panel: "Axes", line: Line, lens: Lens, wavelengths_nm: np.ndarray, curves: np.ndarray,
-                        title: str) -> None:
-    """Draw the lateral colour (wavelength, place) in um along a line, and the size of the Airy disk."""
-    airy_um = airy_radius_um(lens, lens.reference_wavelength_nm)
-    panel.axhspan(-airy_um, airy_um, color=AIRY_COLOUR, linewidth=0, zorder=0, label="Airy disk")
-    for colour, curve in zip(wavelength_colours(wavelengths_nm), curves, strict=True):
-        panel.plot(line.places_mm, curve, color=colour, linewidth=1.8)
-    _dress(panel, line, title)
-
-
-def lateral_colour_title(lens: Lens) -> str:
-    """The title of the panel."""
-    return f"Lateral colour in µm, relative to {lens.reference_wavelength_nm:.4g} nm"
-
-
-def label_wavelengths(panel: "Axes", wavelengths_nm: np.ndarray, ends: np.ndarray) -> None:
-    """Label curves at their right ends with wavelengths."""
-    _label_ends(panel, ends, [f"{one:.4g} nm" for one in wavelengths_nm], wavelength_colours(wavelengths_nm))
-
-
-def draw_legend(panel: "Axes", place: str = "lower left", **style: float) -> None:
-    """Draw the names of the curves."""
-    panel.legend(loc=place, fontsize=SMALL, frameon=False, **style)
-
-
-def _dress(panel, line, title):
-    """Draw a light grid and axis labels: places with their field angles; mark the sensor's corner."""
+def _dress(panel, path, count, title):
+    """Draw a light grid and axis labels: places with their field angles, as many as fit in one of `count` panels; mark
+    the sensor's corner."""
     from matplotlib.ticker import MaxNLocator
 
-    start_mm, end_mm = line.start_mm, line.places_mm[-1]
+    start_mm, end_mm = path.start_mm, path.along_mm[-1]
     panel.set_xlim(start_mm, end_mm)
-    ticks_mm = MaxNLocator(line.ticks).tick_values(start_mm, end_mm)
+    ticks_mm = MaxNLocator(MOST_TICKS[count]).tick_values(start_mm, end_mm)
     slack_mm = 1e-9 * end_mm
     ticks_mm = ticks_mm[(ticks_mm >= start_mm - slack_mm) & (ticks_mm <= end_mm + slack_mm)]
-    degrees = np.degrees(line.angle_rad(ticks_mm))
+    degrees = np.degrees(path.angle_rad(ticks_mm))
     panel.set_xticks(ticks_mm, [f"{mm:g}\n{angle}".replace("-", "−") for mm, angle in
                                 zip(ticks_mm, degree_labels(degrees), strict=True)])
-    panel.set_xlabel(line.label, fontsize=SMALL, color=INK, labelpad=1)
+    panel.set_xlabel(path.label, fontsize=SMALL, color=INK, labelpad=1)
     panel.grid(color=GRID_COLOUR, linewidth=0.6)
     panel.set_axisbelow(True)
     panel.spines[["top", "right"]].set_visible(False)
     panel.tick_params(labelsize=SMALL, colors=INK)
-    if line.corner_mm is not None:
-        panel.axvline(line.corner_mm, color=PALE_INK, linewidth=1.2, linestyle=DASHES)
+    if path.corner_mm is not None:
+        panel.axvline(path.corner_mm, color=PALE_INK, linewidth=1.2, linestyle=DASHES)
     _entitle(panel, title)
 
 

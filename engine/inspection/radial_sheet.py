@@ -16,35 +16,18 @@ from .curves import (
     relative_illumination,
     white_mtf,
 )
-from .page import (
-    DISTORTION,
-    ILLUMINATION,
-    LATERAL_COLOUR,
-    LEFT,
-    LEFT_WIDTH,
-    MAP_HEIGHT,
-    MAP_TOP,
-    MTF,
-    add_panel,
-    focal_length_text,
-    write,
-)
+from .page import DISTORTION, LEFT, LEFT_WIDTH, MAP_HEIGHT, MAP_TOP, add_panel, focal_length_text, write
 from .panels import (
     DASHES,
-    MOST_ILLUMINATIONS,
-    Line,
+    PathCurves,
     distortion_title,
+    draw_curves,
     draw_distortion,
-    draw_illumination,
-    draw_lateral_colour,
-    draw_legend,
-    draw_mtf,
-    label_mtf,
-    label_wavelengths,
-    lateral_colour_title,
+    illumination_nm,
+    lateral_nm,
 )
-from .psf_map import draw_colour_bar, draw_note, draw_psf_map, even_indices, shown_wavelengths
-from .style import PALE_INK, SMALL, TEXT, TITLE
+from .psf_map import draw_colour_bar, draw_note, draw_psf_map
+from .style import PALE_INK, TEXT, TITLE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -59,21 +42,22 @@ def radial_facts(lens: RadialLens) -> tuple[str, str]:
 def draw_radial_panels(figure: "Figure", lens: RadialLens, frequencies_per_mm: Sequence[float]) -> None:
     """Draw the PSFs of a lens, and its curves over image height."""
     field = field_of(lens)
-    line = _line(lens, field)
     _draw_psfs(figure, lens, field)
     _draw_distortion(add_panel(figure, *DISTORTION), lens, field)
-    _draw_mtf(add_panel(figure, *MTF), lens, line, frequencies_per_mm)
-    _draw_illumination(add_panel(figure, *ILLUMINATION), lens, line)
-    _draw_lateral_colour(add_panel(figure, *LATERAL_COLOUR), lens, line)
+    draw_curves(figure, lens, [_outwards(lens, field, frequencies_per_mm)], frequencies_per_mm,
+                "solid: sagittal   dashed: tangential")
 
 
-def _line(lens, field):
-    """The line from the axis outwards."""
+def _outwards(lens, field, frequencies_per_mm):
+    """The curves from the axis outwards."""
     def angle_rad(height_mm):
         return field_angle_rad(lens, field.geometry.paraxial_height_mm(height_mm))
 
-    return Line(field.optics.real_height_mm, 0.0, angle_rad, "image height in mm, field angle",
-                np.hypot(*lens.sensor_mm) / 2 if field.reaches_corner else None)
+    tangential, sagittal = white_mtf(lens, frequencies_per_mm)
+    return PathCurves(
+        field.optics.real_height_mm, 0.0, angle_rad, "image height in mm, field angle", sagittal, tangential,
+        relative_illumination(lens, illumination_nm(lens)), cosine_fourth(lens, lens.heights_mm),
+        lateral_colour_um(lens, lateral_nm(lens)), np.hypot(*lens.sensor_mm) / 2 if field.reaches_corner else None)
 
 
 def _draw_psfs(figure, lens, field):
@@ -99,28 +83,3 @@ def _draw_distortion(panel, lens, field):
 
     draw_distortion(panel, lens, distortion_grid(lens, field), edge_mm * half_mm / np.hypot(*half_mm),
                     f"{title}, {angle}", None if field.reaches_corner else draw_end)
-
-
-def _draw_mtf(panel, lens, line, frequencies_per_mm):
-    tangential, sagittal = white_mtf(lens, frequencies_per_mm)
-    draw_mtf(panel, line, frequencies_per_mm, sagittal, tangential, "MTF in white light")
-    label_mtf(panel, frequencies_per_mm, sagittal, "solid: sagittal   dashed: tangential")
-
-
-def _draw_illumination(panel, lens, line):
-    nm = lens.wavelengths_nm[even_indices(lens.wavelengths_nm.size, MOST_ILLUMINATIONS)]
-    curves = relative_illumination(lens, nm)
-    draw_illumination(panel, line, nm, curves, cosine_fourth(lens, lens.heights_mm), curves.max(),
-                      "Relative illumination")
-    draw_legend(panel, labelspacing=0.25)
-    if line.corner_mm is not None:
-        panel.text(line.corner_mm, 0.98, "corner ", fontsize=SMALL - 1, color=PALE_INK, ha="right", va="top",
-                   rotation=90, transform=panel.get_xaxis_transform())
-
-
-def _draw_lateral_colour(panel, lens, line):
-    nm = lens.wavelengths_nm[shown_wavelengths(lens)]
-    curves = lateral_colour_um(lens, nm)
-    draw_lateral_colour(panel, line, lens, nm, curves, lateral_colour_title(lens))
-    draw_legend(panel)
-    label_wavelengths(panel, nm, curves[:, -1])
