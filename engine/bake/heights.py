@@ -61,9 +61,9 @@ def adaptive_heights_mm(system: System, wavelengths_nm: Sequence[float] | np.nda
         new_mm = (places_mm[edges + halves] + places_mm[edges + halves + 1]) / 2
         wavefronts = trace_wavefronts(system, new_mm, wavelengths_nm, PUPIL)
         order = np.argsort(np.concatenate([places_mm, new_mm]))
-        places_mm, real_mm, psfs = (np.concatenate(each)[order] for each in (
-            (places_mm, new_mm), (real_mm, wavefronts.chief_height_mm[0]),
-            (psfs, survey_psfs(system, wavefronts, width_um))))
+        places_mm = np.concatenate([places_mm, new_mm])[order]
+        real_mm = np.concatenate([real_mm, wavefronts.chief_height_mm[0]])[order]
+        psfs = np.concatenate([psfs, survey_psfs(system, wavefronts, width_um)])[order]
 
 
 def survey_psfs(system: System, wavefronts: Wavefronts, width_um: float) -> np.ndarray:

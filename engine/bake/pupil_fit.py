@@ -66,9 +66,10 @@ def fit_pupils(traced: Sequence[Wavefront], degree: int, wavelengths_nm: Sequenc
     list of PupilFit
         One for each of `wavelengths_nm`, over the same disc.
     """
-    path_um, density, (x, y), limits = (np.stack([getattr(one, name) for one in traced], axis=-3)
-                                        for name in ("path_mm", "density", "cosine", "limits"))
-    path_um, pupil = 1e3 * path_um, traced[0].pupil
+    path_um = 1e3 * np.stack([one.path_mm for one in traced], axis=-3)
+    density = np.stack([one.density for one in traced], axis=-3)
+    x, y = np.stack([one.cosine for one in traced], axis=-3)
+    limits, pupil = np.stack([one.limits for one in traced], axis=-3), traced[0].pupil
     passing = np.all(limits <= 1, axis=0)
     near = with_neighbours(pupil, passing)
     half_x, half_y, middle_x, middle_y = _disc(x[near], y[near], pupil.mirrored)
@@ -78,12 +79,13 @@ def fit_pupils(traced: Sequence[Wavefront], degree: int, wavelengths_nm: Sequenc
 
     fits = [_fit_one(x[at], y[at], near[at], path_um[at], density[at], radius[at], limits[:, at], degree,
                      pupil.mirrored) for at in range(len(traced))]
-    path_um, edges, error_um = (np.stack(each) for each in zip(*fits, strict=True))
+    path_um, edges, error_um = map(np.stack, zip(*fits, strict=True))
     densities = np.stack([density.min(axis=(1, 2), where=passing, initial=np.inf),
                           density.max(axis=(1, 2), where=passing, initial=-np.inf)], axis=1)
     weights = polynomial_weights(np.array([1e3 / one.wavelength_nm for one in traced]),
                                  1e3 / np.asarray(wavelengths_nm, dtype=float))
-    path_um, edges, densities = (np.tensordot(weights, values, 1) for values in (path_um, edges, densities))
+    path_um, edges = np.tensordot(weights, path_um, 1), np.tensordot(weights, edges, 1)
+    densities = np.tensordot(weights, densities, 1)
     return [PupilFit(half_x, half_y, middle_y, path_um[at], edges[at], tuple(densities[at]), float(error_um.max()),
                      pupil.mirrored) for at in range(len(weights))]
 

@@ -232,7 +232,8 @@ def _wavefront(rays, wavelength, place_mm, depth_mm, pupil):
                        for along in step_mm * np.eye(2)[:, :, None, None]]) / (2 * step_mm)
     chief_mm = np.reshape(place_mm, (2, 1, 1))
     total_mm = total_mm - np.sum(cosine * (clamped_mm - chief_mm), axis=0)
-    total_mm, source, cosine = (continued(each, lost) for each in (total_mm, source, cosine))
+    total_mm = continued(total_mm, lost)
+    source, cosine = continued(source, lost), continued(cosine, lost)
     limits = np.where(lost, 2.0, 1 - traced.surface_margin)[None]
     wavefront = Wavefront(pupil, float(rays.wavelengths_nm[wavelength]), total_mm - total_mm[0, 0], cosine, source,
                           light_density(pupil, source, cosine), limits[np.any(limits > 1, axis=(1, 2))],
@@ -245,8 +246,9 @@ def _landings_mm(rays, wavelength, place_mm, depth_mm, stop):
 
     Uses Broyden's method, starting with the derivatives of chief rays' crossings with the point's plane.
     """
-    chief_mm, point_mm, scale = (np.reshape(each, (2, *(1,) * (stop.ndim - 1))) for each in
-                                 (place_mm, *_chief_crossing(rays, wavelength, place_mm, depth_mm)))
+    over_stop, (point_mm, scale) = (2, *(1,) * (stop.ndim - 1)), _chief_crossing(rays, wavelength, place_mm, depth_mm)
+    chief_mm, point_mm = np.reshape(place_mm, over_stop), np.reshape(point_mm, over_stop)
+    scale = np.reshape(scale, over_stop)
 
     def missed(stop_x, stop_y, x, y):
         place_mm = rays.last_height_mm * np.stack([x, y])

@@ -153,7 +153,8 @@ def _cast(layers, layered, lens, rays, most_rays, most_of_lamps, stop, times, pr
     for first in range(0, count, TOGETHER):
         group = slice(first, min(first + TOGETHER, count))
         sharp = [_sharp(layers, shares, index, layered) for index in range(group.start, group.stop)]
-        blurred, clear = (np.full((len(sharp), *sensor.shape_px), value, np.float32) for value in (0, 1))
+        blurred = np.zeros((len(sharp), *sensor.shape_px), np.float32)
+        clear = np.ones_like(blurred)
         faint = [FAINT * float(abs(plane.mean(dtype=np.float64))) for plane in sharp]
         for completed in caster.cast(layers, sensor, meetings, group, wavelengths_nm[group], faint, blurred, clear):
             progress((first + completed * len(sharp)) / count)

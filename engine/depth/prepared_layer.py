@@ -125,8 +125,8 @@ class PreparedLayer:
                 for plane, nm in zip(layer.cube[wavelengths], wavelengths_nm, strict=True)]
         inside = tuple(slice(side.start + at - own, side.start + at - own + n) for side, at, own, n in zip(
             region, layer.origin_px, self.layer.origin_px, layer.alpha.shape, strict=True))
-        alpha, *depth = (split_pixels(plane, times)
-                         for plane in (layer.alpha, *np.moveaxis(self.depth[inside], -1, 0)))
+        alpha = split_pixels(layer.alpha, times)
+        depth = [split_pixels(plane, times) for plane in np.moveaxis(self.depth[inside], -1, 0)]
         anywhere_mm = np.broadcast_to(np.float32(1), alpha.shape)  # rays read `depth` instead
         row, column = (times * at for at in layer.origin_px)
         return replace(self, layer=Layer(np.array(cube), alpha, anywhere_mm, (row, column)),

@@ -129,9 +129,9 @@ class PsfSamples:
         step = max(1, BATCH_SAMPLES // 9 // samples)  # nine pixels for each sample
         for start in range(0, angle_rad.size, step):
             part = result[start:start + step]
-            pixels, shares = (np.stack(nine, axis=2).transpose(1, 0, 2)
-                              for nine in self._shares(angle_rad[start:start + step]))
-            pixels = pixels + np.arange(len(part))[:, None] * size * size
+            pixels, shares = self._shares(angle_rad[start:start + step])
+            shares = np.stack(shares, axis=2).transpose(1, 0, 2)
+            pixels = np.stack(pixels, axis=2).transpose(1, 0, 2) + np.arange(len(part))[:, None] * size * size
             onto_pixels = scipy.sparse.csc_matrix(
                 (shares.ravel(), pixels.ravel(), np.arange(samples + 1) * 9 * len(part)),
                 (len(part) * size * size, samples))

@@ -161,7 +161,8 @@ def blur_shapes(far_px: np.ndarray, moved_px: np.ndarray, passing: np.ndarray, s
     shapes = np.empty((3, len(passing), 2, 2))
     for node, of_node in enumerate(passing):
         chosen = of_node if of_node.sum() >= FEW else np.ones_like(of_node)
-        far, moved, places = (np.asarray(each, float)[:, chosen] for each in (far_px[:, node], moved_px[:, node], stop))
+        far, moved = far_px[:, node, chosen].astype(float), moved_px[:, node, chosen].astype(float)
+        places = stop[:, chosen].astype(float)
         both = np.cov(far, moved)
         area = np.pi * np.hypot(*stop).max() ** 2 / np.sqrt(np.linalg.det(np.cov(places)))
         shapes[:, node] = both[:2, :2] * area, (both[:2, 2:] + both[2:, :2]) * area, both[2:, 2:] * area

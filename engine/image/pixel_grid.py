@@ -58,7 +58,8 @@ class PixelGrid:
         for name in ("shape_px", "overscan_px"):
             if np.shape(getattr(self, name)) != (2,) or not all(is_integer(n) for n in getattr(self, name)):
                 raise ImageError("image", name, getattr(self, name), "expected whole numbers of rows and columns")
-        (rows, columns), overscan = (tuple(int(n) for n in pair) for pair in (self.shape_px, self.overscan_px))
+        rows, columns = map(int, self.shape_px)
+        overscan = tuple(map(int, self.overscan_px))
         centre = ((rows - 1) / 2, (columns - 1) / 2) if self.centre_px is None else self.centre_px
         if not is_positive(self.pitch_um) or self.pitch_um > MOST_PITCH_UM:
             raise ImageError("image", "pitch_um", self.pitch_um, f"expected a positive number, up to {MOST_PITCH_UM:g}")

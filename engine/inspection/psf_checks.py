@@ -156,8 +156,9 @@ def _border(lens):
         return
     unexplained = ~(lens.enclosed_energy < ENCLOSED_LIGHT)
     windows = [psf.reshape(-1, *psf.shape[-2:]) for psf in lens.psf]
-    seamless, rise, ring = (np.reshape([measure(psf) for psf in windows], lens.psf.shape[:-2])
-                            for measure in (_seamless, _rise, _ring))
+    seamless = np.reshape(list(map(_seamless, windows)), lens.psf.shape[:-2])
+    rise = np.reshape(list(map(_rise, windows)), lens.psf.shape[:-2])
+    ring = np.reshape(list(map(_ring, windows)), lens.psf.shape[:-2])
     worst = greatest(seamless)
     if seamless[worst] > BORDER_LIGHT:
         yield LensFinding("warning", "psf", f"{seamless[worst]:.1%} of its light at two opposite borders, across which "

@@ -38,7 +38,8 @@ def fit(x: np.ndarray, y: np.ndarray, weight: np.ndarray, values: np.ndarray, de
         Sizes are invalid.
     """
     loops, variant = chosen()
-    x, y, weight, values = (np.ascontiguousarray(each, dtype=np.float64) for each in (x, y, weight, values))
+    x, y = np.ascontiguousarray(x, dtype=np.float64), np.ascontiguousarray(y, dtype=np.float64)
+    weight, values = np.ascontiguousarray(weight, dtype=np.float64), np.ascontiguousarray(values, dtype=np.float64)
     quantities, places = values.shape
     out, residual = np.zeros((quantities, degree + 1, degree // step + 1)), np.zeros(-(-places // EIGHT) * EIGHT)
     work = np.empty(loops.lf_fit_work(places, degree, step))

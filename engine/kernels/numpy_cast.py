@@ -24,7 +24,7 @@ def numpy_cast(casting: Casting, row: int, blurred: np.ndarray, clear: np.ndarra
             for first in range(begin, begin + eights, PORTION))
         of_rays = np.divide(out_of_focus, light, out=np.zeros_like(light), where=light > 0)
         share = np.clip(np.divide(through, total, out=np.ones_like(total), where=total > 0), 0, 1)
-        blurred[pixels], clear[pixels] = (_filled(plane, shape_px, step) for plane in (of_rays, share))
+        blurred[pixels], clear[pixels] = _filled(of_rays, shape_px, step), _filled(share, shape_px, step)
 
 
 def _filled(planes, shape_px, step):

@@ -22,7 +22,8 @@ def numpy_read(pixels: Pixels, light_e: np.ndarray, rows: slice, numbers: np.nda
 
 
 def _read_row(pixels, light_e, row, plane):
-    full_e, gain, black = (np.float32(value) for value in (pixels.full_e, pixels.gain_dn_per_e, pixels.black_dn))
+    full_e, gain = np.float32(pixels.full_e), np.float32(pixels.gain_dn_per_e)
+    black = np.float32(pixels.black_dn)
     if pixels.noisy:
         place = pixels.place[0] + row, pixels.place[1] + np.arange(light_e.size), plane
         signal_e = _noisy(pixels, light_e, place)

@@ -57,7 +57,8 @@ class TracedSurfaces:
 
     def system(self, indices: np.ndarray) -> tuple[Structure, tuple[np.ndarray, ...]]:
         """The structure for the loops, with refractive indices (surface + 1,), and its arrays, which it points to."""
-        shapes, indices = (np.ascontiguousarray(each, dtype=np.float64) for each in (self.shapes, indices))
+        shapes = np.ascontiguousarray(self.shapes, dtype=np.float64)
+        indices = np.ascontiguousarray(indices, dtype=np.float64)
         surfaces, terms = len(shapes), (self.even_terms, self.odd_terms)
         system = SYSTEM(address(shapes, np.float64, (surfaces, 3 + sum(terms))),
                         address(indices, np.float64, (surfaces + 1,)), surfaces, self.stop, *terms,
@@ -140,7 +141,8 @@ def aim(surfaces: TracedSurfaces, indices: np.ndarray, kind: int, scale: float, 
     """
     loops, variant = chosen()
     system, _arrays = surfaces.system(indices)
-    targets, guess, places = (np.ascontiguousarray(each, dtype=np.float64) for each in (targets, guess, places))
+    targets, places = np.ascontiguousarray(targets, dtype=np.float64), np.ascontiguousarray(places, dtype=np.float64)
+    guess = np.ascontiguousarray(guess, dtype=np.float64)
     (fields,), rays = guess.shape, places.shape[1]
     out = np.empty((3, fields, rays))
     address(places, np.float64, (2, rays))

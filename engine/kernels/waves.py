@@ -44,8 +44,9 @@ def waves(path: np.ndarray, edges: np.ndarray, x: np.ndarray, y: np.ndarray, den
     """
     loops, variant = chosen()
     terms = chebvander(2 * x**2 - 1 if even else x, max(path.shape[-1], edges.shape[-1]) - 1).T
-    across, up, path = (np.ascontiguousarray(array, dtype=np.float64) for array in (terms, y, path))
-    across_edges, edges = (np.ascontiguousarray(array, dtype=np.float32) for array in (terms, edges))
+    across, up = np.ascontiguousarray(terms, dtype=np.float64), np.ascontiguousarray(y, dtype=np.float64)
+    path, across_edges = np.ascontiguousarray(path, dtype=np.float64), np.ascontiguousarray(terms, dtype=np.float32)
+    edges = np.ascontiguousarray(edges, dtype=np.float32)
     if path.shape[0] != y.size or edges.shape[0] != y.size:
         raise ValueError(f"polynomials of {path.shape[0]} and {edges.shape[0]} rows: expected {y.size}")
     light, work = np.zeros(2), np.empty(3 * (x.size + PADDING), np.float32)

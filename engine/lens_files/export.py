@@ -76,7 +76,8 @@ def read_export(path: str | Path) -> RadialLens:
 
 def _axes(description):
     """Heights in mm and wavelengths in nm: float arrays."""
-    heights, wavelengths = (np.array(description.numbers(field)) for field in ("heights_mm", "wavelengths_nm"))
+    heights = np.array(description.numbers("heights_mm"))
+    wavelengths = np.array(description.numbers("wavelengths_nm"))
     if heights.size < 2 or heights[0] != 0 or np.any(np.diff(heights) <= 0):
         raise description.refusal("heights_mm", "expected two or more, ascending from 0")
     if np.any(np.diff(wavelengths) <= 0):

@@ -118,7 +118,8 @@ def _heights_mm(parameters, path):
         heights = _axis(parameters, "imgHeight", path)
         count, last = heights.size, heights[-1]
     else:
-        count, last = (_number(parameters.get(name), name, path) for name in ("imgHeightNum", "imgHeightMax"))
+        count = _number(parameters.get("imgHeightNum"), "imgHeightNum", path)
+        last = _number(parameters.get("imgHeightMax"), "imgHeightMax", path)
     if not (2 <= count < MOST_PSFS and count == int(count) and 0 < last < np.inf):
         raise LensError(path, "image heights", f"{count:g} up to {last:g} mm",
                         "expected two or more, up to a positive height")

@@ -42,7 +42,8 @@ def read_iset_mat(path: str | Path) -> RadialLens:
         The file is damaged, of version 7.3, or lacks a part of the ray-trace structure.
     """
     parts = _parts(path)
-    heights, wavelengths = (_array(parts, f"psf.{name}", path, 1) for name in ("fieldHeight", "wavelength"))
+    heights = _array(parts, "psf.fieldHeight", path, 1)
+    wavelengths = _array(parts, "psf.wavelength", path, 1)
     if heights.size < 2:
         raise LensError(path, "psf.fieldHeight", f"{heights.size} heights", "expected two or more")
     first_order, note = _first_order(parts, heights[-1], path)

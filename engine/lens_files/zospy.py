@@ -30,7 +30,8 @@ def psf_grid(text: str, path: Path) -> PsfGrid:
     try:
         result = json.loads(text)
         table = result["data"].get("psf", result["data"])  # a frame, alone or together with a Strehl ratio
-        values, y_um, x_um = (np.array(table[name], dtype=float) for name in ("data", "index", "columns"))
+        values = np.array(table["data"], dtype=float)
+        y_um, x_um = np.array(table["index"], dtype=float), np.array(table["columns"], dtype=float)
         settings, lines = result.get("settings"), result.get("header")
     except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError):
         raise LensError(path, "ZOSPy result", "not readable", "expected the JSON of a PSF analysis") from None

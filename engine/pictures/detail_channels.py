@@ -36,7 +36,8 @@ def detail_of(channels: Mapping[str, np.ndarray], path: object) -> Detail | None
     if not matches:
         return None
     parts = {(float(match[1].replace(",", ".")), int(match[2]), int(match[3])): channels[match[0]] for match in matches}
-    wavelengths_nm, rows, columns = (sorted(set(each)) for each in zip(*parts, strict=True))
+    wavelengths_nm = sorted({nm for nm, _, _ in parts})
+    rows, columns = sorted({row for _, row, _ in parts}), sorted({column for _, _, column in parts})
     times = len(rows)
     if not rows == columns == list(range(1, times + 1)) or len(parts) != len(wavelengths_nm) * times**2:
         raise ImageError(path, "detail", f"{len(parts)} channels", "expected all parts of a pixel at each wavelength")

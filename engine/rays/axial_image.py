@@ -85,8 +85,9 @@ def trace_axial_bundles(system: System, wavelengths_nm: Sequence[float] | np.nda
     limits, surfaces = np.sqrt(system.limits(rays.square_height_mm2[:, :, 0, :, 0])), len(system.glasses)
     limits[system.prescription.stop_index] = FAN.radii
     extents, holes = limits[:surfaces].max(axis=0), limits[surfaces:].max(axis=0, initial=0.0)
-    cosine, height_mm, source = (np.where(rays.lost, np.nan, values[1])[:, 0, :, 0]
-                                 for values in (rays.direction, rays.position_mm, rays.source))
+    cosine = np.where(rays.lost, np.nan, rays.direction[1])[:, 0, :, 0]
+    height_mm = np.where(rays.lost, np.nan, rays.position_mm[1])[:, 0, :, 0]
+    source = np.where(rays.lost, np.nan, rays.source[1])[:, 0, :, 0]
     return [_bundle(system, *each) for each in zip(rays.wavelengths_nm, cosine, height_mm, source, extents, holes,
                                                    strict=True)]
 
@@ -113,7 +114,8 @@ def _bundle(system, wavelength_nm, cosine, height_mm, source, extent, hole):
     if count < 2:
         raise LensError(system.prescription.name, "field height", "0 mm", "only the chief ray gets "
                         f"through here at {wavelength_nm:g} nm: check the surfaces' shapes and apertures")
-    cosine, height_mm, source, extent, hole = (values[:count] for values in (cosine, height_mm, source, extent, hole))
+    cosine, height_mm, source = cosine[:count], height_mm[:count], source[:count]
+    extent, hole = extent[:count], hole[:count]
     degree = min(DEGREE, count - 1)
     passing = slice(1, max(2, int(np.sum(extent <= 1))))
     slope = cosine / np.sqrt(1 - cosine**2)

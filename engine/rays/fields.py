@@ -101,8 +101,9 @@ def find_fields(system: System, view: View, places_mm: np.ndarray, wavelengths_n
             slopes.append(slope)
             errors.append(error)
         found = [_fields(system, view, *each) for each in zip(all_media, slopes, strict=True)]
-    tangent, nearness, change = (np.stack(each, axis=-2) for each in zip(*found, strict=True))
-    return FieldPoints(wavelengths_nm, np.stack(slopes, axis=1), tangent, nearness, change,
+    tangents, nearnesses, changes = zip(*found, strict=True)
+    return FieldPoints(wavelengths_nm, np.stack(slopes, axis=1), np.stack(tangents, axis=-2),
+                       np.stack(nearnesses, axis=-2), np.stack(changes, axis=-2),
                        ~(np.stack(errors) < AIMED))
 
 

@@ -200,8 +200,8 @@ def _least_spot_shift_mm(system, rays: TracedRays, heights_mm, weights=1.0):
                         "no light for focusing passes here: reduce the field")
     light = light / light.sum(axis=(2, 3), keepdims=True)
     passing = light > 0
-    place, slope = (np.where(passing, values, 0.0) for values in
-                    (rays.position_mm, rays.direction[:2] / rays.direction[2]))
+    place = np.where(passing, rays.position_mm, 0.0)
+    slope = np.where(passing, rays.direction[:2] / rays.direction[2], 0.0)
     for values in (place, slope):
         for along in values[1:] if rays.pupil.mirrored else values:  # the centroid of both halves is on the axis in x
             along -= np.sum(light * along, axis=(2, 3), keepdims=True)

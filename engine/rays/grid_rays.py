@@ -290,8 +290,11 @@ def _trace(system: System, axes_mm, wavelengths_nm, pupil, reach):
     known = aimed & np.isfinite(values[PATH])
     _check_axis(system, known[:, 0, 0], wavelengths_nm)
     covered = np.flatnonzero(known[:, 1:, 0].all(axis=0))
-    values, margin, known = (each[..., covered + 1, :].reshape(*each.shape[:-2], covered.size, *pupil.shape)
-                             for each in (values, margin, known))
+
+    def of_covered(each):
+        return each[..., covered + 1, :].reshape(*each.shape[:-2], covered.size, *pupil.shape)
+
+    values, margin, known = of_covered(values), of_covered(margin), of_covered(known)
     *quantities, cosine_x, cosine_y = without_lost(values, margin, known, around=True)
     weight = np.abs(area_ratio(pupil, np.array([cosine_x, cosine_y]))) / reach**2
     return _beyond_field(np.stack([*quantities, weight]), covered, row_mm.shape)

@@ -355,8 +355,11 @@ def spline_coefficients(values: np.ndarray) -> np.ndarray:
 
 def light_within_rims(margin: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """The mean weight of the passing rays, times pi, of arrays (..., radius, azimuth) at even squares of the radius."""
-    lit, both, light = (values[..., :-1, :] + values[..., 1:, :]
-                        for values in (np.maximum(margin, 0), np.abs(margin), weight))
+    def of_both(values):
+        return values[..., :-1, :] + values[..., 1:, :]
+
+    lit, both = of_both(np.maximum(margin, 0)), of_both(np.abs(margin))
+    light = of_both(weight)
     return np.pi * (lit / np.maximum(both, 1e-30) * light / 2).mean(axis=(-2, -1))
 
 

@@ -168,7 +168,9 @@ def trace_both_ways(prescription: Prescription, indices: np.ndarray, x_mm: np.nd
     surfaces, shape = traced_surfaces(prescription), rays[0].shape
     traced = [trace(surfaces, media.ravel(), [each.ravel() for each in at_wavelength])
               for media, *at_wavelength in zip(indices.swapaxes(0, 1), *rays, strict=True)]
-    values, square_mm2 = (np.stack(each, axis=1).reshape(-1, *shape) for each in zip(*traced, strict=True))
+    values, square_mm2 = zip(*traced, strict=True)
+    values = np.stack(values, axis=1).reshape(-1, *shape)
+    square_mm2 = np.stack(square_mm2, axis=1).reshape(-1, *shape)
     return BothWays(values[:3], values[3:6], values[6:9], values[9:12], values[12], square_mm2)
 
 

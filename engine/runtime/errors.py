@@ -90,8 +90,8 @@ class InputError(ValueError):
     def __init__(self, where: Any, field: str, value: Any, remedy: str):
         if withheld := _withheld.get():
             where, field, value, remedy = withheld[0], "content", "not valid", withheld[1]
-        parts = {"where": str(where), "field": field, "remedy": remedy}
-        self.where, self.field, self.remedy = (shown(part, MOST_SHOWN[name]) for name, part in parts.items())
+        self.where = shown(str(where), MOST_SHOWN["where"])
+        self.field, self.remedy = shown(field, MOST_SHOWN["field"]), shown(remedy, MOST_SHOWN["remedy"])
         self.value = shown(value, MOST_SHOWN["value"]) if isinstance(value, str) else value
         value_text = shown(self.value, MOST_SHOWN["value"]) or "empty"
         super().__init__(f"{self.where}: {self.field} is {value_text}: {self.remedy}")

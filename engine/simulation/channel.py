@@ -88,7 +88,7 @@ class Channel:
         dark = ideal.min()
         blurred = planes.join(overlap_add(ideal, self._spreader, needs), radius)
         if even is not None:
-            mask, values = (planes.join(part) for part in even)
+            mask, values = planes.join(even[0]), planes.join(even[1])
             rows, columns = (slice(radius, radius + n) for n in mask.shape)
             np.copyto(blurred[rows, columns], values, where=mask)
         halos = highlights(ideal, size, plan.halo_density) if self._make_halos else None

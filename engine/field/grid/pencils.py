@@ -120,9 +120,12 @@ class Pencils(NodeRays):
                 up_px: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """The rays of the shortest wavelength at places relative to the axis: see `field_map.RaySample`."""
         places = self.mesh.within(right_px, up_px)
-        of_nodes = self.far_px[:, 0], self.moved_px[:, 0], self.inside[:1], self.light[:1]
-        far, moved, inside, light = (np.moveaxis(self.mesh.at(each.swapaxes(-1, -2), *places), 1, -1)
-                                     for each in of_nodes)
+
+        def interpolated(values):
+            return np.moveaxis(self.mesh.at(values.swapaxes(-1, -2), *places), 1, -1)
+
+        far, moved = interpolated(self.far_px[:, 0]), interpolated(self.moved_px[:, 0])
+        inside, light = interpolated(self.inside[:1]), interpolated(self.light[:1])
         stop = self.stop.reshape(2, *(1,) * np.ndim(right_px), -1)
         return (np.moveaxis(far, 0, -1), np.moveaxis(moved, 0, -1), light[0] * np.clip(inside[0] + 0.5, 0, 1),
                 np.broadcast_to(stop, far.shape))

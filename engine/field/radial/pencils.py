@@ -51,8 +51,8 @@ class Pencils(NodeRays):
         right, up = (np.where(on_axis, upwards, side[..., None] / np.where(on_axis, 1, height_px))
                      for side, upwards in ((right_px, 0.0), (up_px, 1.0)))
         at = np.minimum(height_px[..., 0] * self.heights_per_px, self.heights - 1)
-        far, moved, inside, light = (_at_heights(each[..., 0, :, :], at)
-                                     for each in (self.far_px, self.moved_px, self.inside, self.light))
+        far, moved = _at_heights(self.far_px[:, 0], at), _at_heights(self.moved_px[:, 0], at)
+        inside, light = _at_heights(self.inside[0], at), _at_heights(self.light[0], at)
 
         def turned(out, across):
             return out * right + across * up, out * up - across * right
@@ -158,9 +158,9 @@ def pencils(rays: RayTable, wavelengths_nm: np.ndarray, sensor: PixelGrid, focal
     to_px = focal_mm / pitch_mm
     inside = cells_inside(lambda place: near.bundles(heights_mm, -place).surface_margin, stop, bundles.surface_margin,
                           reach * cell_size(count))
-    far_px, moved_px, inside, light = (each.astype(np.float32) for each in (
-        tangents(bundles)[::-1] * to_px, -bundles.entrance_mm[::-1] * to_px, inside, bundles.weight))
-    return Pencils(stop.astype(np.float32), far_px, moved_px, inside, light, last_px)
+    far_px, moved_px = tangents(bundles)[::-1] * to_px, -bundles.entrance_mm[::-1] * to_px
+    return Pencils(stop.astype(np.float32), far_px.astype(np.float32), moved_px.astype(np.float32),
+                   inside.astype(np.float32), bundles.weight.astype(np.float32), last_px)
 
 
 def _last_px(rays, sensor):

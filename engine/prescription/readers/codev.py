@@ -270,7 +270,7 @@ def _second_section(surface, shape, row):
     """Fields of a cylinder, toroid or anamorphic asphere; a cylinder is curved along y unless the file states x."""
     if shape != "CYL" and not any(command in row for command in SECTION):
         raise row["S"].refusal(f"expected the curvature along x, CUX, of a surface {shape}")
-    curvature, radius = (_value(row, command) for command in SECTION)
+    curvature, radius = _value(row, SECTION[0]), _value(row, SECTION[1])
     section = {"radius_x_mm": radius or (1 / curvature if curvature else np.inf)}
     if shape == "CYL" and np.isfinite([surface.radius_mm, section["radius_x_mm"]]).all():
         raise row["S"].refusal("expected a cylinder (CYL) to be curved along x or y, not both")

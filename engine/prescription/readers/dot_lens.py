@@ -99,7 +99,8 @@ def _surface(line):
                            f"{TOROID}")
     stop = line.words[0].lower() == "stop"
     radius_mm = np.inf if stop else line.figure(0) or np.inf
-    index, abbe, diameter_mm = (line.figure(at) for at in (2, 3, 4))
+    index, abbe = line.figure(2), line.figure(3)
+    diameter_mm = line.figure(4)
     semi_mm = np.inf if not diameter_mm or diameter_mm >= NO_APERTURE_MM else diameter_mm / 2
     glass = "" if index <= 1 else f"{index:.9g}/{abbe:.9g}" if abbe else f"{index:.9g}"
     if line.figure(1) < 0:

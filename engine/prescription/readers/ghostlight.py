@@ -50,8 +50,8 @@ def read_ghostlight(path: Path, text: str, options: ReadingOptions) -> Reading:
     if stop is None:
         raise LensError(path, "stop", "missing", "expected a surface with is_stop, or --stop")
     facts, used = contents.get("metadata", {}), {surface.glass for surface in surfaces}
-    focal_mm, f_number = (float(facts[name]) if facts.get(name) else None
-                          for name in ("focal_length_mm", "nominal_f_number"))
+    focal_mm = float(facts["focal_length_mm"]) if facts.get("focal_length_mm") else None
+    f_number = float(facts["nominal_f_number"]) if facts.get("nominal_f_number") else None
     return Reading(Prescription(
         name=" ".join(str(facts.get("name") or path.stem).split()), surfaces=surfaces, field=options.field,
         aperture=("f_number", f_number) if f_number else ("stop", stop.semi_aperture_mm),
@@ -99,7 +99,8 @@ def _flattened(path, elements, glasses) -> tuple[list[Surface], list[Frame]]:
 
 def _frame(transform, place_mm):
     """The frame of an element's first surface: turned about the pivot."""
-    position, turns, pivot = (transform.get(name, {}) for name in ("position", "rotation", "pivot"))
+    position, pivot = transform.get("position", {}), transform.get("pivot", {})
+    turns = transform.get("rotation", {})
     x, y, z = (pivot.get(axis, 0.0) for axis in "xyz")
     frame = START.moved(position.get("x", 0.0), position.get("y", 0.0), place_mm).moved(x, y, z)
     return frame.turned(*((axis, turns.get(name, 0.0)) for axis, name in TURNS)).moved(-x, -y, -z)

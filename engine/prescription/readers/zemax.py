@@ -231,9 +231,9 @@ def _frames(rows):
 def _broken(frame, row):
     """The frame behind a coordinate break: moved and then turned, or turned in reverse order and then moved."""
     parameters = _numbered(row["PARM"])
-    x, y, *angles, order = (parameters.get(index, 0.0) for index in range(1, 7))
-    turns = list(zip("xyz", angles, strict=True))
-    if order:
+    x, y = parameters.get(1, 0.0), parameters.get(2, 0.0)
+    turns = [(axis, parameters.get(index, 0.0)) for index, axis in enumerate("xyz", 3)]
+    if parameters.get(6, 0.0):  # the order
         return frame.turned(*reversed(turns)).moved(x, y, 0.0)
     return frame.moved(x, y, 0.0).turned(*turns)
 
