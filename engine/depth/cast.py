@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..field.field_map import FieldMap, field_map
+from ..field.field_map import CaptureView, FieldMap, field_map
 from ..image.detail import merged, split_by_detail
 from ..image.layers import LayeredRadiance, Radiance
 from ..kernels.cast import cast as cast_row
@@ -143,10 +143,8 @@ def _cast(layers, layered, lens, rays, most_rays, most_of_lamps, stop, times, pr
     layers = [layer.near_surfaces(_reach_px(layer, ends)) for layer in layers]
     layers = [layer.in_place(parallax_per_nearness_px(lens, ends, layered.capture, layer.layer.place,
                                                       float(wavelengths_nm[0])), lens) for layer in layers]
-    per_focal = capture.pitch_um * 1e-3 / focal_mm
-    meetings = plan_meetings(layers, ends, sensor,
-                             lambda radius_px: capture.projection.shrinkage(radius_px * per_focal), most_rays,
-                             most_of_lamps, known)
+    meetings = plan_meetings(layers, ends, sensor, CaptureView(capture.projection, capture.pitch_um * 1e-3 / focal_mm),
+                             most_rays, most_of_lamps, known)
     shares = _sharp_shares(layers, capture.shape_px)
 
     # the wavelengths, a group at a time
@@ -257,7 +255,8 @@ def casting_bytes(layered: Radiance, lens: Lens, most_of_lamps: int) -> float:
                                                          TABLE_VALUES + RAY_PLANES * frame_px)
     if layered.detail_times > 1:
         group = max(group, together * (capture_px + 2 * frame_px) + _parts_values(layered, rays))
-    looked_up = max(PREPARING_PLANES * pixels + values_of_blocks(pixels) for pixels in layers_px)
+    is_plane = layered.grid.projection.is_plane
+    looked_up = max(PREPARING_PLANES * pixels + values_of_blocks(pixels, is_plane) for pixels in layers_px)
     return SAMPLE_BYTES * (capture_px + LAYER_PLANES * sum(layers_px) + max(group, looked_up))
 
 

@@ -4,12 +4,12 @@ A tile requires zero rays without out-of-focus light and without out-of-focus su
 is in blocks of pixels, in an area slightly larger than necessary.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..field.field_map import RayReach, RaySample, Tiles
+from ..field.field_map import CaptureView, RayReach, RaySample, Tiles
 from ..image.pixel_grid import PixelGrid
 from ..kernels.casting import MEETING
 from ..rays.stop_places import RAY_COUNTS
@@ -18,7 +18,7 @@ from .prepared_layer import PreparedLayer
 
 TILE_PX, BLOCK_PX = 16, 8
 LAMP_PX = 4  # side of the squares whose light counts as a lamp: wider things have rims as soft as they are wide
-QUANTITIES = 7  # with extremes in the lookup
+QUANTITIES = {True: 7, False: 9}  # with extremes in the lookup: on a plane, and in a panorama
 COUNTS = np.array(RAY_COUNTS)  # of rays
 FINEST_PX, FINEST_PARTS = 0.5, 0.35  # smallest useful side of a ray's cell in a blur: in pixels; if these are divided,
 # in their parts: the rays of lamps with sharp cores are closer together than a cell's
@@ -57,8 +57,7 @@ class Meetings:
 
 
 def plan_meetings(layers: list[PreparedLayer], rays: RaySample, sensor: PixelGrid,
-                  shrinkage: Callable[[np.ndarray], np.ndarray], most_rays: int, most_of_lamps: int,
-                  parts: int = 1) -> Meetings:
+                  view: CaptureView, most_rays: int, most_of_lamps: int, parts: int = 1) -> Meetings:
     """Find the layers that the tiles of a sensor meet.
 
     Parameters
@@ -68,8 +67,8 @@ def plan_meetings(layers: list[PreparedLayer], rays: RaySample, sensor: PixelGri
     rays : RaySample
         Rays at the wavelengths that differ most.
     sensor : PixelGrid
-    shrinkage : callable (radius_px)
-        Ratios of the capture's radii to these radii on a plane.
+    view : CaptureView
+        Where the capture shows rays.
     most_rays, most_of_lamps : int
         See `cast`.
     parts : int
@@ -81,13 +80,16 @@ def plan_meetings(layers: list[PreparedLayer], rays: RaySample, sensor: PixelGri
     uncovered, focus_behind = np.ones((2, *shape), bool)  # not all covered; not all covered in focus
     blurs, even, bounds = [], np.zeros(shape), np.zeros((len(layers), 4, *shape))
     for here, layer, ends_px in zip(np.moveaxis(meetings, -1, 0), layers, bounds, strict=True):
-        blocks, reach = _Blocks(layer), rays.reach(layer.depth[..., 0], layer.axis_px, shrinkage, tiles)
-        least, most = np.full(shape, reach.least), np.full(shape, reach.most)
+        nearness = view.nearness(layer.depth[..., 0], layer.axis_px)
+        blocks = _Blocks(layer, nearness)
+        reach = rays.reach(nearness[layer.layer.alpha > 0], layer.axis_px, view, tiles)
+        farthest, nearest = (np.full(shape, end) for end in (reach.least, reach.most))
+        least, most = (end * reach.depth_per_nearness for end in (farthest, nearest))
         for _ in range(2):  # the first look narrows the range of depths for the second
             largest_px = np.maximum(reach.area_px(least), reach.area_px(most))
-            ends_px[:] = reach.bounds_px(least, most, around_px(largest_px))
+            ends_px[:] = reach.bounds_px(farthest, nearest, around_px(largest_px))
             look = blocks.look(*ends_px)
-            least, most = look.least, look.most
+            farthest, nearest, least, most = look.farthest, look.nearest, look.least, look.most
         met = look.met & (uncovered | (focus_behind & (look.sharpest > 0)))
         here["inverse_depth"] = most
         here["share"] = (look.sharpest + look.dullest) / 2
@@ -249,6 +251,8 @@ class _Look:
     met: np.ndarray  # whether the layer covers anything in the region
     least: np.ndarray  # inverse depth
     most: np.ndarray
+    farthest: np.ndarray  # nearness, by `CaptureView`
+    nearest: np.ndarray
     dullest: np.ndarray  # focus share
     sharpest: np.ndarray
     clearest: np.ndarray  # alpha
@@ -265,16 +269,17 @@ class _Look:
 class _Blocks:
     """Extremes of a layer in blocks of pixels, and in all areas of 2^n by 2^m blocks."""
 
-    def __init__(self, layer):
-        alpha, (nearness, share) = layer.layer.alpha, np.moveaxis(layer.depth, -1, 0)
+    def __init__(self, layer, nearness):
+        alpha, (inverse_depth, share) = layer.layer.alpha, np.moveaxis(layer.depth, -1, 0)
         covered = alpha > 0
         lowest = -np.inf
-        extremes = [np.where(covered, each, lowest) for each in (nearness, -nearness, share, -share)]
+        ranges = [inverse_depth, share] + [nearness] * (not layer.capture.projection.is_plane)
+        extremes = [np.where(covered, each, lowest) for plane in ranges for each in (plane, -plane)]
         light = _light(layer.layer.cube)
         means = _in_blocks(light, 0).mean(axis=(1, 3))
         brightest = _largest_in_blocks(_means_of_squares(light), 0)
-        planes = *extremes, -alpha, light * (1 - share)
-        blocks = np.stack([*(_largest_in_blocks(plane, lowest) for plane in planes), brightest])
+        planes = -alpha, light * (1 - share), *extremes
+        blocks = np.stack([brightest, *(_largest_in_blocks(plane, lowest) for plane in planes)])
         self._goes_on, self._shape = layer.goes_on, alpha.shape
         self._levels = _over_powers_of_two(blocks)
         self._sums = np.zeros(np.add(blocks.shape[1:], 1))
@@ -292,16 +297,17 @@ class _Blocks:
                            - np.maximum(first, 0 if on_before else -np.inf)) / BLOCK_PX
         top, bottom, left, right = ends
         tall, wide = (np.log2(last - first + 1).astype(int) for first, last in ((top, bottom), (left, right)))
-        most, minus_least, sharpest, minus_dullest, minus_clearest, blurred, brightest = np.maximum.reduce([
+        brightest, minus_clearest, blurred, *extremes = np.maximum.reduce([
             self._levels[tall, wide, :, row, column] for row in (top, bottom + 1 - 2**tall)
             for column in (left, right + 1 - 2**wide)]).transpose(2, 0, 1)
         sums = (self._sums[bottom + 1, right + 1] - self._sums[top, right + 1] - self._sums[bottom + 1, left]
                 + self._sums[top, left])
-        met = inside & (most > -np.inf)
-        least, most, dullest, sharpest = (np.where(met, each, 0)
-                                          for each in (-minus_least, most, -minus_dullest, sharpest))
+        met = inside & (extremes[0] > -np.inf)
+        signed = zip(extremes, (1, -1) * 3, strict=False)
+        most, least, sharpest, dullest, *of_panorama = (np.where(met, sign * each, 0) for each, sign in signed)
+        nearest, farthest = of_panorama or (most, least)
         mean_light = sums / np.maximum(blocks, (bottom + 1 - top) * (right + 1 - left))
-        return _Look(met, least, most, dullest, sharpest, np.where(contained, -minus_clearest, 0),
+        return _Look(met, least, most, farthest, nearest, dullest, sharpest, np.where(contained, -minus_clearest, 0),
                      brightest.astype(float), blurred, mean_light)
 
 
@@ -322,10 +328,10 @@ def _means_of_squares(light):
     return sums / LAMP_PX**2
 
 
-def values_of_blocks(pixels: int) -> float:
+def values_of_blocks(pixels: int, is_plane: bool) -> float:
     """Number of single-precision values in the extremes of a layer with this number of pixels."""
     blocks = pixels / BLOCK_PX**2
-    return QUANTITIES * blocks * (np.log2(max(blocks, 1)) / 2 + 1) ** 2
+    return QUANTITIES[is_plane] * blocks * (np.log2(max(blocks, 1)) / 2 + 1) ** 2
 
 
 def _in_blocks(plane, beyond):

@@ -20,7 +20,7 @@ from ..runtime.memory import MemoryBudget
 from .grid.field import GridFieldMap
 from .mirror_symmetry import Planes
 from .radial.field import RadialFieldMap
-from .ray_blur import RayReach, Tiles
+from .ray_blur import CaptureView, RayReach, Tiles
 
 Place = Any
 """Places in the field, as the tables of their own field map count them."""
@@ -204,9 +204,8 @@ class RaySample(Protocol):
             Their positions in the stop, to the right and up, in semi-apertures.
         """
 
-    def reach(self, nearness: np.ndarray, axis_px: tuple[float, float],
-              shrinkage: Callable[[np.ndarray], np.ndarray], tiles: Tiles) -> RayReach:
-        """The reach of the rays of tiles in a layer of these inverse depths, with the axis at `axis_px`."""
+    def reach(self, nearness: np.ndarray, axis_px: tuple[float, float], view: CaptureView, tiles: Tiles) -> RayReach:
+        """The reach of the rays of tiles in a layer that is as near as this, with the axis at `axis_px`."""
 
 
 class PixelRays(Protocol):

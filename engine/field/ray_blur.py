@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ..image.projection import Projection
 from ..kernels.casting import rays_shape
 from ..rays.ray_table import SensorRays
 
@@ -31,6 +32,58 @@ class Tiles:
     right: np.ndarray
     up: np.ndarray
     side_px: int
+
+
+@dataclass(frozen=True, eq=False)
+class CaptureView:
+    """What a capture shows, in pixels from the axis.
+
+    How near surfaces are is their inverse depth, or in a panorama their inverse distance: the depth along the axis of
+    surfaces beside a fisheye is tiny, however distant they are, and rays from everywhere would seem to reach them.
+
+    Attributes
+    ----------
+    projection : Projection
+    per_px : float
+        Focal lengths in a pixel.
+    """
+
+    projection: Projection
+    per_px: float
+
+    def shrinkage(self, radius_px: np.ndarray) -> np.ndarray:
+        """Ratios of radii to these radii on a plane."""
+        return self.projection.shrinkage(radius_px * self.per_px)
+
+    def nearness(self, inverse_depth: np.ndarray, axis_px: tuple[float, float]) -> np.ndarray:
+        """How near the surfaces of a part of the capture are, of these inverse depths (row, column); the axis is at
+        `axis_px`."""
+        if self.projection.is_plane:
+            return inverse_depth
+        rows, columns = (np.arange(n) - axis for n, axis in zip(inverse_depth.shape, axis_px, strict=True))
+        cosine = np.cos(self.projection.angle_rad(np.hypot(rows[:, None], columns) * self.per_px))
+        return inverse_depth * np.maximum(cosine, 0).astype(np.float32)
+
+    def depth_per_nearness(self, radius_px: np.ndarray) -> np.ndarray:
+        """Inverse depth of surfaces, in the direction of these radii on a plane, over how near they are."""
+        return np.ones_like(radius_px) if self.projection.is_plane else np.hypot(1, radius_px * self.per_px)
+
+    def inverse_depth(self, far_px: np.ndarray, moved_px: np.ndarray, nearness: np.ndarray) -> np.ndarray:
+        """Inverse depths at which rays meet surfaces as near as this.
+
+        Parameters
+        ----------
+        far_px, moved_px : float32 arrays (2, ...)
+            See `NodeRays`.
+        nearness : float32 array (...)
+            At distances, the rays meet a sphere around the middle of the entrance pupil.
+        """
+        if self.projection.is_plane:
+            return nearness
+        along, start = far_px * self.per_px, moved_px * self.per_px
+        square, side = 1 + (along**2).sum(axis=0), (along * start).sum(axis=0) * nearness
+        inside = np.maximum(side**2 + square * (1 - (start**2).sum(axis=0) * nearness**2), 0)
+        return nearness * square / np.maximum(np.sqrt(inside) - side, LEAST_COSINE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +125,8 @@ class NodeRays:
 class RayReach(ABC):
     """The positions in a layer of depth that rays of tiles reach: arrays (tile row, tile column).
 
+    `least` and `most` are how near the layer is, and `depth_per_nearness` is that of the tiles, by `CaptureView`.
+
     Parameters
     ----------
     rays : NodeRays
@@ -80,21 +135,21 @@ class RayReach(ABC):
     radius_px : array (node,)
         Distances of the nodes' rays from the axis at infinity, on a plane.
     nearness : array
-        Inverse depths of the layer.
+        Of the layer, by the view.
     axis_px : (float, float)
         Row and column of the axis, in the layer's pixels.
-    shrinkage : callable (radius_px)
-        Ratios of the layer's radii to these radii on a plane.
+    view : CaptureView
     """
 
     def __init__(self, rays: NodeRays, nodes: np.ndarray, radius_px: np.ndarray, nearness: np.ndarray,
-                 axis_px: tuple[float, float], shrinkage: Callable[[np.ndarray], np.ndarray]) -> None:
+                 axis_px: tuple[float, float], view: CaptureView) -> None:
         self.least, self.most = float(nearness.min()), float(nearness.max())
         self._row, self._column = axis_px
-        self._depths, self._nodes = np.linspace(self.least, self.most, DEPTHS), nodes
+        self._nearness, self._nodes = np.linspace(self.least, self.most, DEPTHS), nodes
         self._blur = 2 * (np.hypot(*rays.moved_px[:, 0]) * (rays.inside[0] > -0.5)).max(axis=-1)
-        along = (radius_px + 1) * shrinkage(radius_px + 1) - radius_px * shrinkage(radius_px)
-        self._shapes = rays.blur_shapes * (along * shrinkage(radius_px))[:, None, None]  # in the capture's pixels
+        self.depth_per_nearness = view.depth_per_nearness(radius_px)[nodes]
+        along = (radius_px + 1) * view.shrinkage(radius_px + 1) - radius_px * view.shrinkage(radius_px)
+        self._shapes = rays.blur_shapes * (along * view.shrinkage(radius_px))[:, None, None]  # in the capture's pixels
 
     @abstractmethod
     def radius_px(self, least: np.ndarray, most: np.ndarray) -> np.ndarray:
@@ -110,11 +165,11 @@ class RayReach(ABC):
 
     @abstractmethod
     def bounds_px(self, least: np.ndarray, most: np.ndarray, around_px: np.ndarray) -> list[np.ndarray]:
-        """Top, bottom, left and right of the area that rays reach between two inverse depths, in the layer's pixels,
-        with a margin."""
+        """Top, bottom, left and right of the area that rays reach between two values of nearness, in the layer's
+        pixels, with a margin."""
 
     def _place(self, nearness):
-        """Inverse depths among `_depths`: the index of the one before, and the distance from it."""
+        """Values of nearness among `_nearness`: the index of the one before, and the distance from it."""
         depth = np.clip((nearness - self.least) / max(self.most - self.least, 1e-30), 0, 1) * (DEPTHS - 1)
         before = np.minimum(depth.astype(int), DEPTHS - 2)
         return before, depth - before

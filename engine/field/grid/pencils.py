@@ -1,7 +1,7 @@
 """The rays of each pixel: even samples of the stop, from the nodes of an even mesh over the sensor."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -11,7 +11,7 @@ from ...image.pixel_grid import PixelGrid
 from ...kernels.casting import MeshRays, rays_shape
 from ...rays.grid_rays import GridRayTable
 from ...rays.stop_places import RAY_COUNTS, cell_size, stop_places
-from ..ray_blur import NodeRays, RayReach, Tiles, cells_inside, in_eights, packed_sets, tangents
+from ..ray_blur import CaptureView, NodeRays, RayReach, Tiles, cells_inside, in_eights, packed_sets, tangents
 
 STEPS = 20  # of the mesh from the axis to the farthest corner: rays are interpolated linearly between its nodes,
 FINER = 5  # and chief rays between those of a mesh with this many times as many steps
@@ -130,10 +130,9 @@ class Pencils(NodeRays):
         return (np.moveaxis(far, 0, -1), np.moveaxis(moved, 0, -1), light[0] * np.clip(inside[0] + 0.5, 0, 1),
                 np.broadcast_to(stop, far.shape))
 
-    def reach(self, nearness: np.ndarray, axis_px: tuple[float, float],
-              shrinkage: Callable[[np.ndarray], np.ndarray], tiles: Tiles) -> RayReach:
-        """The reach of the rays of tiles in a layer of these inverse depths, with the axis at `axis_px`."""
-        return BoxReach(self, nearness, axis_px, shrinkage, tiles)
+    def reach(self, nearness: np.ndarray, axis_px: tuple[float, float], view: CaptureView, tiles: Tiles) -> RayReach:
+        """The reach of the rays of tiles in a layer that is as near as this, with the axis at `axis_px`."""
+        return BoxReach(self, nearness, axis_px, view, tiles)
 
     def packed(self) -> np.ndarray:
         """The rays for the loops: array (node, eight, 2 + 6 wavelengths, 8), see `kernels.cast.MeshRays`."""
@@ -143,12 +142,12 @@ class Pencils(NodeRays):
 class BoxReach(RayReach):
     """The reach of the rays of tiles in a layer: rectangles around the rays of a tile's corners."""
 
-    def __init__(self, rays: Pencils, nearness: np.ndarray, axis_px: tuple[float, float],
-                 shrinkage: Callable[[np.ndarray], np.ndarray], tiles: Tiles) -> None:
+    def __init__(self, rays: Pencils, nearness: np.ndarray, axis_px: tuple[float, float], view: CaptureView,
+                 tiles: Tiles) -> None:
         across, up = rays.far_px[:, 0].mean(axis=-1, dtype=float)
         super().__init__(rays, _nearest_nodes(rays.mesh, tiles), np.hypot(rays.squeeze * across, up), nearness,
-                         axis_px, shrinkage)
-        low, high = _ends(rays, shrinkage, self._depths)
+                         axis_px, view)
+        low, high = _ends(rays, view, self._nearness)
         half_px = tiles.side_px / 2
         corners = [rays.mesh.corners(tiles.right + across * half_px, tiles.up + up * half_px)
                    for across, up in product((-1, 1), repeat=2)]
@@ -171,17 +170,17 @@ class BoxReach(RayReach):
                 self._column + low[0] - around_px, self._column + high[0] + around_px]
 
     def _between(self, table, nearness):
-        """A table (2, depth, tile row, tile column) at these inverse depths: array (2, tile row, tile column)."""
+        """A table (2, depth, tile row, tile column) at these values of nearness: array (2, tile row, tile column)."""
         before, share = self._place(nearness)
         low, high = (np.take_along_axis(table, (before + n)[None, None], axis=1)[:, 0] for n in (0, 1))
         return low + share * (high - low)
 
 
-def _ends(rays, shrinkage, nearness):
-    """Least and largest positions that rays reach at inverse depths: two arrays (2, depth, node), in pixels."""
+def _ends(rays, view, nearness):
+    """Least and largest positions that rays reach at values of nearness: two arrays (2, depth, node), in pixels."""
     far, moved = rays.far_px[:, None], rays.moved_px[:, None]
-    place = far + moved * nearness[:, None, None, None].astype(np.float32)
-    place *= shrinkage(np.hypot(rays.squeeze * place[0], place[1]))
+    place = far + moved * view.inverse_depth(far, moved, nearness[:, None, None, None].astype(np.float32))
+    place *= view.shrinkage(np.hypot(rays.squeeze * place[0], place[1]))
     passing = rays.inside > -0.5
     passing |= ~passing.any(axis=(0, 2))[None, :, None]
     return tuple(bound.reduce(place, axis=(2, 4), where=np.broadcast_to(passing, place.shape), initial=start)

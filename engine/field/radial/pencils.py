@@ -1,7 +1,7 @@
 """The rays of each pixel: even samples of the stop, from a number of distances from the axis."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +11,7 @@ from ...image.pixel_grid import PixelGrid
 from ...kernels.casting import HeightRays, rays_shape
 from ...rays.ray_table import RayTable
 from ...rays.stop_places import RAY_COUNTS, cell_size, stop_places
-from ..ray_blur import NodeRays, RayReach, Tiles, cells_inside, in_eights, packed_sets, tangents
+from ..ray_blur import CaptureView, NodeRays, RayReach, Tiles, cells_inside, in_eights, packed_sets, tangents
 
 HEIGHTS = 65  # with linear interpolation of rays between them
 
@@ -60,10 +60,9 @@ class Pencils(NodeRays):
         return (np.stack(turned(*far), axis=-1), np.stack(turned(*moved), axis=-1),
                 light * np.clip(inside + 0.5, 0, 1), np.stack(turned(*self.stop[::-1])))
 
-    def reach(self, nearness: np.ndarray, axis_px: tuple[float, float],
-              shrinkage: Callable[[np.ndarray], np.ndarray], tiles: Tiles) -> RayReach:
-        """The reach of the rays of tiles in a layer of these inverse depths, with the axis at `axis_px`."""
-        return RoundReach(self, nearness, axis_px, shrinkage, tiles)
+    def reach(self, nearness: np.ndarray, axis_px: tuple[float, float], view: CaptureView, tiles: Tiles) -> RayReach:
+        """The reach of the rays of tiles in a layer that is as near as this, with the axis at `axis_px`."""
+        return RoundReach(self, nearness, axis_px, view, tiles)
 
     def packed(self) -> np.ndarray:
         """The rays for the loops: array (height, eight, 2 + 6 wavelengths, 8), see `kernels.cast.HeightRays`."""
@@ -73,14 +72,14 @@ class Pencils(NodeRays):
 class RoundReach(RayReach):
     """The reach of the rays of tiles in a layer: a middle and a radius around it."""
 
-    def __init__(self, rays: Pencils, nearness: np.ndarray, axis_px: tuple[float, float],
-                 shrinkage: Callable[[np.ndarray], np.ndarray], tiles: Tiles) -> None:
+    def __init__(self, rays: Pencils, nearness: np.ndarray, axis_px: tuple[float, float], view: CaptureView,
+                 tiles: Tiles) -> None:
         distance = np.hypot(tiles.right, tiles.up)
         self._right, self._up = (axis / np.maximum(distance, 1e-9) for axis in (tiles.right, tiles.up))
         self._at = np.minimum(distance * rays.heights_per_px, rays.heights - 1)
         super().__init__(rays, self._at.astype(int), np.hypot(*rays.far_px[:, 0], dtype=float).mean(axis=-1), nearness,
-                         axis_px, shrinkage)
-        middle, radius = _ends(rays, shrinkage, self._depths)
+                         axis_px, view)
+        middle, radius = _ends(rays, view, self._nearness)
         step_px = 1 / rays.heights_per_px
         slope = np.gradient(middle, step_px, axis=1).max()
         beyond = np.maximum(distance - rays.last_px, 0) * slope
@@ -103,7 +102,7 @@ class RoundReach(RayReach):
         return [bound(one, other) for bound, one, other in zip((np.minimum, np.maximum) * 2, *ends, strict=True)]
 
     def _between(self, table, nearness):
-        """A table (depth, height) interpolated at the tiles' distances and at these inverse depths."""
+        """A table (depth, height) interpolated at the tiles' distances and at these values of nearness."""
         i, u = self._place(nearness)
         j = np.minimum(self._nodes, table.shape[1] - 2)
         v = self._at - j
@@ -118,11 +117,12 @@ def _at_heights(values, at):
     return (1 - share) * values[..., before, :] + share * values[..., before + 1, :]
 
 
-def _ends(rays, shrinkage, nearness):
-    """Middles and radii of the areas that rays reach at inverse depths: arrays (depth, height), in pixels."""
+def _ends(rays, view, nearness):
+    """Middles and radii of the areas that rays reach at values of nearness: arrays (depth, height), in pixels."""
     far, moved, passing = rays.far_px, rays.moved_px, rays.inside > -0.5
-    place = far[:, None] + moved[:, None] * nearness[:, None, None, None].astype(np.float32)
-    place *= shrinkage(np.hypot(*place))
+    nearness = nearness[:, None, None, None].astype(np.float32)
+    place = far[:, None] + moved[:, None] * view.inverse_depth(far[:, None], moved[:, None], nearness)
+    place *= view.shrinkage(np.hypot(*place))
     lit = np.broadcast_to(passing, place.shape[1:])
     low, high = (bound.reduce(place[0], axis=(1, 3), where=lit, initial=start)
                  for bound, start in ((np.minimum, np.inf), (np.maximum, -np.inf)))

@@ -392,6 +392,28 @@ def test_tiles_in_focus_are_not_cast_and_blur_of_a_pixel_needs_few_rays(lens, mo
         assert least <= counts[8:, :1].min() and counts.max() <= most
 
 
+def test_rays_of_a_fisheye_meet_surfaces_beside_it_only_there(lens, monkeypatch):
+    """A wall around the camera, and a post 100 mm from it. Their depth along the axis is tiny where they are beside it:
+    in the plane of an ideal image, blur of surfaces so near would be as wide as the view."""
+    grid = PixelGrid((64, 128), 400.0, projection=FISHEYE).with_overscan((128, 96))
+    rows, columns = np.indices(grid.shape_px) - np.reshape(grid.centre_px, (2, 1, 1))
+    angle_rad = np.hypot(rows, columns) * grid.pitch_um * 1e-3 / lens.capture_focal_length_mm
+    ahead = np.maximum(np.cos(angle_rad), 1e-6)
+    post, wall = (columns > 12) & (columns < 16) & (angle_rad < 0.3), angle_rad < np.pi / 2
+    beside = wall & (angle_rad > 1.5)
+    parts = [layer(post, 100.0 * ahead), layer(beside, 400.0 * ahead), layer(wall & ~beside, 400.0 * ahead)]
+    plans, pictures = [], []
+    for scene in (parts, parts[::2]):
+        monkeypatch.setattr(cast_module, "plan_meetings",
+                            lambda *given: plans.append(plan_meetings(*given)) or plans[-1])
+        pictures.append(np.stack([plane.blurred for plane in planes(scene, lens, grid)]))
+    with_all, without = plans
+    met = with_all.kinds["steps"] >= 0
+    assert not met[..., 1].any() and met[..., 2].all() and met[:, 4, 0].any() and not met[:, 0, 0].any()
+    np.testing.assert_array_equal(with_all.counts, without.counts)
+    np.testing.assert_array_equal(*pictures)
+
+
 @pytest.mark.parametrize("blur, step", [(-22.0, 2), (44.0, 4)])
 @pytest.mark.parametrize("variant", available())
 def test_pixels_of_wide_blur_are_interpolated(lens, monkeypatch, variant, blur, step):
