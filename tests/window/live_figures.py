@@ -169,7 +169,7 @@ class Judge:
             *self.places_mm(position_px).T)
 
     def disc_px(self, tangent, depth_mm):
-        """The middle and the sizes of the engine's PSF of a point at a depth, on the viewport."""
+        """The middle and the sizes of a lamp's disc by the engine's PSF of a point at a depth, on the viewport."""
         rays, nm = module("engine.library.rays").lens_rays(self.lens), self._live.COLOURS_NM[1]
         through_focus = module("engine.bake.through_focus")
         sampling = depth_mm, 1e3 / self.px_per_mm, 2 * int(BLUR_PX) + 1
@@ -177,10 +177,14 @@ class Judge:
         if hasattr(self.lens, "heights_mm"):
             height_mm = float(np.hypot(*self.places_mm(middle_px)))
             psf = through_focus.psf_at_depth(rays, nm, height_mm, *sampling, quality="preview")
-            return middle_px, self.sizes(moments(psf)[1])
+            return middle_px, self.sizes(self._of_lamp(psf))
         place_mm = chief_place_mm(rays.at([nm]), self.places_mm(middle_px), tangent, depth_mm)
         psf = through_focus.psf_at_place(rays, nm, tuple(place_mm), *sampling, quality="preview")
-        return self.shown_px(place_mm), self.sizes(self._stretch * moments(psf)[1])
+        return self.shown_px(place_mm), self.sizes(self._of_lamp(psf))
+
+    def _of_lamp(self, psf):
+        """RMS width and height of a lamp's disc, which has the lamp's square in place of the PSF's pixels."""
+        return self._stretch * np.sqrt(moments(psf)[1]**2 + ((LAMP_PX / self._stretch)**2 - 1) / 12)
 
     def sizes(self, rms_px):
         """RMS width and height of a disc of an anamorphic lens, or the RMS radius of another one's."""

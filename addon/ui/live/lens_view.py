@@ -15,7 +15,7 @@ import numpy as np
 from gpu_extras.batch import batch_for_shader
 
 from ....engine.look.lens_tables import BOKEH_NODES, NODES, RAYS, STEEPEST_RAD, LensTables
-from ....engine.rays.stop_places import cell_size
+from ....engine.rays.stop_places import cell_size, stop_places
 
 SOURCES = Path(__file__).parent / "shaders"
 TILE_PX, REACH_TILES = 16, 6  # blur reaches at most their product from its middle
@@ -28,7 +28,10 @@ PITCH_PX = {2: 2, 4: 2, 8: 2, 16: 4}
 """Copies of the light for rays at a distance: the width that light is spread over, and the side of their pixels. Fine
 pixels and a gradual spread keep the rays' discs from showing squares, and their lattice."""
 SPREAD = 0.2  # of the light of a ray, in diameters of the blur: twice its standard deviation, where it is largest
-DRAWN_IN = 0.96  # the rays: with the spread of their light, discs are as wide as without it, within 4 %
+VARIANCES = {1: 1 / 6, 2: 2 / 3, 4: 2 / 3 + 2, 8: 2 / 3 + 10, 16: 8 / 3 + 42}
+"""Of light around a ray in these copies, and in the light itself: down or across, in square pixels. A pixel, and the
+place in it that is looked up, have a twelfth of its squared side each; each `smooth`, half the square of its reach."""
+PATTERN = 5  # texels of the mean and the covariance of a place's rays
 BETWEEN = "halved"  # a step of the last copy
 HALVES = "nearer", "farther", "blurs"
 FINER_HALVES = tuple(f"finer_{name}" for name in HALVES)
@@ -36,9 +39,11 @@ SHARPER_HALVES = tuple(f"sharper_{name}" for name in HALVES)
 WITH_HALVES = "split", "halve", "smooth"  # shaders
 MOST_SIZES = 2  # viewports of different sizes that are drawn in turn
 CONSTANTS = {"TILE": TILE_PX, "REACH": REACH_TILES, "SHARP_PX": SHARP_PX, "BLURRED_PX": BLURRED_PX,
-             "CELL": cell_size(RAYS) / 2, "DRAWN_IN": DRAWN_IN, "STEEPEST": STEEPEST_RAD, "FARTHEST": 1e30,
-             "SPREAD": SPREAD, "FEW_RAYS_PX": FEW_RAYS_PX, "FEWER": 4, "NODES": NODES, "BOKEH_NODES": BOKEH_NODES,
-             "RAYS": RAYS}
+             "CELL": cell_size(RAYS) / 2, "CELLS": float(0.5 / (stop_places(RAYS)**2).sum(axis=0).mean()),
+             "STEEPEST": STEEPEST_RAD, "FARTHEST": 1e30, "SPREAD": SPREAD, "FEW_RAYS_PX": FEW_RAYS_PX, "FEWER": 4,
+             "NODES": NODES, "BOKEH_NODES": BOKEH_NODES, "RAYS": RAYS, "PATTERNS": 2 * BOKEH_NODES * RAYS,
+             "PATTERN": PATTERN} | {f"VARIANCE_{width}": variance for width, variance in VARIANCES.items()}
+"""CELLS is the variance of the stop over that of its rays, which lack the spread of their cells."""
 
 SAMPLERS = {"blur": ("colours", "depths"), "split": ("light",), "halve": FINER_HALVES, "smooth": SHARPER_HALVES,
             "tiles": ("light",), "reach": ("tiles",),
@@ -114,17 +119,24 @@ class Tables:
         light = np.stack([tables.illumination, np.zeros_like(tables.illumination)], axis=-1)
         radius = np.broadcast_to(tables.stop_radius, tables.light.shape)
         rays = np.stack([np.concatenate([tables.shifts, tables.aberrations], axis=-1),
-                         np.stack([tables.light, radius, _spacing(tables.shifts), np.zeros(radius.shape)], axis=-1)],
-                        axis=-2)
-        values = np.zeros((BOKEH_NODES + NODES, max(2 * NODES, 2 * BOKEH_NODES * RAYS), 4))
-        values[:BOKEH_NODES, :2 * BOKEH_NODES * RAYS] = rays.reshape(BOKEH_NODES, -1, 4)
+                         np.stack([tables.light, radius, *np.zeros((2, *radius.shape))], axis=-1)], axis=-2)
+        of_nodes = np.concatenate([rays.reshape(BOKEH_NODES, -1, 4),
+                                   _patterns(rays[..., 0, :], tables.light).reshape(BOKEH_NODES, -1, 4)], axis=1)
+        values = np.zeros((BOKEH_NODES + NODES, max(2 * NODES, of_nodes.shape[1]), 4))
+        values[:BOKEH_NODES, :of_nodes.shape[1]] = of_nodes
         values[BOKEH_NODES:, :NODES] = np.concatenate([red, green], axis=-1)
         values[BOKEH_NODES:, NODES:2 * NODES] = np.concatenate([blue, light], axis=-1)
         self.texture = _texture(values)
         some = slice(None, None, METERED_STEP)
         self._green, self._illumination = _tangents(tables.angle_rad[some, some, 1]), tables.illumination[some, some]
-        self.widest = float(np.linalg.norm(tables.shifts, axis=-1).max(initial=1, where=tables.light > 0))
+        self._widths = np.linalg.norm(tables.shifts, axis=-1).max(axis=2, initial=1, where=tables.light > 0)
 
+    def widest(self, view: "View", width: int, height: int) -> float:
+        """Largest shift of the rays that a viewport of this size may show: those at a fisheye's edge come from beyond
+        it, and are the wider the closer they are to 90 degrees from the axis."""
+        *_, seen = self._seen(view, width, height)
+        row, column = (np.rint(index * (BOKEH_NODES - 1) / (len(seen) - 1)).astype(int) for index in np.nonzero(seen))
+        return float(self._widths[row, column].max(initial=1))
 
     def metered(self, light: np.ndarray, view: "View") -> np.ndarray:
         """The picture at places that are even over the frame, without blur: array (place, 3).
@@ -135,10 +147,14 @@ class Tables:
             Of the viewport, bottom row first.
         view : View
         """
-        column, row = np.moveaxis(np.floor(self._green * view.px_per_tangent + view.middle_px).astype(int), -1, 0)
         rows, columns, _ = light.shape
-        seen = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+        row, column, seen = self._seen(view, columns, rows)
         return light[row[seen], column[seen], :3] * self._illumination[seen, None]
+
+    def _seen(self, view, width, height):
+        """Rows and columns in a viewport of the metered nodes, and whether they are inside."""
+        column, row = np.moveaxis(np.floor(self._green * view.px_per_tangent + view.middle_px).astype(int), -1, 0)
+        return row, column, (row >= 0) & (row < height) & (column >= 0) & (column < width)
 
 
 def _tangents(angle_rad):
@@ -184,7 +200,8 @@ def draw(framebuffer, tables: Tables, view: View, frame_px, defocus: Defocus, *,
     if has_depth:
         depths = gpu.types.GPUTexture((width, height), format="R32F",
                                       data=gpu.types.Buffer("FLOAT", depth.size, depth.ravel()))
-        _split_by_depth(steps, {"colours": colours, "depths": depths}, view, defocus, tables.widest)
+        widest = tables.widest(view, width, height)
+        _split_by_depth(steps, {"colours": colours, "depths": depths}, view, defocus, widest)
     with framebuffer.bind():
         left, bottom, across, up = frame_px
         corners = [(2 * x / width - 1, 2 * y / height - 1)
@@ -219,11 +236,13 @@ def _split_by_depth(steps, viewport, view, defocus, widest):
     _run("reach", steps["reaches"], {"tiles": steps["tiles"][0]}, widest=widest)
 
 
-def _spacing(shifts):
-    """The distance of rays across the narrow side of their blur, relative to a round one: array (row, column, ray)."""
-    apart = shifts - shifts.mean(axis=2, keepdims=True)
-    narrow = np.sqrt(np.linalg.eigvalsh(np.einsum("yxri,yxrj->yxij", apart, apart) / shifts.shape[2])[..., :1])
-    return np.broadcast_to(2 * narrow, shifts.shape[:3])
+def _patterns(bends, light):
+    """Means and covariances of rays, (row, column, ray, quantity): array (row, column, PATTERN, quantity)."""
+    light = np.where(light.any(axis=2, keepdims=True), light, 1)
+    share = light / light.sum(axis=2, keepdims=True)
+    means = np.einsum("yxr,yxri->yxi", share, bends, dtype=float)[:, :, None]
+    apart = bends - means
+    return np.concatenate([means, np.einsum("yxr,yxri,yxrj->yxij", share, apart, apart)], axis=2)
 
 
 def _named(names, textures):

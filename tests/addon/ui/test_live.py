@@ -12,9 +12,9 @@ from lensfield.addon.scene.focus import focus_now
 from lensfield.addon.ui.common.lens_at_rest import facts_at_rest
 from lensfield.addon.ui.common.session import session
 from lensfield.addon.ui.live import lens_view, live
-from lensfield.addon.ui.live.lens_view import SAMPLERS, SOURCES, VALUES, View
+from lensfield.addon.ui.live.lens_view import PATTERN, SAMPLERS, SOURCES, VALUES, VARIANCES, View
 from lensfield.engine.lens.iris import Iris
-from lensfield.engine.look.lens_tables import NODES
+from lensfield.engine.look.lens_tables import BOKEH_NODES, NODES, RAYS
 from lensfield.engine.rays.rings import Rings
 from waiting import LAST_RESORT_S
 
@@ -148,11 +148,60 @@ def test_each_shader_has_its_source():
         assert all(sampler in source for sampler in (*samplers, *VALUES.get(name, ()))), name
 
 
+def test_the_copies_spread_light_by_their_variances():
+    """Rows of light, in the steps of the shaders; the place that is looked up may be anywhere in a pixel."""
+    def smooth(rows, reach):
+        return sum(share * np.roll(rows, step, axis=1) for step, share in ((-reach, 0.25), (0, 0.5), (reach, 0.25)))
+
+    def halved(rows):
+        return rows.reshape(len(rows), -1, 2).mean(axis=2)
+
+    light = np.eye(256)[64:192]
+    copies = {1: light, 2: halved(light)}
+    copies[4] = smooth(copies[2], 1)
+    copies[8] = smooth(copies[4], 2)
+    copies[16] = smooth(halved(copies[8]), 2)
+    for width, rows in copies.items():
+        side = 256 // rows.shape[1]
+        apart = np.arange(256) - np.arange(64, 192)[:, None]
+        spread = (apart**2 * rows.repeat(side, axis=1)).sum() / rows.sum() / side
+        assert VARIANCES[width] == pytest.approx(spread + 2 / 12), width  # of a pixel's light, and of a place in it
+
+
 @pytest.fixture
-def metered_light(live_scene, monkeypatch):
+def no_textures(monkeypatch):
+    """The textures' values in their place: there is no graphics processor."""
+    monkeypatch.setattr(lens_view, "_texture", np.float32)
+
+
+def test_a_viewport_shows_the_blur_that_fisheyes_have_in_it(live_scene, no_textures):
+    """Close to 90 degrees from the axis, where no viewport shows anything, its blur on a plane grows without limit."""
+    live_scene.camera.data.lensfield.lens, live_scene.camera.data.lensfield.view = "olympus-fisheye-8mm", "LENS"
+    tables = frame_of(live_scene).tables
+    shown = lens_view.Tables(tables)
+
+    def widest(width, height):
+        return shown.widest(View((width / 2, height / 2), (414.0, 414.0), 1.0, 1.0), width, height)
+
+    assert 1 <= widest(400, 400) < widest(1310, 786) < 8 < widest(13100, 7860) and np.abs(tables.shifts).max() > 80
+
+
+def test_patterns_are_the_means_and_covariances_of_rays(live_scene, no_textures):
+    tables = frame_of(live_scene).tables
+    patterns = lens_view.Tables(tables).texture[:BOKEH_NODES, 2 * BOKEH_NODES * RAYS:]
+    patterns = patterns.reshape(BOKEH_NODES, BOKEH_NODES, PATTERN, 4)
+    for row, column in ((8, 8), (2, 13), (16, 0)):
+        light, bends = tables.light[row, column], np.c_[tables.shifts[row, column], tables.aberrations[row, column]]
+        mean, *covariance = patterns[row, column]
+        assert mean == pytest.approx(np.average(bends, axis=0, weights=light), abs=1e-5)
+        expected = np.cov(bends.T, aweights=light, ddof=0)
+        assert np.array(covariance) == pytest.approx(expected, rel=1e-3, abs=1e-6)
+
+
+@pytest.fixture
+def metered_light(live_scene, no_textures):
     """A function that returns the exposed light of the live view in front of an even world, and its ShownExposure, in
     a viewport with these settings."""
-    monkeypatch.setattr(lens_view, "_texture", lambda values: None)
     bpy.ops.lensfield.live()
     frame, view = frame_of(live_scene), View((500.0, 300.0), (1400.0, 1400.0), 1.0, 1.0)
     shading = {"type": "RENDERED", "use_scene_lights_render": True, "use_scene_world_render": True}
