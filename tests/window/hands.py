@@ -195,22 +195,29 @@ ACCENT, LEAST_BUTTON_PX = np.divide((71, 114, 179), 255), 100  # of highlighted 
 
 def shoot(name, place=None):
     """Take a screenshot, of an area or a region of the main window if one is given."""
+    subprocess.run([*_screenshot(place), FOLDER.parent / f"{STEP}-{name}.png"], check=True)
+
+
+def _screenshot(place):
+    """A command that writes a screenshot to a file."""
     crop = [] if place is None else ["-crop", f"{place.width}x{place.height}+{place.x}+"
                                               f"{main_window().height - place.y - place.height}", "+repage"]
-    subprocess.run(["import", "-window", "root", *crop, FOLDER.parent / f"{STEP}-{name}.png"], check=True)
+    return ["import", "-window", "root", *crop]
 
 
 def at_rest(name, place):
-    """Take screenshots of an area or a region until REST_S change it no more than Blender's further samples do."""
+    """Take a screenshot of an area or a region once REST_S change it no more than Blender's further samples do."""
     before = None
     while True:
         place.tag_redraw()
         yield REST_S
-        shoot(name, place)
-        after = pixels(FOLDER.parent / f"{STEP}-{name}.png")
+        # not read by Blender, which evaluates the scene again after it has removed an image, and begins with one sample
+        read = subprocess.run([*_screenshot(place), "-depth", "8", "rgb:-"], check=True, stdout=subprocess.PIPE)
+        after = np.frombuffer(read.stdout, np.uint8) / 255
         if before is not None and np.abs(after - before).max() < LEAST_CHANGE:
-            return
+            break
         before = after
+    shoot(name, place)
 
 
 def until(condition):
