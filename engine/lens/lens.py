@@ -193,11 +193,12 @@ class Lens(Value):
         if not 0 < factor < np.inf:
             raise LensError(self.name, "scale", factor, "expected a positive number")
         width_mm, height_mm = self.sensor_mm
+        design = self.prescription
         return replace(self, name=f"{self.name}, scaled by {factor:.4g}",
                        sensor_mm=(factor * width_mm, factor * height_mm),
-                       prescription=self.prescription and replace(
-                           self.prescription.scaled(factor),
-                           object_distance_mm=factor * self.prescription.object_distance_mm),
+                       prescription=design and replace(
+                           design.scaled(factor), object_distance_mm=factor * design.object_distance_mm,
+                           sensor_mm=design.sensor_mm and tuple(factor * side for side in design.sensor_mm)),
                        **{length: factor * getattr(self, length) for length in self.LENGTHS})
 
     def _tables_at(self, wavelength_nm: float) -> dict[str, Any]:

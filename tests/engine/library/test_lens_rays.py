@@ -93,6 +93,16 @@ def test_rays_are_cached_and_scale_with_the_lens(monkeypatch, tmp_path):
     assert np.allclose(one.path_mm, 2 * other.path_mm, atol=1e-4)
 
 
+@pytest.mark.parametrize("factor", [0.06, 2.0])
+def test_rays_of_a_scaled_lens_end_where_its_lens_data_do(factor):
+    """Wherever the light of its data is held beyond their end, in focus, so is the light of its rays."""
+    lens = load_lens("kodak-petzval-100mm", quality="preview")
+    scaled = lens.scaled(factor)
+    rays, expected = lens_rays(scaled), lens_rays(lens)
+    assert rays.last_height_mm == pytest.approx(factor * expected.last_height_mm, rel=1e-6)
+    assert not (rays.dark_beyond or expected.dark_beyond or scaled.dark_beyond)
+
+
 def archive(table, **changes):
     """A table as it is cached, with changed arrays."""
     stream = BytesIO()
