@@ -365,6 +365,12 @@ def preview_under_way():
     return session().preview
 
 
+def preview_columns_px():
+    """The width of the preview's picture; 0 without one."""
+    shown = preview_under_way().shown
+    return shown.columns_px if shown else 0
+
+
 def preview_is_fresh():
     """Whether the preview shows the current scene through the chosen lens; it may still be refined."""
     preview = preview_under_way()

@@ -51,6 +51,7 @@ from hands import (
     place_on_sheet,
     point,
     press,
+    preview_columns_px,
     preview_is_fresh,
     preview_under_way,
     raise_vase,
@@ -166,7 +167,7 @@ def guide_pictures():
     shoot("find")
     yield from press("ESC", panel)
     yield from start("preview")
-    yield from until(lambda: preview_is_fresh() and not preview_under_way().job)  # its finest picture
+    yield from until(lambda: preview_is_fresh() and not preview_under_way().at_work)  # its finest picture
     yield from point(view, 0.2, 0.9)  # without a tooltip
     yield 1
     shoot("preview", region(view))
@@ -1139,7 +1140,7 @@ def click_pictures():
     panel = region(view, "UI")
     yield from click("lensfield.preview", panel, across=0.25)
     yield from until(preview_is_fresh)
-    yield from until(lambda: not preview_under_way().job)  # its finest picture
+    yield from until(lambda: not preview_under_way().at_work)  # its finest picture
     yield 1
     shoot("preview")
     assert np.allclose(frame_as_drawn(view), pixels(preview_under_way().picture)[..., :3].mean((0, 1)), atol=0.03)
@@ -1208,14 +1209,14 @@ def preview_fills_frame():
     view.spaces.active.region_3d.view_perspective = "PERSP"
     yield DRAW_S
     yield from click("lensfield.preview", region(view, "UI"), across=0.25)
-    yield from until(lambda: preview_under_way().columns_px >= 0.98 * frame_width_px(view))
+    yield from until(lambda: preview_columns_px() >= 0.98 * frame_width_px(view))
     yield DRAW_S
     shoot("first")
-    first = preview_under_way().columns_px
+    first = preview_columns_px()
     yield from press("WHEELUPMOUSE", region(view), across=0.3)
     yield DRAW_S
     assert frame_width_px(view) > first
-    yield from until(lambda: preview_under_way().columns_px >= 0.98 * frame_width_px(view))
+    yield from until(lambda: preview_columns_px() >= 0.98 * frame_width_px(view))
     yield DRAW_S
     shoot("zoomed")
     for kind in ("ORTHO", "PANO"):
