@@ -13,6 +13,7 @@ from lensfield.engine.runtime.setting import option_of, settings_of
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 from lensfield.engine.stray.options import StrayOptions
 from lensfield.request import RenderRequest, to_arguments
+from refusals import refused
 
 VALUES = {"lens": "tessar-50mm", "focus": 812.5, "f_number": 2.8, "wavelengths_nm": (450.0, 550.25, 650.0),
           "room": 0.125, "view_layer": "-Fog, far", "output_folder": Path("/renders"), "picture": Path("/so_far.png"),
@@ -63,7 +64,7 @@ def test_a_request_compares_by_its_fields_and_refuses_unknown_choices():
     assert RenderRequest() == RenderRequest() != replace(RenderRequest(), unfit="render")
     for name, each in settings_of(RenderRequest).items():
         if each.choices:
-            with pytest.raises(InputError, match=f"options: {name} is maybe: expected .*{next(iter(each.choices))}"):
+            with refused(InputError, field=name, value="maybe", match=next(iter(each.choices))):
                 RenderRequest(**{name: "maybe"})
 
 

@@ -22,6 +22,7 @@ from lensfield.engine.blur.polar_sections import Sections
 from lensfield.engine.lens_files.package import write_package
 from lensfield.engine.pictures.spectral_exr import read_exr, write_exr
 from lensfield.engine.plan.plan import Plan
+from refusals import refused
 
 PLAN = Plan(method=Sections(32, 64, 11), psf_radius_px=10, psf_energy=1 - 1e-6, taps=200.0, precision="float32",
             single_range=np.inf, flat_tolerance=0.0, folded=True, out_of_field="hold")
@@ -218,7 +219,8 @@ def test_no_two_outputs_may_be_the_same_file(tmp_path, monkeypatch, one, other):
     monkeypatch.chdir(tmp_path)
     Path("there.exr").touch()
     os.link("there.exr", "too.exr")
-    with pytest.raises(InputError, match="named twice: use a different name for each output"):
+    with refused(InputError, field="file", value="named twice",
+                 match="named twice: use a different name for each output"):
         check_outputs([(Path(one), ".exr"), (None, ".png"), (Path(other), ".exr")])
 
 

@@ -20,6 +20,7 @@ from lensfield.engine.pictures.spectral_exr import is_spectral, read_exr, write_
 from lensfield.engine.spectral.colour import encode_srgb
 from lensfield.engine.spectral.spectra import emission_basis
 from places import ROOT
+from refusals import refused
 from rgb_files import colours, failure, parts_exr, planes_exr, run, window
 
 NINE_NM = np.linspace(400, 700, 9)
@@ -277,7 +278,7 @@ def test_non_finite_rgb_pixels_are_treated_like_spectral_ones(tmp_path, capsys):
 def test_non_finite_values_survive_upsampling(value):
     radiance, _ = upsample(picture([[value, 0.5, 0.5], [1, 1, 1]]), NINE_NM, 5.0)
     assert not np.isfinite(radiance.cube[:, 0, 0]).any() and np.isfinite(radiance.cube[:, 0, 1]).all()
-    with pytest.raises(ImageError, match="pixel at row 0, column 0"):
+    with refused(ImageError, field="pixel at row 0, column 0, 400 nm", where="image"):
         refuse_fireflies(radiance)
 
 
@@ -400,7 +401,7 @@ def test_an_error_names_the_frame_and_leaves_earlier_ones(tmp_path, capsys):
 
 
 def test_wavelengths_out_of_range_are_an_input_error():
-    with pytest.raises(InputError, match="colours are defined from 380 to 780 nm"):
+    with refused(InputError, field="wavelength", match="colours are defined from 380 to 780 nm"):
         upsample(picture([1, 1, 1]), [800.0], 5.0)
 
 

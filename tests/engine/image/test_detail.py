@@ -8,6 +8,7 @@ from lensfield.engine.image.detail import Detail
 from lensfield.engine.image.layers import Layer, LayeredRadiance
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.pictures.spectral_exr import read_exr, read_parts, read_with_layers, write_exr
+from refusals import refused
 
 HALF = 2.0**-11  # relative rounding of half precision
 SHAPE, TIMES, NM = (5, 7), 3, (450.0, 560.0, 650.0)
@@ -68,7 +69,7 @@ def test_an_image_is_merged_and_cropped_with_its_detail(fine):
     assert merged.grid.finer(TIMES) == image.grid and merged.frame_px == SHAPE and merged.focal_mm == 30.0
     np.testing.assert_allclose(merged.frame().cube, means(fine), rtol=1e-6)
     np.testing.assert_allclose(merged.frame().detail.split(merged.frame().cube[1], NM[1]), fine[1], rtol=HALF * 1.01)
-    with pytest.raises(ImageError, match="multiples of 2 px"):
+    with refused(ImageError, field="shape_px", where="image", match="multiples of 2 px"):
         image.coarser(2)
 
 
@@ -78,12 +79,12 @@ def test_an_image_is_merged_and_cropped_with_its_detail(fine):
     (lambda shares: shares[:2], "of shape"), (lambda shares: shares[0], "of shape")], ids=str)
 def test_invalid_shares_are_refused(fine, change, message):
     shares = Detail.of(fine, NM, TIMES).shares
-    with pytest.raises(ImageError, match=f"detail: shares is {message}"):
+    with refused(ImageError, field="shares", where="detail", value=lambda value: value.startswith(message)):
         Detail(NM, change(shares), TIMES)
 
 
 def test_an_image_refuses_the_detail_of_other_pixels(fine):
-    with pytest.raises(ImageError, match="detail"):
+    with refused(ImageError, field="detail", where="image"):
         SpectralImage(np.ones((3, 5, 6)), NM, pitch_um=1.0, detail=Detail.of(fine, NM, TIMES))
 
 

@@ -8,6 +8,7 @@ import pytest
 from lenses import make_lens
 from lensfield.engine import ImageError, Options, Report, SpectralImage, simulate
 from lensfield.engine.image.nonfinite import clamp_fireflies, refuse_fireflies
+from refusals import refused
 
 E_AXIS = np.pi / 16
 pytestmark = pytest.mark.filterwarnings("error")  # NaN pixels raise an error, without numpy warnings
@@ -35,7 +36,7 @@ def test_the_first_pixel_is_named_by_row_column_and_wavelength(value, shown):
 def test_infinities_that_cancel_are_detected():
     plane = numbered()
     plane[1, 1], plane[2, 2] = np.inf, -np.inf
-    with pytest.raises(ImageError, match="row 1, column 1"):
+    with refused(ImageError, field="pixel at row 1, column 1, 500 nm", value="inf", where="image"):
         refuse_fireflies(image(plane))
 
 

@@ -7,6 +7,7 @@ import pytest
 
 from lensfield.engine import ImageError, SpectralImage
 from lensfield.engine.image.pixel_grid import PixelGrid
+from refusals import refused
 
 
 def image(**changes):
@@ -55,10 +56,8 @@ def test_centre_may_be_an_array():
     ("centre_px", (np.nan, 1.0)), ("centre_px", (1.0, 2.0, 3.0)), ("centre_px", (np.inf, 1.0)),
 ])
 def test_a_wrong_field_is_named(field, value):
-    with pytest.raises(ImageError) as error:
+    with refused(ImageError, field=field):
         image(**{field: value})
-    assert error.value.field == field
-    assert "\n" not in str(error.value)
 
 
 def test_a_complete_grid_may_be_given_and_must_fit():
@@ -69,5 +68,6 @@ def test_a_complete_grid_may_be_given_and_must_fit():
     assert changed.grid == replace(grid, pitch_um=4.0, overscan_px=(0, 0))
     with pytest.raises(ImageError, match="grid is 5.0: expected a PixelGrid"):
         SpectralImage(np.zeros((1, 4, 6)), [500], 5.0)
-    with pytest.raises(ImageError, match=r"cube is 'of \(3, 6\) px': expected \(4, 6\)|, as in its grid"):
+    with refused(ImageError, field="cube", where="image",
+                 match=r"cube is 'of \(3, 6\) px': expected \(4, 6\)|, as in its grid"):
         SpectralImage(np.zeros((1, 3, 6)), [500], grid)

@@ -11,6 +11,7 @@ from lensfield.engine import LensError, Options, SpectralImage, load_lens, simul
 from lensfield.engine.image.projection import FISHEYE, PLANE, Projection
 from lensfield.engine.lens.entrance_pupil import focus_nearness
 from lensfield.engine.lens.pinhole import fitting_pitch_um
+from refusals import refused
 
 REFERENCE_NM = 587.6
 
@@ -47,10 +48,8 @@ def test_a_lens_copies_the_arrays_given_to_it():
     ("psf", np.full((2, 11, 1, 1), np.nan)), ("psf", np.tile([[-1.0, 1.0], [0.5, 0.5]], (2, 11, 1, 1))),
 ])
 def test_a_wrong_field_is_named(field, value):
-    with pytest.raises(LensError) as error:
+    with refused(LensError, field=field, where="hand-made"):
         replace(make_lens(), **{field: value})
-    assert error.value.field == field
-    assert "hand-made" in str(error.value) and "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize("nm, weight", [(400, 0.0), (475, 0.25), (550, 0.5), (700, 1.0)])
@@ -89,7 +88,7 @@ def test_transmittance_stays_within_0_and_1_near_the_edge_of_a_filter():
 
 @pytest.mark.parametrize("nm", [399.9, 700.1, 0.0, -5.0, np.nan, np.inf])
 def test_a_wavelength_outside_the_lens_data_is_an_error(nm):
-    with pytest.raises(LensError, match="400 to 700 nm"):
+    with refused(LensError, field="wavelength", where="hand-made", match="400 to 700 nm"):
         make_lens().at_wavelength(nm)
 
 
@@ -166,7 +165,7 @@ def test_a_lens_in_focus_at_infinity_stays_so_when_scaled():
 
 @pytest.mark.parametrize("factor", [0.0, -2.0, np.inf, np.nan])
 def test_a_lens_is_scaled_by_a_positive_number(factor):
-    with pytest.raises(LensError, match="hand-made: scale is"):
+    with refused(LensError, field="scale", where="hand-made"):
         make_lens().scaled(factor)
 
 

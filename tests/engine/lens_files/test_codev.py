@@ -7,6 +7,7 @@ from lensfield.engine import LensError
 from lensfield.engine.lens_files.codev import psf_grid
 from lensfield.engine.lens_files.psf_grid import psf_table
 from lensfield.engine.runtime.text import decoded
+from refusals import refused
 from vendor_files import ENCODINGS, damages, matrix_text
 
 # A matrix as BUF EXP exports it, Strehl x 100, with light two rows after and one column after the chief ray. Rows
@@ -32,9 +33,11 @@ def test_any_separator_and_encoding_is_read(encoding, separator):
     np.testing.assert_allclose(grid.values, MARKED / 60, rtol=1e-6)
 
 
-@pytest.mark.parametrize("text", ["", "1 2 3", "1 2\n3 x", "nan " * 9, "0 " * 9, "-1 " * 9, "1 " * 4])
-def test_anything_but_a_square_matrix_of_light_is_refused(text):
-    with pytest.raises(LensError, match="psf.dat"):
+@pytest.mark.parametrize("text, field", [
+    ("", "PSF samples"), ("1 2 3", "PSF samples"), ("1 2\n3 x", "PSF samples"), ("nan " * 9, "PSF samples"),
+    ("0 " * 9, "PSF"), ("-1 " * 9, "PSF"), ("1 " * 4, "PSF")])
+def test_anything_but_a_square_matrix_of_light_is_refused(text, field):
+    with refused(LensError, field=field, where="psf.dat"):
         psf_grid(text, "psf.dat", 0.5)
 
 

@@ -20,6 +20,7 @@ from lensfield.engine.lens_files.export_macro import MACROS, PROGRAMS, ExportOpt
 from lensfield.engine.lens_files.zospy import LINEAR
 from lensfield.engine.runtime.text import number_table
 from places import ROOT
+from refusals import refused
 from vendor_files import check_same_lens, export_folder, exported_lens, vendor_export
 
 FEW = ExportOptions(heights=3, last_height_mm=2.0, wavelengths_nm=(450.0, 587.6, 650.25), psf_samples=32,
@@ -373,13 +374,12 @@ def test_a_macro_writes_exactly_these_texts(program, text):
     ({"psf_samples": 60}, "psf_samples"), ({"pupil_samples": 16}, "pupil_samples"),
     ({"psf_pitch_um": -1.0}, "psf_pitch_um"), ({"sensor_mm": (4.8, 0.0)}, "sensor_mm")])
 def test_invalid_values_are_one_line_errors(options, field):
-    with pytest.raises(InputError) as caught:
+    with refused(InputError, field=field):
         ExportOptions(**options)
-    assert caught.value.field == field and "\n" not in str(caught.value)
 
 
 def test_an_unknown_program_is_refused():
-    with pytest.raises(InputError, match="zemax, codev, zospy"):
+    with refused(InputError, field="program", value="oslo", match="zemax, codev, zospy"):
         export_macro("oslo", FEW)
 
 

@@ -6,6 +6,7 @@ import pytest
 from lensfield.cli import main
 from lensfield.engine import LensError, load_lens
 from lensfield.engine.lens_files import import_lens
+from refusals import refused
 from vendor_files import (
     EXPORTS,
     check_same_lens,
@@ -109,7 +110,7 @@ def test_missing_or_unsupported_files_are_errors(tmp_path, name):
 
 
 def test_the_error_for_an_empty_folder_names_the_expected_files(tmp_path):
-    with pytest.raises(LensError, match="ISETPARMS.TXT.*lens.toml.*.mat"):
+    with refused(LensError, field="folder", value="without a description", match="ISETPARMS.TXT.*lens.toml.*.mat"):
         import_lens(tmp_path)
 
 

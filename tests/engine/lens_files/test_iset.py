@@ -9,6 +9,7 @@ from lensfield.engine import LensError, load_lens
 from lensfield.engine.lens_files.assembly import PUPIL_UNKNOWN, entrance_pupil
 from lensfield.engine.lens_files.iset import find_parameter_file, read_iset
 from lensfield.engine.runtime.text import number_table, read_text
+from refusals import refused
 from vendor_files import (
     ENCODINGS,
     check_same_lens,
@@ -227,7 +228,8 @@ def test_contradictory_files_are_named(tmp_path, lens, file, old, new, field):
 def test_two_parameter_files_are_an_error(tmp_path, lens):
     iset_bundle(tmp_path, lens)
     code_v_bundle(tmp_path, lens)
-    with pytest.raises(LensError, match="give the file itself"):
+    with refused(LensError, field="parameter file", value="ISETPARMS.TXT or rtLENS_ISETPARMS.TXT",
+                 match="give the file itself"):
         find_parameter_file(tmp_path)
 
 

@@ -8,6 +8,7 @@ from lensfield.engine.runtime.errors import CameraError
 from lensfield.engine.sensor.camera_file import camera_text, read_camera
 from lensfield.engine.sensor.electrons import response
 from lensfield.engine.spectral.spectra import load_spectrum
+from refusals import refused
 
 CAMERAS = bundled_cameras()
 
@@ -82,5 +83,5 @@ def test_bad_files_are_refused_in_one_line(line, changed, words, tmp_path):
 def test_unknown_cameras_are_refused(tmp_path):
     with pytest.raises(CameraError, match="leica-m3: camera is unknown: expected a camera's file"):
         load_camera("leica-m3")
-    with pytest.raises(CameraError, match="file is missing"):
+    with refused(CameraError, field="file", value="missing", where="none.toml"):
         load_camera(tmp_path / "none.toml")

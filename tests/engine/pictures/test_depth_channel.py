@@ -5,6 +5,7 @@ import pytest
 
 from lensfield.engine.pictures.depth_channel import depth_channel, depth_in_mm, numbers_of_depth, without_mixtures
 from lensfield.engine.runtime.errors import ImageError
+from refusals import refused
 
 PLANE = np.full((3, 4), 2.0, np.float32)
 
@@ -53,12 +54,13 @@ def test_the_depth_of_the_selected_view_is_used():
 
 def test_an_ambiguous_depth_channel_must_be_named():
     parts = parts_of("A.Depth.Z", "B.Depth.Z")
-    with pytest.raises(ImageError, match="depth is A.Depth.Z, B.Depth.Z: name one of them"):
+    with refused(ImageError, field="depth", value="A.Depth.Z, B.Depth.Z", where="image"):
         depth_channel(parts)
     assert depth_channel(parts, wanted="b.depth.z")[0] == "B.Depth.Z"
-    with pytest.raises(ImageError, match="expected one channel named C.Z"):
+    with refused(ImageError, field="depth", value="A.Depth.Z, B.Depth.Z", where="image",
+                 match="expected one channel named C.Z"):
         depth_channel(parts, wanted="C.Z")
-    with pytest.raises(ImageError, match="depth is missing: expected one channel named Z"):
+    with refused(ImageError, field="depth", value="missing", where="image"):
         depth_channel(parts_of(*RGBA), wanted="Z")
 
 

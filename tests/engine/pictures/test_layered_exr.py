@@ -9,6 +9,7 @@ from lensfield.engine.image.layers import Layer, LayeredRadiance
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.image.projection import FISHEYE
 from lensfield.engine.pictures.spectral_exr import read_exr, read_parts, read_with_layers, write_exr
+from refusals import refused
 
 WAVELENGTHS_NM = (433.0 + 1 / 3, 550.0, 651.25)
 FRAME_PX, OVERSCAN_PX = (7, 10), (4, 3)
@@ -128,5 +129,5 @@ def test_a_truncated_file_is_refused(layered, path):
     contents = written(layered, path).read_bytes()
     for length in (len(contents) // 2, len(contents) - 8):
         path.write_bytes(contents[:length])
-        with pytest.raises(ImageError, match="not readable"):
+        with refused(ImageError, field="file", value="not readable", where="radiance.exr"):
             read_with_layers(path)

@@ -11,6 +11,7 @@ from lensfield.engine.prescription.prescription import Pose
 from lensfield.engine.prescription.tolerances import GRADES, Copy, as_built, elements
 from lensfield.engine.runtime.errors import LensError
 from mirror_lens import MIRROR_LENS
+from refusals import refused
 
 pytestmark = pytest.mark.one_blender
 LENS = bundled_lenses()["tessar-50mm"]
@@ -90,9 +91,9 @@ def test_poses_of_the_design_are_moved_with_its_elements():
                       ) == pytest.approx(0.5, abs=1e-4)
 
 
-@pytest.mark.parametrize("seed, grade", [(0, "prime"), (-1, "prime"), (3, "new")])
-def test_an_invalid_copy_is_an_error(seed, grade):
-    with pytest.raises(LensError, match="copy: "):
+@pytest.mark.parametrize("seed, grade, field", [(0, "prime", "seed"), (-1, "prime", "seed"), (3, "new", "grade")])
+def test_an_invalid_copy_is_an_error(seed, grade, field):
+    with refused(LensError, field=field, where="copy"):
         Copy(seed, grade)
 
 

@@ -18,6 +18,7 @@ from lensfield.engine.rays.axial_image import FAN, trace_axial_bundles, white_mt
 from lensfield.engine.rays.focus import FULL_FRAME_MM, LINES_PER_MM, WHITE_NM, build_system, focused
 from lensfield.engine.rays.rays import HalfPupil, trace_pupil
 from lensfield.engine.spectral.spectra import colour_matching
+from refusals import refused
 from varied_lenses import RADIAL
 
 NM, UM = 550.0, 0.55
@@ -199,5 +200,6 @@ def test_wavelengths_outside_the_range_of_a_glass_are_left_out(focus, glass, nm)
 
 def test_a_beam_reduced_to_its_chief_ray_has_no_focus():
     surfaces = tuple(replace(surface, semi_aperture_mm=np.inf) for surface in SURFACES)
-    with pytest.raises(LensError, match="only the chief ray gets through here at 450 nm"):
+    with refused(LensError, field="field height", where="singlet",
+                 match="only the chief ray gets through here at 450 nm"):
         build_system(replace(SINGLET, surfaces=surfaces, aperture=("stop", 2000.0)))

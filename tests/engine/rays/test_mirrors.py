@@ -20,6 +20,7 @@ from lensfield.engine.rays.transmission import transmittance
 from loops import using
 from mirror_lens import MIRROR_LENS, SURFACES, two_mirrors
 from physical_rays import trace
+from refusals import refused
 
 PUPIL, FULL = HalfPupil(7, 9), FullPupil(5, 12)
 NM = [486.1, 656.3]
@@ -151,7 +152,8 @@ def test_impossible_mirrors_are_refused(number, changes, words):
 
 
 def test_a_beam_as_narrow_as_its_obstruction_is_refused():
-    with pytest.raises(LensError, match="as wide as a central obstruction: open the aperture"):
+    with refused(LensError, field="aperture, f_number", value=13.0, where="mirror lens",
+                 match="as wide as a central obstruction: open the aperture"):
         build_system(replace(MIRROR_LENS, aperture=("f_number", 13.0)))
 
 

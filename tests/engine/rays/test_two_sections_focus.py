@@ -14,6 +14,7 @@ from lensfield.engine.rays.ray_table import ray_table
 from lensfield.engine.rays.rays import FullPupil
 from lensfield.engine.rays.rings import Rings, turned
 from lensfield.engine.spectral.spectra import colour_matching
+from refusals import refused
 
 pytestmark = pytest.mark.one_blender
 ALONG_MM, ACROSS_MM = 50.0, 48.0
@@ -92,5 +93,5 @@ def test_tasks_that_need_rotational_symmetry_name_the_surface():
         ray_table(TORIC, [550.0])
     tilted = replace(TORIC, surfaces=(Surface(25.0, 1.0, "1.5/1000", stop=True), TORIC.surfaces[1]),
                      image_pose=Pose(tilt_deg=(5.0, 0.0, 0.0)))
-    with pytest.raises(LensError, match="toric: image_pose is not rotationally symmetric: a field of heights needs"):
+    with refused(LensError, field="image_pose", value="not rotationally symmetric", where="toric"):
         ray_table(tilted, [550.0])

@@ -23,6 +23,7 @@ from lensfield.engine.pictures.preview import write_png
 from lensfield.engine.runtime import files
 from lensfield.engine.runtime.files import LONGEST_WRITE_S, atomic_path, check_target, link_or_copy
 from places import SAMPLE_SCENE
+from refusals import refused
 
 posix = pytest.mark.skipif(os.name != "posix", reason="Windows does not report which processes are running")
 
@@ -127,7 +128,7 @@ def test_a_disk_that_is_full_only_at_the_end_leaves_the_old_file(tmp_path, monke
     path = tmp_path / "picture.exr"
     path.write_text("old")
     monkeypatch.setattr(os, "fsync", fail)
-    with pytest.raises(InputError, match=r"picture.exr: file is not written: Disk quota exceeded$"):
+    with refused(InputError, field="file", where="picture.exr", match="Disk quota exceeded$"):
         write(path)
     assert path.read_text() == "old" and list(tmp_path.iterdir()) == [path]
 
@@ -154,7 +155,7 @@ def no_links(*_):
 ], ids=["picture", "report", "package", "copy"])
 def test_a_full_disk_is_an_error_that_names_the_file(tmp_path, monkeypatch, write):
     monkeypatch.setattr(os, "link", no_links)
-    with room_for(30), pytest.raises(InputError, match=r"file.out: file is not written: File too large$"):
+    with room_for(30), refused(InputError, field="file", where="file.out", match="File too large$"):
         write(tmp_path / "file.out")
     assert list(tmp_path.iterdir()) == []
 
@@ -334,7 +335,8 @@ def test_a_foreign_file_is_not_overwritten(tmp_path):
     path = tmp_path / "picture.exr"
     path.write_bytes(FOREIGN)
     for attempt in (check_target, partial(write, overwrite=False)):
-        with pytest.raises(InputError, match="picture.exr: file is an existing file that Lensfield did not write"):
+        with refused(InputError, field="file", value="an existing file that Lensfield did not write",
+                     where="picture.exr"):
             attempt(path)
     assert path.read_bytes() == FOREIGN and list(tmp_path.iterdir()) == [path]
 
@@ -342,7 +344,7 @@ def test_a_foreign_file_is_not_overwritten(tmp_path):
 def test_a_foreign_file_behind_a_link_is_not_overwritten(tmp_path):
     (tmp_path / "own.exr").write_bytes(FOREIGN)
     (tmp_path / "link.exr").symlink_to(tmp_path / "own.exr")
-    with pytest.raises(InputError, match="link.exr: file is an existing file"):
+    with refused(InputError, field="file", value="an existing file that Lensfield did not write", where="link.exr"):
         check_target(tmp_path / "link.exr")
 
 
@@ -352,7 +354,7 @@ def test_an_unreadable_foreign_file_is_not_overwritten(tmp_path, monkeypatch):
     def refuse(*_, **__):
         raise PermissionError(13, "Permission denied")
     monkeypatch.setattr(files, "open", refuse, raising=False)
-    with pytest.raises(InputError, match="own.exr: file is an existing file"):
+    with refused(InputError, field="file", value="an existing file that Lensfield did not write", where="own.exr"):
         check_target(tmp_path / "own.exr")
 
 

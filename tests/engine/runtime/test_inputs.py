@@ -11,6 +11,7 @@ from lensfield.engine.runtime.files import atomic_path
 from lensfield.engine.runtime.inputs import check_input, check_named, confine, note_who_names, open_input, release
 from lensfield.engine.spectral.refraction import load_refraction
 from lensfield.engine.spectral.spectra import load_spectrum
+from refusals import refused
 
 posix = pytest.mark.skipif(os.name != "posix", reason="Windows has no pipes and devices among files")
 SECRET = "root:$6$salt$hash:19000:0:99999:7:::\n"
@@ -37,17 +38,18 @@ def sparse(path):
 def test_an_unfit_file_is_named_and_not_opened(tmp_path, make, reason):
     path = tmp_path / "file.exr"
     make(path)
-    with pytest.raises(InputError, match=f"file.exr: picture is {reason}: "):
+    with refused(InputError, field="picture", value=reason, where="file.exr"):
         check_input(path, "picture", "expected an EXR")
 
 
 @posix
 @pytest.mark.parametrize("make", [pipe, device])
-@pytest.mark.parametrize("read, name", [(load_lens, "lens.toml"), (load_lens, "lens.npz"), (load_lens, "lens.zmx"),
-                                        (load_spectrum, "paint.spd"), (load_refraction, "glass.yml")])
-def test_no_reader_waits_for_a_pipe(tmp_path, make, read, name):
+@pytest.mark.parametrize("read, name, field", [
+    (load_lens, "lens.toml", "lens"), (load_lens, "lens.npz", "lens"), (load_lens, "lens.zmx", "lens"),
+    (load_spectrum, "paint.spd", "spectrum"), (load_refraction, "glass.yml", "refraction")])
+def test_no_reader_waits_for_a_pipe(tmp_path, make, read, name, field):
     make(tmp_path / name)
-    with pytest.raises(InputError, match="is a device or pipe: "):
+    with refused(InputError, field=field, value="a device or pipe", where=name):
         read(str(tmp_path / name))
 
 
@@ -63,7 +65,8 @@ def test_a_scene_may_name_missing_files_and_videos_of_any_size(tmp_path):
     check_named(tmp_path / "missing.png", "image", "scene.blend")
     sparse(tmp_path / "video.mov")
     check_named(tmp_path / "video.mov", "movie clip", "scene.blend", None)
-    with pytest.raises(InputError, match="65536 MB: expected at most 65536 MB"):
+    with refused(InputError, field="image", value="65536 MB", where="video.mov",
+                 match="65536 MB: expected at most 65536 MB"):
         check_named(tmp_path / "video.mov", "image", "scene.blend")
 
 
@@ -109,7 +112,7 @@ def test_confined_work_reads_only_below_its_folders(confined):
     (confined / "scene" / "folder").symlink_to(confined / "away")
     for path in ("away/file.exr", "scene/../away/file.exr", "scene/link.exr", "scene/folder/file.exr",
                  "scene/folder/missing.exr", "out/file.exr", "scene-too/file.exr"):
-        with pytest.raises(InputError, match="file is outside the scene's folder and --root: "):
+        with refused(InputError, field="file", value="outside the scene's folder and --root"):
             check_named(confined / path, "picture", "scene.blend")
 
 

@@ -11,6 +11,7 @@ from lensfield.engine.sensor.camera import LEAST, MOST, NUMBERS, PITCH_LIMITS_UM
 from lensfield.engine.sensor.electrons import missing_response, response
 from lensfield.engine.sensor.exposure import Exposure, channels_of, expose, exposure_value
 from lensfield.engine.sensor.resampling import pixel_means
+from refusals import refused
 from seed import SEED
 
 NM = np.array([400.0, 500.0, 600.0, 700.0])
@@ -215,7 +216,7 @@ def test_implausible_numbers_are_refused(name, value):
     if value == 1e-300 and name not in POSITIVE:
         assert getattr(replace(CAMERA, **{name: value}), name) == value
         return
-    with pytest.raises(CameraError, match=f"camera test: {name} is "):
+    with refused(CameraError, field=name, where="camera test"):
         replace(CAMERA, **{name: value})
 
 
@@ -238,7 +239,7 @@ def test_cameras_at_the_limits_take_pictures(name, iso, shutter_s):
 
 
 def test_bad_exposures_are_refused():
-    with pytest.raises(InputError, match="exposure: shutter_s is 0: expected a positive number"):
+    with refused(InputError, field="shutter_s", value=0, where="exposure"):
         Exposure(0, 100.0)
     with pytest.raises(InputError, match=r"exposure: iso is 1e\+300: expected a positive number, from 1e-20 to 1e\+20"):
         Exposure(1.0, 1e300)

@@ -10,6 +10,7 @@ from lenses import PIXEL_BY_PIXEL, comatic_lens, distance_of_light, gaussian_psf
 from lensfield.engine import ImageError, LensError, Options, Report, SpectralImage, blur, load_lens, simulate
 from lensfield.engine.field.psf_samples import psf_radius_px
 from places import SHARED_DATA
+from refusals import refused
 
 E_AXIS = np.pi / 16
 EDMUND = load_lens("edmund-54852")
@@ -159,7 +160,7 @@ def test_a_single_dim_pixel_in_the_black_is_not_lost(options):
 def test_a_nonfinite_pixel_is_named(value, options):
     plane = np.ones((6, 8))
     plane[4, 3] = value
-    with pytest.raises(ImageError, match="pixel at row 4, column 3, 550 nm is"):
+    with refused(ImageError, field="pixel at row 4, column 3, 550 nm", where="image"):
         simulate(radiance(plane), SOFT, options)
 
 
@@ -182,14 +183,14 @@ def test_a_lens_of_one_wavelength_serves_only_that_wavelength(options):
     lens, plane = make_lens(wavelengths_nm=(587.6,), transmittance=0.5), noise((40, 40))
     result = simulate(radiance(plane, nm=587.6), lens, options).cube[0]
     np.testing.assert_allclose(result, 0.5 * E_AXIS * plane, atol=3e-7)
-    with pytest.raises(LensError, match="wavelength is 588 nm"):
+    with refused(LensError, field="wavelength", value="588 nm", where="hand-made"):
         simulate(radiance(np.ones((40, 40)), nm=588.0), lens, options)
 
 
 @EVERY_METHOD
 @pytest.mark.parametrize("nm, named", [(399.0, "399 nm"), (701.0, "701 nm")])
 def test_wavelengths_outside_the_lens_are_named_with_its_range(nm, named, options):
-    with pytest.raises(LensError, match=f"wavelength is {named}: the lens data spans 400 to 700 nm"):
+    with refused(LensError, field="wavelength", value=named, match="400 to 700 nm$"):
         simulate(radiance(np.ones((8, 8)), nm=nm), make_lens(), options)
 
 

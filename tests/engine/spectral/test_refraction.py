@@ -8,6 +8,7 @@ import pytest
 from lensfield.engine.runtime.errors import InputError
 from lensfield.engine.spectral import refraction
 from lensfield.engine.spectral.refraction import load_refraction, refraction_names
+from refusals import refused
 
 LIBRARY = Path(refraction.__file__).parent / "data" / "refraction"
 NM_D, NM_SODIUM = 587.5618, 589.3
@@ -137,21 +138,21 @@ def test_a_reference_loses_its_markup(tmp_path):
 def test_wavelengths_out_of_range_are_an_error_that_names_the_range(tmp_path, nm):
     material = read(tmp_path, formula(3, "2.25"))
     for of_wavelengths in (material.n_at, material.k_at, material.reflectance_at):
-        with pytest.raises(InputError, match="from 300 to 2000 nm"):
+        with refused(InputError, field="wavelength of n", where="material", match="from 300 to 2000 nm"):
             of_wavelengths(nm)
 
 
 def test_extinction_has_a_separate_range(tmp_path):
     material = read(tmp_path, formula(3, "2.25") + table("k", ["0.4 0.1", "0.6 0.3"]))
     assert material.n_at(700) == 1.5
-    with pytest.raises(InputError, match="from 400 to 600 nm"):
+    with refused(InputError, field="wavelength of k", where="material", match="400 to 600 nm"):
         material.k_at(700)
 
 
 def test_an_undefined_value_of_a_formula_is_an_error_that_names_the_wavelength(tmp_path):
     material = read(tmp_path, formula(2, "0 1 0.25"))  # a pole at 500 nm, below which n^2 is negative
     assert material.n_at(1000) == pytest.approx((1 + 1 / 0.75)**0.5)
-    with pytest.raises(InputError, match="450 nm"):
+    with refused(InputError, field="n", where="material", match="450 nm"):
         material.n_at(450)
 
 
@@ -179,7 +180,7 @@ def test_a_bad_file_is_an_input_error_of_one_short_line(tmp_path, contents):
 
 
 def test_a_file_too_large_is_an_input_error(tmp_path):
-    with pytest.raises(InputError, match="size"):
+    with refused(InputError, field="size", where="material.yml"):
         read(tmp_path, "#" * 2_000_000)
 
 

@@ -21,6 +21,7 @@ from lensfield.engine.spectral.wavelength_choice import (
     SpectralOptions,
     choose_wavelengths,
 )
+from refusals import refused
 
 OUTPUT_NM = np.linspace(400, 700, 31)
 FINE_NM = np.linspace(400, 700, 301)
@@ -206,15 +207,14 @@ def test_only_the_requested_limits_must_be_met(limits, errors, met):
     ("tier", "best"), ("tier", None), ("colour_error", 0), ("colour_error", -1), ("colour_error", float("nan")),
     ("colour_error", float("inf")), ("colour_error", "0.5"), ("sensor_error", 0), ("sensor_error", [0.1])])
 def test_bad_options_are_named_in_one_line(field, value):
-    with pytest.raises(InputError) as error:
+    with refused(InputError, field=field):
         SpectralOptions(**{field: value})
-    assert error.value.field == field and "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize("tier", ["preview", "reference"])
 @pytest.mark.parametrize("field", ["colour_error", "sensor_error"])
 def test_error_limits_apply_only_to_the_standard_tier(tier, field):
-    with pytest.raises(InputError, match=tier):
+    with refused(InputError, field=field, value=0.1, match=tier):
         SpectralOptions(tier, **{field: 0.1})
 
 
