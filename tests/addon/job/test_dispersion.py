@@ -16,6 +16,7 @@ from lensfield.engine.spectral.refraction import load_refraction
 from lensfield.engine.spectral.spectra import load_spectrum
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 from noise import ROUNDING
+from refusals import refused
 from small_scenes import light, material, set_world, wall
 
 NM = np.array([420.0, 550.0, 680.0])
@@ -233,7 +234,8 @@ def test_an_assigned_refraction_overrides_an_index_from_nodes(small, tmp_path):
 def test_a_wavelength_outside_the_data_of_the_glass_is_refused(small, tmp_path):
     bright_half(small)
     prism(small, glass("acrylic"))
-    with pytest.raises(InputError, match="acrylic.*390 nm.*400"):
+    with refused(InputError, field="refraction", value="acrylic", where="material 'Glass'",
+                 match="acrylic.*390 nm.*400"):
         rendered(small, tmp_path, [390.0, 500.0])
 
 

@@ -19,6 +19,7 @@ from lensfield.addon.render.render import job_of_frame, render_steps, run
 from lensfield.engine.runtime import files
 from lensfield.engine.runtime.errors import InputError
 from lensfield.engine.runtime.locks import Busy
+from refusals import refused
 from small_scenes import light, material, set_world, wall
 
 OPTIONS = {"wavelengths_nm": [450.0, 550.0, 600.0, 650.0], "lens_quality": "preview", "lens": "tessar-50mm"}
@@ -260,7 +261,8 @@ def test_a_scene_does_not_depend_on_files_of_its_renders(deep, tmp_path):
 def test_a_frame_being_rendered_by_another_process_is_left_to_it(deep, tmp_path):
     result = Result.of(deep, tmp_path, 1)
     with another(result.record):
-        with pytest.raises(Busy, match="scene_Scene_0001_report.json: file is being written by another process: wait"):
+        with refused(Busy, field="file", value="being written by another process",
+                     where="scene_Scene_0001_report.json"):
             addon.render_through_lens(deep, output_folder=tmp_path, frame=1, **OPTIONS)
         animation = addon.render_animation(deep, [1, 2], output_folder=tmp_path, **OPTIONS)
         assert list(animation.results) == [2] and animation.elsewhere == [1]

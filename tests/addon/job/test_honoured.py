@@ -16,6 +16,7 @@ from lensfield.engine.spectral.spectra import white_density
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 from lensfield.engine.stray.options import StrayOptions
 from noise import assert_means, surely_apart
+from refusals import refused
 from small_scenes import WAVELENGTHS_NM, keyframe_world, light, material, render, set_region, set_world, wall
 
 TINT = 0.9, 0.5, 0.3
@@ -321,7 +322,7 @@ def test_the_selected_view_layer_is_rendered(two_layers, tmp_path, name, lit):
 
 
 def test_several_view_layers_require_a_choice(two_layers, tmp_path):
-    with pytest.raises(SceneError, match="view layers for rendering is Whole, Empty: choose one"):
+    with refused(SceneError, field="view layers for rendering", value="Whole, Empty", where="scene 'Scene'"):
         radiance(two_layers, tmp_path)
     with pytest.raises(SceneError, match="view layer is Third: expected Whole or Empty"):
         radiance(two_layers, tmp_path, view_layer="Third")

@@ -13,6 +13,7 @@ from lensfield import addon
 from lensfield.engine import CameraError, InputError, load_camera
 from lensfield.engine.pictures.spectral_exr import read_exr, read_parts
 from lensfield.engine.sensor.camera_file import camera_text
+from refusals import refused
 from small_scenes import material, set_region, wall
 
 WAVELENGTHS_NM = tuple(range(400, 701, 50))
@@ -106,18 +107,18 @@ def test_a_changed_exposure_or_camera_renders_a_frame_again(squares, tmp_path):
     assert missing(camera=own, iso=400.0, dng=True) == [1]
 
 
-@pytest.mark.parametrize("given, words", [
-    ({"camera": replace(COARSE, filters=("RR", "GB"))}, "filters is RR/GB"), ({"iso": -5.0}, "iso is -5.0"),
-    ({"camera": replace(COARSE, filters=("RG",)), "dng": True, "develop": False}, "channels is RG"),
-    ({"camera": replace(COARSE, shape_px=(4, 6), pitch_um=6000.0)}, "size is .3, 6. px")])
-def test_a_picture_that_cannot_be_taken_is_refused_before_the_render(squares, given, words, tmp_path):
-    with pytest.raises(InputError, match=words):
+@pytest.mark.parametrize("given, field, value", [
+    ({"camera": replace(COARSE, filters=("RR", "GB"))}, "filters", "RR/GB"), ({"iso": -5.0}, "iso", -5.0),
+    ({"camera": replace(COARSE, filters=("RG",)), "dng": True, "develop": False}, "channels", "RG"),
+    ({"camera": replace(COARSE, shape_px=(4, 6), pitch_um=6000.0)}, "size", "(3, 6) px")])
+def test_a_picture_that_cannot_be_taken_is_refused_before_the_render(squares, given, field, value, tmp_path):
+    with refused(InputError, field=field, value=value):
         rendered(squares, tmp_path, **{"camera": COARSE} | given)
     assert not list(tmp_path.iterdir())
 
 
 def test_an_unknown_camera_is_refused_before_the_render(squares, tmp_path):
-    with pytest.raises(CameraError, match="leica-m3: camera is unknown"):
+    with refused(CameraError, field="camera", value="unknown", where="leica-m3"):
         rendered(squares, tmp_path, camera="leica-m3", view="camera")
     assert not list(tmp_path.iterdir())
     assert addon.camera_words(addon.RenderRequest(camera=COARSE, wavelengths_nm=(500.0, 600.0)))[0].startswith(

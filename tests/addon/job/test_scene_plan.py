@@ -16,6 +16,7 @@ from lensfield.engine.spectral.colour_difference import ciede2000, lab_from_xyz
 from lensfield.engine.spectral.spectra import colour_matching, emission_basis, load_spectrum, reflectance_basis
 from lensfield.engine.spectral.wavelength_choice import STANDARD_COLOUR_ERROR, SpectralOptions
 from noise import ROUNDING, surely_apart
+from refusals import refused
 from small_scenes import WAVELENGTHS_NM, light, material, paint_by_nodes, set_world, wall
 
 NM = np.linspace(400, 700, 16)
@@ -382,7 +383,7 @@ def test_glass_with_an_unknown_index_is_refused_before_rendering(scene, tmp_path
     glass, _ = material("Glass", "ShaderNodeBsdfGlass")
     glass.lensfield.refraction = str(tmp_path / "short.yml")
     wall(scene, glass)
-    with pytest.raises(SceneError, match="material 'Glass': refraction is .*short.yml: wavelength of n 6[68]0 nm"):
+    with refused(SceneError, field="refraction", where="material 'Glass'", match="short.yml: .* 6[68]0 nm"):
         rendered(scene, tmp_path / "out")
 
 
@@ -399,7 +400,7 @@ def test_a_misspelt_spectrum_is_refused_but_the_plan_is_shown(room, tmp_path):
     assert {error.where for error in plan.refusals} == {"material 'chart-15-red'", "material 'chart-14-green'"}
     assert "Cycles renders at" in plan.text
     assert plan.per_pass == 3 and not plan.apart and not known.refusals
-    with pytest.raises(SceneError, match="reflectance spectrum is no-such-paint"):
+    with refused(SceneError, field="reflectance spectrum", value="no-such-paint", where="material 'chart-14-green'"):
         rendered(room, tmp_path)
     assert not list(tmp_path.iterdir())
 

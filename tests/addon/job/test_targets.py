@@ -9,6 +9,7 @@ from lensfield.addon.job.result import Result
 from lensfield.engine.pictures.preview import write_png
 from lensfield.engine.runtime.errors import InputError
 from lensfield.engine.runtime.files import MARK
+from refusals import refused
 from small_scenes import material, set_world, wall
 
 OPTIONS = {"lens": "edmund-54852", "wavelengths_nm": [550.0]}
@@ -45,7 +46,7 @@ def test_a_render_does_not_overwrite_files_of_the_user(quick_scene, tmp_path, nu
                 lambda: addon.render_animation(quick_scene, [quick_scene.frame_current], **OPTIONS),
                 lambda: addon.render_through_lens(quick_scene, depth="traced", **OPTIONS | {"lens": "tessar-50mm"}))
     for attempt in attempts:
-        with pytest.raises(InputError, match=f"{path.name}: file is an existing file that Lensfield did not write"):
+        with refused(InputError, field="file", value="an existing file that Lensfield did not write", where=path.name):
             attempt()
     assert path.read_text() == FOREIGN and list(path.parent.iterdir()) == [path]
     assert path.name in " ".join(map(str, addon.preflight(quick_scene, **OPTIONS).refusals))
@@ -59,7 +60,8 @@ def test_applying_a_lens_does_not_overwrite_files_of_the_user(quick_scene, tmp_p
         if path != result.radiance:
             foreign = other / path.name
             foreign.write_text(FOREIGN)
-            with pytest.raises(InputError, match=f"{path.name}: file is an existing file"):
+            with refused(InputError, field="file", value="an existing file that Lensfield did not write",
+                         where=path.name):
                 addon.apply_lens(result.radiance, lens="tessar-50mm", output_folder=other, lens_quality="preview")
             assert foreign.read_text() == FOREIGN
             foreign.unlink()

@@ -29,6 +29,7 @@ from lensfield.engine.image.sampling import Sampling
 from lensfield.engine.pictures.spectral_exr import read_exr
 from lensfield.engine.plan.choose import make_plan
 from lensfield.engine.stray.options import StrayOptions
+from refusals import refused
 from small_scenes import material, render, set_world, wall
 from varied_lenses import varied_lens
 
@@ -129,7 +130,7 @@ def test_unsuitable_camera_is_rejected_by_name(scene, tmp_path):
 
 def test_missing_camera_is_rejected(scene, tmp_path):
     scene.camera = None
-    with pytest.raises(SceneError, match="camera is missing"):
+    with refused(SceneError, field="camera", value="missing", where="scene 'Scene'"):
         render(scene, tmp_path)
 
 
@@ -277,7 +278,7 @@ def test_match_camera_to_a_wide_lens_gives_solid_viewports_the_same_width(scene)
 def test_other_panoramas_are_rejected(scene):
     scene.camera.data.type = "PANO"
     scene.camera.data.panorama_type = "EQUIRECTANGULAR"
-    with pytest.raises(SceneError, match="camera 'Camera': panorama type is EQUIRECTANGULAR"):
+    with refused(SceneError, field="panorama type", value="EQUIRECTANGULAR", where="camera 'Camera'"):
         check_camera(scene)
 
 

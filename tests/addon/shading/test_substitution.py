@@ -12,6 +12,7 @@ from lensfield.addon.shading.wiring import single_shader
 from lensfield.engine.pictures.spectral_exr import read_exr
 from lensfield.engine.spectral.spectra import LIBRARY, emission_basis, reflectance_basis, white_density
 from noise import ROUNDING
+from refusals import refused
 from small_scenes import (
     WAVELENGTHS_NM,
     background,
@@ -318,5 +319,5 @@ def test_bad_spectrum_names_material_and_value(scene, tmp_path):
     painted, _ = material("Paint", "ShaderNodeBsdfDiffuse")
     painted.lensfield.reflectance = "no-such-paint"
     wall(scene, painted)
-    with pytest.raises(SceneError, match="material 'Paint'.*reflectance spectrum is no-such-paint"):
+    with refused(SceneError, field="reflectance spectrum", value="no-such-paint", where="material 'Paint'"):
         radiance_on_axis(scene, tmp_path)

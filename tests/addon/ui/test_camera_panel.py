@@ -18,6 +18,7 @@ from lensfield.addon.ui.panels import draw_settings
 from lensfield.engine import InputError, load_camera
 from lensfield.engine.library.bodies import bundled_cameras
 from lensfield.engine.sensor.camera_file import camera_text
+from refusals import refused
 
 EXPOSURE = ["iso", "auto_iso", "shutter_s", "auto_shutter", "noise", "develop", "dng"]
 
@@ -127,7 +128,7 @@ def test_a_file_that_only_the_blend_names_is_not_read(scene, tmp_path, monkeypat
         without_trust.setattr("lensfield.addon.ui.common.properties.trust", lambda path: None)
         scene.camera.data.lensfield.body, scene.camera.data.lensfield.body_file = "FILE", str(tmp_path / "theirs.toml")
     assert named_files() == {str(tmp_path / "theirs.toml"): "camera"}
-    with pytest.raises(InputError, match="camera file"):
+    with refused(InputError, field="camera file", where="camera settings"):
         scene.lensfield.to_request()
     layout = Layout()
     draw_settings(layout, scene)

@@ -21,6 +21,7 @@ from lensfield.addon.ui.common.session import session
 from lensfield.addon.ui.preview.click_focus import LENSFIELD_OT_click_focus as Operator
 from lensfield.addon.ui.preview.click_focus import clicked_ray, picture_tangents, view_at
 from lensfield.engine.inspection.curves import field_angle_rad, reference_nm
+from refusals import refused
 
 PLACE = 0.63, -0.41  # in the view, off its centre
 DISTANCE = 7.25
@@ -165,7 +166,7 @@ def test_a_linked_camera_is_refused(turned, tmp_path):
     bpy.data.libraries.write(path, {turned.camera})
     with bpy.data.libraries.load(path, link=True) as (_, loaded):
         loaded.objects = ["Camera"]
-    with pytest.raises(SceneError, match="data-block is linked from"):
+    with refused(SceneError, field="data-block", where="camera 'Camera'"):
         focus_on(loaded.objects[0], hit)
 
 

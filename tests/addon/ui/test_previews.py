@@ -19,6 +19,7 @@ from lensfield.addon.ui.panels import draw_settings
 from lensfield.engine.library import BUNDLED
 from lensfield.engine.runtime import cache
 from lensfield.engine.runtime.errors import InputError
+from refusals import refused
 from waiting import LAST_RESORT_S
 
 RED, BLUE = (255, 0, 0), (0, 0, 255)
@@ -115,7 +116,7 @@ def test_an_unchanged_sheet_is_read_once(tmp_path, monkeypatch):
 def test_a_damaged_sheet_is_named(tmp_path, damage):
     path = paint(tmp_path / "sheet.png", *[RED, BLUE] * 20, size=(500, 400))
     path.write_bytes(path.read_bytes()[damage] if isinstance(damage, slice) else damage)
-    with pytest.raises(SceneError, match="sheet.png: picture is not readable"):
+    with refused(SceneError, field="picture", value="not readable", where="sheet.png"):
         previews.sheet_preview(path)
 
 
@@ -150,7 +151,7 @@ def test_an_unreadable_sheet_is_read_again_after_it_changes(tmp_path, monkeypatc
     read_it = previews._read
     monkeypatch.setattr(previews, "_read", lambda path: read.append(path) or read_it(path))
     for _ in range(3):
-        with pytest.raises(SceneError, match="not readable"):
+        with refused(SceneError, field="picture", value="not readable", where="sheet.png"):
             previews.sheet_preview(path)
     assert len(read) == 1
     paint(path, BLUE)  # with the same modification time
