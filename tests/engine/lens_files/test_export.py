@@ -5,6 +5,8 @@ import pytest
 
 from lensfield.engine import LensError
 from lensfield.engine.lens_files.export import read_export
+from lensfield.engine.runtime.unread import unread_note
+from notes import unread
 from vendor_files import (
     check_same_lens,
     check_that_damage_is_harmless,
@@ -49,9 +51,9 @@ def test_optional_fields_are_read(tmp_path, lens):
 
 def test_unused_fields_are_reported(tmp_path, lens):
     path = export_folder(tmp_path, lens)
-    assert "Not used" not in read_export(path).notes
+    assert not unread(read_export(path).notes)
     path.write_text(f"warp = 3\n{path.read_text()}")
-    assert read_export(path).notes.endswith("Not used from the file: warp.")
+    assert read_export(path).notes.endswith(unread_note(["warp"]))
 
 
 def test_an_infinite_distance_is_read_from_toml(tmp_path, lens):

@@ -141,6 +141,6 @@ def test_non_finite_or_huge_samples_cause_no_warning(tmp_path, value, recwarn):
 @pytest.mark.parametrize("alpha", [np.nan, np.inf, -np.inf, 6e4, -0.5])
 def test_an_invalid_alpha_is_an_error_that_names_the_file(tmp_path, alpha, recwarn):
     path = deep_exr(tmp_path / "deep.exr", [[[(1, 0, 0, 0.5, 1.0), (1, 1, 1, alpha, 2.0)]]])
-    with pytest.raises(ImageError, match="deep.exr: alpha at 1 is .*from 0 to 1"):
+    with refused(ImageError, field="alpha at 1", where="deep.exr"):
         read_deep_exr(path)
     assert not recwarn.list

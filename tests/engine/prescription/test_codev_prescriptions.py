@@ -10,6 +10,8 @@ from lensfield.engine import LensError
 from lensfield.engine.prescription.glasses import find_glass
 from lensfield.engine.prescription.prescription import Pose, Prescription, Surface
 from lensfield.engine.rays.focus import build_system
+from lensfield.engine.runtime.unread import unread_note
+from notes import unread
 from refusals import refused
 
 SINGLET = Prescription("singlet", SURFACES, ("entrance_pupil_diameter_mm", 5.0), ("angle_deg", 14.0),
@@ -189,7 +191,7 @@ def test_commands_may_name_their_surface(read, commands, before):
 def test_commands_may_name_several_surfaces(read):
     lens = read((REAR, ""), ("GO\n", "K S2..3 -0.4; K s3 0.2; CIR SI 9; K SO 1; STO S1\nGO\n"))
     assert [surface.conic for surface in lens.surfaces] == [0.0, -0.4, 0.2]
-    assert lens.notes == "Not used from the file: K of SO, CIR of SI."
+    assert lens.notes == unread_note(["K of SO", "CIR of SI"])
 
 
 def test_a_sphere_loses_its_asphere(read):
@@ -222,7 +224,7 @@ def test_rectangular_apertures_stop_light(read):
     rectangle = replace(SURFACES[1], semi_aperture_mm=np.inf, half_widths_mm=(6.0, 7.5))
     for lines in ("REX 6.0; REY 7.5", "REY CLR 7.5\nREX CLR 6.0", "REX 6; REY 7.5; REX EDG 9; REY EDG 9"):
         lens = read(("CIR 8.0\n  CIR EDG 9.0\n", f"{lines}\n"), ("GO\n", "REX SI 9\nREY SI 9\nGO\n"))
-        assert lens.surfaces[1] == rectangle and lens.notes == "Not used from the file: REX of SI, REY of SI."
+        assert lens.surfaces[1] == rectangle and lens.notes == unread_note(["REX of SI", "REY of SI"])
     assert read(("DIM   M", "DIM   C"), ("CIR 8.0\n", "REX 0.6; REY 0.75\n")).surfaces[1].half_widths_mm == (6.0, 7.5)
 
 
@@ -279,14 +281,14 @@ def test_the_first_of_several_zoom_positions_is_used(read):
     ("GO\n", "A SI 1e-6\nGO\n", "SI is not a plane in air: expected a flat object and a flat image"),
     ("GO\n", "CYL SO; CUX SO 0.1\nGO\n", "SO is not a plane in air: expected a flat object and a flat image"),
     ("  CON\n", "  UDS\n", "surface 3 is UDS: expected a conic or an asphere"),
-    ("NBK7_SCHOTT", "REFL", "mirrors is 1: expected an even number"),
+    ("NBK7_SCHOTT", "REFL", "mirrors is 1"),
     ("  CON\n", "  SPS ODD\n", "surface 3 is SPS ODD: expected a conic or an asphere"),
     ("  CON\n", "  DIF DOE\n", "surface 3 is DIF DOE: expected a conic or an asphere"),
     ("CIR 8.0\n", "CIR ABC 8.0\n", "surface 2 is CIR ABC 8.0: expected CIR and the radius of a clear aperture, or CIR"),
     ("CIR 8.0\n", "CIR\n", "surface 2 is CIR: expected CIR and the radius of a clear aperture"),
     ("CIR 8.0\n", "REX 8.0\n", "surface 2 is REX 8.0: expected both half-widths of a rectangular aperture"),
     ("CIR 8.0\n", "REX OBS 8.0\n", "surface 2 is REX OBS 8.0: expected REX and the half-width of a clear aperture"),
-    ("CIR 8.0\n", "REX 0; REY 4\n", "surface 2, half_widths_mm is (0.0, 4.0): expected two positive numbers"),
+    ("CIR 8.0\n", "REX 0; REY 4\n", "surface 2, half_widths_mm is (0.0, 4.0)"),
     ("CIR 8.0\n", "ADY 1.0\n", "surface 2 is ADY 1.0: expected centred circular (CIR) or rectangular apertures"),
     ("CIR 8.0\n", "THI S1 5\n", "surface 1 is THI S1 5: expected radius, thickness and glass on the line of"),
     ("S     50.0 4.0", "S     5O.0 4.0", "surface 2 is S 5O.0 4.0 NBK7_SCHOTT: expected a radius"),
@@ -295,7 +297,7 @@ def test_the_first_of_several_zoom_positions_is_used(read):
     ("EPD   5.0\n", "", "aperture is missing: expected one of EPD, FNO, NAO, NA"),
     ("EPD   5.0", "EPD   x", "command is EPD x: expected a number as word 2"),
     ("EPD   5.0", "EPD", "command is EPD: expected a number as word 2"),
-    ("EPD   5.0", "NA 0", "aperture, working_f_number is 0.0: expected a positive number"),
+    ("EPD   5.0", "NA 0", "aperture, working_f_number is 0.0"),
     ("REF   2", "REF   0", "REF is 0: expected the number of one of the file's wavelengths"),
     ("REF   2", "REF   4", "REF is 4: expected the number of one of the file's wavelengths"),
     ("WL    656.27 587.5618 486.13", "", "REF is 2: expected the number of one of the file's wavelengths"),
@@ -331,7 +333,7 @@ def test_a_surface_without_figures_is_a_plane(read):
 def test_cylinders_toroids_and_anamorphic_aspheres(read, lines, changes):
     """The line of the surface has the curvature along y; CUX and RDX are along x."""
     assert read((REAR, lines)).surfaces[2] == replace(SURFACES[2], **changes)
-    assert "Not used" not in read((REAR, lines)).notes
+    assert not unread(read((REAR, lines)).notes)
 
 
 def test_a_cylinder_may_be_curved_along_x(read):

@@ -15,6 +15,7 @@ from lensfield.engine.prescription.readers import ReadingOptions, read_prescript
 from lensfield.engine.prescription.system import system_of
 from lensfield.engine.rays.rings import AT_REST, turned
 from lensfield.engine.rays.transmission import transmittance
+from lensfield.engine.runtime.unread import unread_note
 
 FIELD = ("image_height_mm", 12.0)
 LENS = (Surface(thickness_mm=2.0, semi_aperture_mm=2.5, stop=True), Surface(50.0, 4.0, "N-BK7", 8.0, coating="single"),
@@ -86,12 +87,12 @@ def test_other_apertures_and_unknown_names_are_reported(read):
         contents["optical_system"][0]["surfaces"][0] |= {
             "tilt": 3.0, "modifiers": [{"type": "aperture", "shape": "polygon", "blades": 9}]}
 
-    assert read(add).notes == "Not used from the file: tilt, polygon aperture."
+    assert read(add).notes == unread_note(["tilt", "polygon aperture"])
 
 
 @pytest.mark.parametrize("modifier, coating, notes", [
     ({"model": "simple", "ar_layers": 0}, "none", ""), ({"model": "simple", "ar_layers": 5}, "multi", ""),
-    ({"model": "measured", "file": "x"}, "", "Not used from the file: measured coating.")])
+    ({"model": "measured", "file": "x"}, "", unread_note(["measured coating"]))])
 def test_coatings_are_read_by_their_layers(read, modifier, coating, notes):
     lens = read(lambda contents: rear(contents)["surfaces"][0].update(modifiers=[{"type": "coating"} | modifier]))
     assert lens.surfaces[3].coating == coating and lens.notes == notes

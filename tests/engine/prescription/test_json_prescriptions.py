@@ -13,6 +13,7 @@ from lensfield.engine import LensError
 from lensfield.engine.prescription.prescription import Pose, Surface
 from lensfield.engine.prescription.readers import ReadingOptions, read_prescription
 from lensfield.engine.rays.focus import build_system
+from notes import unread
 from refusals import refused
 
 FIELD = ("image_height_mm", 12.0)
@@ -86,7 +87,7 @@ def test_files_of_older_optiland_releases_are_read(read):
     lens = read(contents)
     assert lens.field == ("angle_deg", 14.0) and lens.surfaces[1].glass == "HIKARI SK16"
     rows[3]["is_reflective"] = True
-    with pytest.raises(LensError, match="mirrors is 1: expected an even number"):
+    with refused(LensError, field="mirrors", value=1, where="lens.json"):
         read(contents)
 
 
@@ -103,7 +104,7 @@ def test_an_index_without_dispersion_becomes_the_glass_name(read):
 
 @pytest.mark.parametrize("third, message", [
     (dict(interaction_model={"type": "RefractiveReflectiveModel", "is_reflective": True}),
-     "mirrors is 1: expected an even number"),
+     "mirrors is 1"),
     (dict(interaction_model={"type": "ThinLensInteractionModel"}), "surface 3 is ThinLensInteractionModel: expected"),
     (dict(kind="ChebyshevPolynomialGeometry"), "surface 3 is ChebyshevPolynomialGeometry: expected one of"),
     (dict(kind="BiconicGeometry", radius_x=-80.0, radius_y=-50.0),
@@ -132,13 +133,13 @@ def test_toroids_and_cylinders_of_optiland(read, third, changes):
     del geometry["coefficients"]
     expected = Surface(-50.0, 2.0, "1.62/60.3", conic=-0.5)
     lens = read(contents)
-    assert lens.surfaces[2] == replace(expected, **changes) and "Not used" not in lens.notes
+    assert lens.surfaces[2] == replace(expected, **changes) and not unread(lens.notes)
 
 
 def test_a_rectangular_aperture_of_optiland(read):
     lens = read(optiland(aperture={"type": "RectangularAperture", "x_min": -4.0, "x_max": 4.0, "y_min": -6.0,
                                    "y_max": 6.0}))
-    assert lens.surfaces[2].half_widths_mm == (4.0, 6.0) and "Not used" not in lens.notes
+    assert lens.surfaces[2].half_widths_mm == (4.0, 6.0) and not unread(lens.notes)
 
 
 def test_poses_of_optiland(read):

@@ -12,6 +12,7 @@ from lensfield.engine.inspection.screen import check_prescription
 from lensfield.engine.prescription.prescription import ALUMINIUM
 from lensfield.engine.prescription.readers import ReadingOptions, read_prescription
 from mirror_lens import GLASS, MIRROR_LENS, two_mirrors
+from notes import unread
 
 EPD_MM, FIELD = 14.0, ("image_height_mm", 4.3)
 INDEX, ABBE = map(float, GLASS.split("/"))
@@ -78,7 +79,7 @@ def test_the_same_mirror_lens(tmp_path, name, text, tolerance):
     path = tmp_path / name
     path.write_text(text)
     lens = read_prescription(path)
-    assert "Mirrors count as reflecting 90% of the light" in lens.notes and "Not used" not in lens.notes
+    assert "Mirrors count as reflecting 90% of the light" in lens.notes and not unread(lens.notes)
     assert "no central obstruction" not in lens.notes
     for surface, expected in zip(lens.surfaces, EXPECTED.surfaces, strict=True):
         for field in ("radius_mm", "thickness_mm", "conic", "semi_aperture_mm", "semi_obstruction_mm"):
@@ -102,7 +103,7 @@ def test_a_missing_obstruction_is_reported(tmp_path):
     ("OBSC 0 3.6", "OBSC 1 3.6", "surface 3, aperture is an obstruction in the shape of a ring: expected OBSC"),
     ("OBSC 0 3.6 0", "OBSC 0 3.6 0\n  OBDC 0 1", "surface 3, aperture is decentred: expected a centred circle"),
     ("DISZ -15.4", "DISZ 15.4", "thickness_mm is 13.6 in total up to the mirror, surface 7: expected a negative"),
-    ("GLAS MIRROR 0 0 1.5 40\n  CLAP", "CLAP", "mirrors is 1: expected an even number")])
+    ("GLAS MIRROR 0 0 1.5 40\n  CLAP", "CLAP", "mirrors is 1")])
 def test_refused_mirror_lenses(tmp_path, old, new, words):
     path = tmp_path / "lens.zmx"
     path.write_text(changed(zemax(MIRROR_LENS), (old, new)))
@@ -129,4 +130,4 @@ def test_labels_of_apertures_and_drawn_holes_of_code_v(tmp_path):
                             ("CIR OBS 3.2", "CIR HOL 3.1; CUM 0.0; THM 4.0")))
     lens = read_prescription(path)
     assert (lens.surfaces[2].semi_aperture_mm, lens.surfaces[2].semi_obstruction_mm) == (9.5, 3.6)
-    assert lens.surfaces[4].semi_obstruction_mm == 0 and "Not used" not in lens.notes
+    assert lens.surfaces[4].semi_obstruction_mm == 0 and not unread(lens.notes)

@@ -19,6 +19,7 @@ from lensfield.engine.rays.focus import build_system
 from lensfield.engine.rays.rays import HalfPupil, trace_pupil
 from lensfield.engine.runtime.values import digest_of
 from places import SHARED_DATA
+from refusals import refused
 
 FILES = SHARED_DATA / "prescriptions"
 SINGLET = Prescription("singlet", SURFACES, ("entrance_pupil_diameter_mm", 5.0), ("angle_deg", 14.0))
@@ -332,8 +333,7 @@ def test_pbrt(read):
 
 
 def test_the_error_for_an_index_without_dispersion_says_what_to_do(read):
-    with pytest.raises(LensError, match="surface 2, glass is 1.5168: an index without dispersion: give its Abbe "
-                                        "number too, as 1.5168/V"):
+    with refused(LensError, field="surface 2, glass", value="1.5168", match="1.5168/V"):
         build_system(read(PBRT, ".dat", ("angle_deg", 14.0)))
 
 
@@ -434,12 +434,10 @@ def test_focal_lengths_agree_with_other_programs(name, efl_mm, tolerance):
 
 
 @needs_files
-@pytest.mark.parametrize("name, glass, message", [
-    ("EO54852.ZMX", "LAK10C", r"surface 1, glass is LAK10C: in no glass catalogue: perhaps .*CDGM H-LAK10")])
-def test_the_error_for_an_unknown_glass_suggests_similar_ones(name, glass, message):
-    lens = read_prescription(FILES / name)
-    assert glass in [surface.glass for surface in lens.surfaces]
-    with pytest.raises(LensError, match=message):
+def test_the_error_for_an_unknown_glass_suggests_similar_ones():
+    lens = read_prescription(FILES / "EO54852.ZMX")
+    assert "LAK10C" in [surface.glass for surface in lens.surfaces]
+    with refused(LensError, field="surface 1, glass", value="LAK10C", match="CDGM H-LAK10"):
         build_system(lens)
 
 

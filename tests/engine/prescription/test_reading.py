@@ -28,6 +28,7 @@ from lensfield.engine.prescription.readers import ReadingOptions, read_prescript
 from lensfield.engine.prescription.readers.reading import Reading, checked
 from lensfield.engine.rays.focus import build_system
 from lensfield.engine.runtime.unread import json_names, unread_names
+from notes import unread
 from refusals import refused
 
 FIELD = ("image_height_mm", 12.0)
@@ -66,7 +67,7 @@ def test_an_unknown_word_is_reported(read, kind, text, name):
 
 @pytest.mark.parametrize("kind, text", [*SAMPLES.items(), (".dat", ISET)])
 def test_every_word_of_the_valid_samples_is_known(read, kind, text):
-    assert "Not used" not in read(kind, text).notes
+    assert not unread(read(kind, text).notes)
 
 
 STATING = [(".lens", DOT_LENS, "focal_length: 49.00", "focal_length: {:g}"), (".dat", ISET, "49.0\n", "{:g}\n"),
@@ -197,8 +198,7 @@ def test_files_without_a_stop_or_an_image_plane_behind_the_lens_can_be_completed
         read(".zmx", text)
     assert read(".zmx", text, stop=1) == read(".zmx", ZEMAX)
     text = changed(TOML, ("thickness_mm = 47.5", "thickness_mm = 0.0"))
-    with refused(LensError, field="surface 3, thickness_mm", where="lens.toml",
-                 match="expected an image plane behind the lens"):
+    with refused(LensError, field="surface 3, thickness_mm", value="0", where="lens.toml"):
         read(".toml", text)
     lens = build_system(read(".toml", text, image_plane="paraxial"))
     assert lens.prescription.surfaces[-1].thickness_mm == pytest.approx(47, abs=2)

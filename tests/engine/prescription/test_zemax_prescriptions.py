@@ -13,6 +13,7 @@ from lensfield.engine.prescription.prescription import Pose, Prescription, Surfa
 from lensfield.engine.prescription.readers import ReadingOptions, read_prescription
 from lensfield.engine.prescription.readers.toml import write_prescription
 from lensfield.engine.rays.focus import build_system
+from lensfield.engine.runtime.unread import unread_note
 from refusals import refused
 
 SINGLET = Prescription("singlet", SURFACES, ("entrance_pupil_diameter_mm", 5.0), ("angle_deg", 14.0),
@@ -314,7 +315,7 @@ def test_an_unusual_temperature_is_reported(read, air, reported):
 
 
 @pytest.mark.parametrize("old, new, message", [
-    (GLASS, "GLAS MIRROR 0 0 1.5 40", "mirrors is 1: expected an even number"),
+    (GLASS, "GLAS MIRROR 0 0 1.5 40", "mirrors is 1"),
     ("SURF 3\n", f"{BREAK.format('PARM 3 1e-3')}SURF 3\n", "image is tilted or decentred with the surfaces in front"),
     ("SURF 3\n", f"{BREAK.format('PARM 1 0.5')}SURF 3\n", "image is tilted or decentred with the surfaces in front"),
     ("SURF 3\n", f"{BREAK.format('PARM 3 95')}SURF 3\n", "image is tilted or decentred with the surfaces in front"),
@@ -329,7 +330,7 @@ def test_an_unusual_temperature_is_reported(read, air, reported):
     ("FLAP 0 8.0 0", "CLAP 0 8.0 0\n  OBDC 0 1.0", "surface 2, aperture is decentred: expected"),
     ("FLAP 0 8.0 0", "ELAP 4 3 0", "surface 2, aperture is ELAP: expected a circle, CLAP or FLAP, a rectangle"),
     ("FLAP 0 8.0 0", "SQAP 4 3 0\n  OBDC 1 0", "surface 2, aperture is decentred: expected a centred circle"),
-    ("FLAP 0 8.0 0", "SQAP 4", "surface 2, half_widths_mm is (4.0,): expected two positive numbers"),
+    ("FLAP 0 8.0 0", "SQAP 4", "surface 2, half_widths_mm is (4.0,)"),
     ("FLAP 0 8.0 0", "OBSC 1 3 0", "surface 2, aperture is an obstruction in the shape of a ring: expected OBSC"),
     ("FLAP 0 8.0 0", "FLAP 0 x 0", "line 34 is FLAP 0 x 0: expected a number as word 3"),
     ("  STOP\n", "", "stop is at 0 surfaces"),
@@ -338,14 +339,14 @@ def test_an_unusual_temperature_is_reported(read, air, reported):
     ("UNIT MM", "UNIT FT", "UNIT is FT: expected one of MM, CM, IN"),
     ("ENPD 5.0E+0\n", "", "aperture is missing: expected ENPD, FNUM, OBNA or FLOA"),
     ("ENPD 5.0E+0", "OBNA 5 1", "line 6 is OBNA 5 1: expected ENPD, FNUM, OBNA with 0"),
-    ("ENPD 5.0E+0", "ENPD 0", "aperture, entrance_pupil_diameter_mm is 0.0: expected a positive number"),
+    ("ENPD 5.0E+0", "ENPD 0", "aperture, entrance_pupil_diameter_mm is 0.0"),
     ("FTYP 0 0", "FTYP 4 0", "field is of an unknown kind: give --field-angle or --field-height"),
     ("YFLN 0 1.4E+1", "YFLN 0 0", "field is only on the axis: give --field-angle"),
     ("FTYP 0 0", "FTYP 0 1", "FTYP is telecentric in object space"),
     ("FTYP 0 0", "FTYP 1 0", "field is object_height_mm: undefined for an object at infinity"),
     ("PWAV 2", "PWAV 7", "PWAV is 7: expected the number of one of the file's wavelengths"),
-    ("DISZ INFINITY", "DISZ -5", "object_distance_mm is -5.0: expected a positive number"),
-    ("DISZ INFINITY", "DISZ nan", "object_distance_mm is nan: expected a positive number"),
+    ("DISZ INFINITY", "DISZ -5", "object_distance_mm is -5.0"),
+    ("DISZ INFINITY", "DISZ nan", "object_distance_mm is nan"),
     ("DISZ INFINITY", "DISZ 9\n  GLAS SEAWATER 0 0", "object is in SEAWATER: expected air"),
     (LAST, f"{LAST}  GLAS F2 0 0\n", "surface 3, glass is SCHOTT F2: expected air before the image plane"),
     ("CURV 0.0 0 0 0 0 \"\"\n  DISZ 0", "CURV 0.01\n  DISZ 0", "image is not a plane: expected a flat object"),
@@ -370,7 +371,7 @@ def test_a_truncated_file_is_not_read_as_a_shorter_lens(read, marker):
     ("DISZ INFINITY", "DISZ INFINITY\n  CLAP 0 9 0", "CLAP of surface 0"),
     ("DISZ INFINITY", "DISZ INFINITY\n  SQAP 9 9 0", "SQAP of surface 0")])
 def test_figures_that_a_surface_does_not_use_are_noted(read, old, new, name):
-    assert read((old, new)).notes == f"Not used from the file: {name}."
+    assert read((old, new)).notes == unread_note(name.split(", "))
 
 
 def test_extra_data_of_zero_are_not_noted(read):
@@ -405,7 +406,7 @@ def test_an_extended_asphere_has_more_powers_than_sixteen(read, tmp_path):
 
 def test_unused_extra_data_of_an_extended_asphere_are_noted(read):
     lens = read(extended("XASPHERE", 1, 4, 0.5, 1e-3))
-    assert lens.surfaces[1].aspheric == (0.5 / 4**2,) and lens.notes == "Not used from the file: XDAT of surface 2."
+    assert lens.surfaces[1].aspheric == (0.5 / 4**2,) and lens.notes == unread_note(["XDAT of surface 2"])
 
 
 @pytest.mark.parametrize("data, message", [

@@ -84,7 +84,7 @@ def test_an_aperture_too_small_for_one_section_is_refused():
     surfaces = (Surface(radius_x_mm=30.0, thickness_mm=1e-3, glass="1.5/1000", semi_aperture_mm=0.375),
                 Surface(thickness_mm=20.0), Surface(thickness_mm=1e-3, stop=True),
                 Surface(25.0, 1e-3, "1.5/1000", radius_x_mm=np.inf), Surface(thickness_mm=20.0))
-    with pytest.raises(LensError, match="aperture, f_number is 40.0: the clear apertures of the surfaces pass 100 at"):
+    with refused(LensError, field="aperture, f_number", value=40.0, where="toric", match="100 at most"):
         build_system(replace(TORIC, surfaces=surfaces, focus="paraxial"))
 
 
