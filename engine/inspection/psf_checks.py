@@ -17,6 +17,7 @@ RING_LIGHT = 0.01  # measured with random aberrations: 5 to 10 % of the light is
 BORDER_LIGHT = 0.005  # along one border, or two opposite borders: half of that
 RISE = 1.2  # measured: at most 0.97 if nine tenths of the light are within the window
 SEAM_LEAK = 1e-3
+WRAPS = "it wraps round: sample the pupil more finely"
 SMALLEST_WINDOW = 8  # in smaller windows, samples at the border do not indicate light beyond
 SOFT, OUT_OF_FOCUS = 1 / 300, 1 / 150  # of the sensor's diagonal; the softest bundled lens, f/1.1, has 1 / 740
 LINES = {"heights_mm": "heights", "y_mm": "rows", "x_mm": "columns"}  # of places in the field
@@ -163,10 +164,9 @@ def _border(lens):
     if seamless[worst] > BORDER_LIGHT:
         yield LensFinding("warning", "psf", f"{seamless[worst]:.1%} of its light at two opposite borders, across which "
                           f"it continues without a seam, {place(lens, *worst)}",
-                          "it wraps round: sample the pupil more finely, for a period of two windows")
+                          f"{WRAPS}, for a period of two windows")
         return
-    remedy = ("it continues beyond: widen the window, or state the loss in enclosed_energy; "
-              "or it wraps round: sample the pupil more finely")
+    remedy = f"it continues beyond: widen the window, or state the loss in enclosed_energy; or {WRAPS}"
     rise, ring = rise * unexplained, ring * unexplained
     worst = greatest(rise)
     if rise[worst] > RISE:

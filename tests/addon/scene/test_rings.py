@@ -16,6 +16,7 @@ from lensfield.commands.arguments import rings_option
 from lensfield.commands.render import scene_and_fields
 from lensfield.engine import load_lens
 from lensfield.engine.lens_files.package import write_package
+from lensfield.engine.library import clamped_rings
 from lensfield.engine.pictures.spectral_exr import read_exr
 from lensfield.engine.prescription.tolerances import Copy
 from lensfield.engine.rays.rings import AT_REST, Rings
@@ -99,9 +100,10 @@ def test_the_lens_focuses_at_the_cameras_focus_distance(scene, dof, view):
 
 def test_settings_beyond_the_lens_range_are_reported(scene, dof):
     dof.aperture_fstop = 1.4
-    assert "f/1.4 is wider than this lens opens: rendered at f/5.5" in scene_lens(scene, LENS, "lens", "preview")[2]
+    words, = clamped_rings(LENS, Rings(f_number=1.4))
+    assert words in scene_lens(scene, LENS, "lens", "preview")[2]
     preflight = addon.preflight(scene, lens=LENS, wavelengths_nm=WAVELENGTHS_NM, lens_quality="preview")
-    assert any("f/1.4 is wider than this lens opens" in str(remark) for remark in preflight.remarks)
+    assert [remark.becomes for remark in preflight.remarks if remark.what == "Focus and F-Stop"] == [words]
 
 
 def test_a_lens_package_is_unchanged_and_reported_as_fixed(scene, dof, tmp_path):

@@ -13,6 +13,7 @@ from lensfield.engine import load_lens
 from lensfield.engine.inspection import checks
 from lensfield.engine.inspection.finding import SEVERITIES
 from lensfield.engine.inspection.info import lens_info, lens_text
+from lensfield.engine.inspection.psf_checks import WRAPS
 from lensfield.engine.lens import RadialLens
 from lensfield.engine.lens_files.package import write_package
 from places import SHARED_DATA
@@ -235,14 +236,14 @@ def test_a_psf_cut_by_its_window_is_reported_unless_the_enclosed_energy_shows_it
 def test_a_tail_that_enters_from_the_opposite_side_is_reported():
     tail = sum(np.roll(gaussian_psf(1.2, 1.2, 0.4, WINDOW), step, axis=0) for step in range(34)) / 34
     finding = about(with_one_psf(tail), "psf", "without a seam")
-    assert PLACE in finding.value and "wraps round" in finding.remedy
+    assert PLACE in finding.value and WRAPS in finding.remedy
 
 
 def test_a_tail_that_rises_towards_the_border_is_reported_despite_noise():
     tail = np.roll(gaussian_psf(1.2, 1.2, 0.4, WINDOW), 26, axis=0)
     noise = np.random.default_rng(0).dirichlet(np.ones(WINDOW**2)).reshape(WINDOW, WINDOW)
     finding = about(with_one_psf(0.9 * SOUND.psf[WAVE, HEIGHT] + 0.09 * tail + 0.01 * noise), "psf", "than next to it")
-    assert PLACE in finding.value and "wraps round" in finding.remedy
+    assert PLACE in finding.value and WRAPS in finding.remedy
 
 
 def test_light_at_the_border_is_reported_despite_noise():
@@ -259,7 +260,7 @@ ABERRATIONS = [{"defocus": 4.0}, {"spherical": 4.0}, {"coma": 5.0}, {"coma": 4.0
 def test_too_few_pupil_samples_wrap_a_psf_round(aberrations, pupil_samples, oversampling):
     psf, _ = fourier_psf(pupil_samples, pupil_samples * oversampling, oversampling, **aberrations)
     finding = about(with_psf(psf), "psf", "without a seam")
-    assert finding.severity == "warning" and "wraps round" in finding.remedy
+    assert finding.severity == "warning" and WRAPS in finding.remedy
 
 
 def test_a_wrapped_psf_is_detected_from_five_digits():
@@ -270,7 +271,7 @@ def test_a_wrapped_psf_is_detected_from_five_digits():
 
 def test_a_period_of_less_than_two_windows_brings_light_to_the_border():
     psf, _ = fourier_psf(48, 64, coma=6.0)
-    assert "wraps round" in about(with_psf(psf), "psf", "brighter at a border than next to it").remedy
+    assert WRAPS in about(with_psf(psf), "psf", "brighter at a border than next to it").remedy
 
 
 @pytest.mark.parametrize("window", [32, 33, 64, 65])
@@ -285,7 +286,7 @@ def test_smooth_psfs_cut_by_their_windows_do_not_wrap(window, width):
 def test_enough_pupil_samples_do_not_wrap_even_if_the_window_cuts(aberrations, oversampling):
     psf, enclosed = fourier_psf(640 // oversampling, 64, oversampling, **aberrations)
     cut = check_lens(with_psf(psf, enclosed_energy=np.full((7, 12), enclosed)))
-    assert enclosed < 0.95 and not [finding for finding in cut if "wraps round" in finding.remedy], cut
+    assert enclosed < 0.95 and not [finding for finding in cut if WRAPS in finding.remedy], cut
 
 
 def test_random_sound_psfs_raise_no_alarm_at_their_borders():
