@@ -1,6 +1,7 @@
 """Distortion and relative illumination: the fits, their inverse, and the landing points of light."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -47,6 +48,14 @@ def test_fit_recovers_a_known_polynomial(powers, order):
     np.testing.assert_allclose(fit.coefficients, expected, atol=1e-10)
     assert fit.residual < 1e-12
     assert fit(1.2) == pytest.approx(sum(a * 0.4**k for k, a in powers.items()), abs=1e-12)
+
+
+def test_points_have_the_flux_of_the_data_before_their_psfs_spread_it():
+    lens = make_lens(relative_illumination=lambda nm, p: 1 - 0.1 * p**2, heights_mm=EVERY_TENTH_MM)
+    lens = replace(lens, point_flux=np.broadcast_to(1 - 0.2 * EVERY_TENTH_MM**2, lens.relative_illumination.shape))
+    field = FieldGeometry(lens.at_wavelength(550), lens.name)
+    np.testing.assert_allclose(field.relative_flux(np.array([0, 1.23])), [1, (1 - 0.1 * 1.23**2) * (1 - 0.2 * 1.23**2)],
+                               rtol=1e-6)
 
 
 def test_fit_of_illumination_keeps_its_constant():

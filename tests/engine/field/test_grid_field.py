@@ -60,6 +60,14 @@ def test_every_method_mixes_the_psfs_of_the_four_nodes_around_a_pixel(method, ce
     assert expected.sum() > 1 and distance_of_light(result, expected) < 1e-5
 
 
+def test_points_have_the_flux_of_the_data_before_their_psfs_spread_it():
+    lens = make_grid_lens(relative_illumination=lambda nm, x, y: 1 - 0.1 * x)
+    flux = 1 - 0.2 * lens.y_mm[:, None] + 0 * lens.relative_illumination
+    field = field_map(replace(lens, point_flux=flux)).at_wavelength(550.0)
+    expected = (1 - 0.1 * 0.6) * (1 + 0.2 * 1.1)
+    assert field.relative_flux(np.array([0.6]), np.array([-1.1])) == pytest.approx(expected, rel=1e-5)
+
+
 @pytest.mark.parametrize("options", [Options(accuracy=0.02), Options(accuracy=0.002, method="pixels"),
                                      Options(accuracy=0.002, method="sections")], ids=str)
 def test_misplaced_light_is_at_most_the_plans_bound(options):

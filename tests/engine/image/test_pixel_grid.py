@@ -30,6 +30,12 @@ def test_removing_the_overscan_restores_the_frame():
     assert grid.frame() == PixelGrid((4, 6), 10.0, projection=FISHEYE)
 
 
+def test_a_shifted_sensor_is_farther_to_the_right_and_up():
+    grid = PixelGrid((10, 12), 10.0, (2.0, 7.5))
+    x_mm, y_mm = grid.position_mm(3, 4)
+    assert grid.shifted(5, 2).position_mm(3, 4) == pytest.approx((x_mm + 0.05, y_mm + 0.02))
+
+
 def test_crops_and_rims_keep_every_pixel_in_place():
     grid = PixelGrid((10, 12), 10.0, (2.0, 7.5), (3, 4))
     assert grid.cropped((1, 2)).position_mm(0, 0) == grid.position_mm(1, 2)
