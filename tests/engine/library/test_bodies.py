@@ -60,17 +60,17 @@ def test_a_camera_survives_its_file(name, tmp_path):
 
 @pytest.mark.parametrize("line, changed, words", [
     ("bits = 12", "bits = 12.5", "bits is 12.5"),
-    ("bits = 12", "bitz = 12", "bitz is unknown: expected format, version, name"),
-    ("pitch_um = 8.196", "", "pitch_um is missing: expected a number"),
+    ("bits = 12", "bitz = 12", "bitz is unknown"),
+    ("pitch_um = 8.196", "", "pitch_um is missing"),
     ('filters = ["RG", "GB"]', 'filters = "RGGB"', 'filters is RGGB: expected rows of the filter array'),
     ('filters = ["RG", "GB"]', 'filters = ["RG", "GX"]', "filters is X"),
-    ("shape_px = [2912, 4368]", "shape_px = [2912]", r"shape_px is \[2912\]: expected 2 numbers"),
+    ("shape_px = [2912, 4368]", "shape_px = [2912]", r"shape_px is \[2912\]"),
     ("R = [", "R = [0.1, ", "quantum_efficiency, G is .*: expected 82 numbers"),
     ("[quantum_efficiency]", "[quantum_efficiencies]", "quantum_efficiencies is unknown"),
-    ('format = "lensfield-camera"', 'format = "lensfield-prescription"', "expected lensfield-camera"),
+    ('format = "lensfield-camera"', 'format = "lensfield-prescription"', "format is lensfield-prescription"),
     ("prnu = 0.006", "prnu = -1", "prnu is -1.0"),
-    ('noise = "generic"', 'noise = "secret"', "provenance, noise is secret: expected measured or published or generic"),
-    ("base_iso = 100", "base_iso = 'base'", "base_iso is base: expected a number")])
+    ('noise = "generic"', 'noise = "secret"', "provenance, noise is secret"),
+    ("base_iso = 100", "base_iso = 'base'", "base_iso is base")])
 def test_bad_files_are_refused_in_one_line(line, changed, words, tmp_path):
     path, text = tmp_path / "bad.toml", camera_text(CAMERAS["canon-eos-5d"])
     assert line in text

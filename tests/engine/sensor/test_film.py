@@ -97,12 +97,12 @@ def test_the_stock_in_the_documents_is_read(tmp_path):
 
 
 @pytest.mark.parametrize("old, new, message", [
-    ("erg/cm2", "lux", "unit is lux: expected J/m2 or erg/cm2"), ("[400, 500]", "[500, 400]", "ascending"),
-    ("blue = [0.25, -2]", "blue = [0]", "log_sensitivity, blue is .*expected 2 numbers"),
+    ("erg/cm2", "lux", "unit is lux"), ("[400, 500]", "[500, 400]", "ascending"),
+    ("blue = [0.25, -2]", "blue = [0]", "log_sensitivity, blue is "),
     ("[-1.5, -1]", "[-1.5, -inf]", "log_sensitivity is out of range"), ("-film", "-camera", "format"),
     ("log_exposure = [-2, 0, 1]\n", "", "expected both or neither"),
     ("red = [0.1", "green = [0.1", "expected red, blue"),
-    ("log_exposure", "log_exposures", "log_exposures is unknown: expected format"),
+    ("log_exposure", "log_exposures", "log_exposures is unknown"),
     ("[400, 500]", "[400, 500, 600]", "expected 3 for each layer")])
 def test_damaged_files_are_refused(tmp_path, old, new, message):
     (tmp_path / "mine.toml").write_text((DATA / "film.toml").read_text(encoding="utf-8").replace(old, new))
