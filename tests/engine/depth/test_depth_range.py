@@ -185,6 +185,13 @@ def test_blur_is_signed_and_zero_in_focus():
     assert far_mm == np.inf or blur_px(paper_lens, 5.0, far_mm) == pytest.approx(-1)
 
 
+def test_rays_replace_diffraction_from_a_wave_of_defocus_on():
+    """At the f-number N, a wavelength of defocus is a disc 8 N wavelengths wide."""
+    lens, pitch_um = make_lens(), 0.1
+    wave_px = 8 * lens.rim_f_number * 1e-3 * lens.reference_wavelength_nm / pitch_um
+    assert focus_range_px(lens, pitch_um) == pytest.approx((wave_px / 4, wave_px))
+
+
 @pytest.mark.parametrize("pitch_um", [0.5, 5.0, 50.0])
 def test_the_focus_share_fades_smoothly(pitch_um):
     paper_lens = varied_lens("edmund-54852")

@@ -7,9 +7,10 @@ import pytest
 import scipy
 
 from lensfield.engine import CameraError, ImageError, InputError, Report, SpectralImage, photograph
+from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.sensor.camera import LEAST, MOST, NUMBERS, PITCH_LIMITS_UM, POSITIVE, UP_TO_1, Camera
 from lensfield.engine.sensor.electrons import missing_response, response
-from lensfield.engine.sensor.exposure import Exposure, channels_of, expose, exposure_value
+from lensfield.engine.sensor.exposure import Exposure, channels_of, expose, exposure_value, raw_grid
 from lensfield.engine.sensor.resampling import pixel_means
 from refusals import refused
 from seed import SEED
@@ -51,6 +52,13 @@ def test_broad_light_is_integrated_between_coarse_wavelengths():
     np.testing.assert_allclose(missing_response(CAMERA, [510, 640]), missing, rtol=1e-5)
     for beyond_nm in ([300.0, 320.0], [900.0]):
         assert missing_response(CAMERA, beyond_nm).tolist() == [1, 1, 1]
+
+
+def test_the_axis_keeps_its_place_in_a_raw_picture_of_other_pixels():
+    picture = PixelGrid((44, 68), 10.0, (12.0, 45.5), overscan_px=(2, 4))
+    raw = raw_grid(picture, CAMERA)
+    assert raw.shape_px == (100, 150) and raw.pitch_um == 4.0
+    np.testing.assert_allclose(raw.edges_mm, picture.frame().edges_mm, rtol=1e-9)
 
 
 @pytest.mark.parametrize("filters, corner", [

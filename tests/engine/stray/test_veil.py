@@ -72,6 +72,13 @@ def test_dirt_scatters_more_and_polish_most_at_short_wavelengths(name):
     assert 1e-4 < rough.share(550.0) < 2e-3  # 1 nm: some 1e-4 per surface of glass
 
 
+def test_dust_lies_on_both_outer_surfaces():
+    """And diffracts as much light as it blocks."""
+    new, dusty = (veil_of(varied_lens("cooke-triplet-50mm"), cleanliness) for cleanliness in ("new", "dusty"))
+    more = CLEANLINESS["dusty"].dust - CLEANLINESS["new"].dust
+    assert dusty.share(550.0) - new.share(550.0) == pytest.approx(2 * 2 * more)
+
+
 def test_no_lens_scatters_more_than_all_light():
     with pytest.raises(InputError, match="glare index.*more than all light"):
         veil_with_index(wide_lens(), PixelGrid((160, 240), 150.0), "dusty", 5.0)
