@@ -138,6 +138,12 @@ class RenderRequest:
         choices={BY_SCENE: ("As the Scene", "Follow the Denoise setting of Cycles, but never denoise in Reference"),
                  ON: ("On", "Denoise, regardless of the scene"),
                  OFF: ("Off", "Do not denoise, regardless of the scene")})
+    device: str = setting(
+        "auto", name="Device", recorded=False, unset="auto", text="Device that Cycles renders on, for this render only",
+        choices={"auto": ("As the Scene", "as the scene, on the GPU that the preferences choose; where Blender is a "
+                                          "Python module, which has none, on all GPUs of the first kind found"),
+                 "cpu": ("CPU", ""), "optix": ("OptiX", ""), "cuda": ("CUDA", ""), "hip": ("HIP", ""),
+                 "metal": ("Metal", ""), "oneapi": ("oneAPI", "")})
     camera: CameraSource = setting(
         "", name="Camera", owner=CAMERA, metavar="NAME|FILE", recorded=False,
         text="Camera that takes a picture of the lens image: a bundled camera (lensfield camera list), or a camera's "

@@ -247,7 +247,7 @@ def _facts(ready, lights, captured, samples):
         rgb_difference=plan.repeated[0].rgb_difference[0] if plan.repeated else 0.0,
         depth=None if job.traced else captured.depth_check(job.lens), lens_warning=job.lens_warning,
         scene_remarks=[*map(str, ready.remarks), *captured.remarks, *ready.passes.remarks, *far],
-        layers=_cut_text(cut) if cut else "", samples=samples, capture_peak_mb=ready.peak_mb)
+        layers=_cut_text(cut) if cut else "", samples=samples, capture_peak_mb=ready.peak_mb, device=ready.device)
 
 
 def _cut_text(cut):

@@ -13,6 +13,7 @@ from ...engine.runtime.memory import taken_bytes
 from ..job.job import Job
 from ..job.targets import check_files
 from ..scene.camera import capture_grid, captured_region, frame_grid, render_region
+from ..scene.devices import device_of, device_text, use_device
 from ..scene.render_state import (
     clamps_of,
     divide_samples,
@@ -58,6 +59,8 @@ class Planned:
     film : bool
         Whether the film is transparent.
     remarks, of_capture : list
+    device : str
+        That renders, in words.
     """
 
     scene: bpy.types.Scene
@@ -76,6 +79,7 @@ class Planned:
     film: bool
     remarks: list
     of_capture: list
+    device: str
 
     @property
     def sky(self):
@@ -142,6 +146,8 @@ def planned_steps(scene, job, files, folder, journal, alone, times=1):
         Parts of a pixel, down and across, in the finest pixels to be captured.
     """
     go_to_frame(scene, job.frame + job.subframe, journal)
+    kind = device_of(scene, job.device, job.traced)
+    use_device(scene, kind, journal)
     grid = job_grid(scene, job)
     turn_on_layer(scene, job.view_layer, journal)
     remarks = [*scene_remarks(scene, job)]
@@ -162,7 +168,7 @@ def planned_steps(scene, job, files, folder, journal, alone, times=1):
         rendered = captured_region(region, job.lens, job.wavelengths_nm, grid, job.options, job.room, job.others)
     journal.set(scene.render, "use_persistent_data", True)  # from the depth pre-pass on
     planned = Planned(scene, job, plan, substitution, passes, grid, names, clamps_of(scene), folder / "pass.exr",
-                      region, rendered, empty, exposure, film, remarks, of_capture)
+                      region, rendered, empty, exposure, film, remarks, of_capture, device_text(kind))
     yield from map_steps(planned, journal)
     return planned
 

@@ -11,12 +11,12 @@ from ...engine.depth.depth_range import AUTO, OFF, blur_per_nearness_px
 from ...engine.rays.rings import in_metres
 from ...engine.runtime.errors import listed
 from ...engine.spectral.wavelength_choice import REFERENCE, STANDARD_COLOUR_ERROR
+from ..scene import devices
 from ..scene.camera import matching_focal_length_mm, pixel_aspect
 from ..scene.compositor import unreplaced_passes
 from ..scene.instances import rendered_blocks
 from ..scene.motion import sees_camera, view_animated
 from ..scene.render_state import effective_samples
-from ..scene.traced_camera import traces_on_device
 from ..shading.lobes import MIRRORED, REFRACTED
 from ..shading.node_paths import uses_window
 from .unlayered import VOLUME, unlayered
@@ -61,7 +61,7 @@ class Remark:
 
 def scene_remarks(scene, job):
     """Remarks on the scene at its current frame, with the job's view layer as the only one on: list of Remark."""
-    return [*_of_engine(scene, job), *_of_traced_lens(scene, job), *_of_reference(scene, job),
+    return [*_of_engine(scene, job), *_of_device(scene, job), *_of_traced_lens(scene, job), *_of_reference(scene, job),
             *_of_camera(scene, job), *_of_pixels(scene), *_left_out(scene)]
 
 
@@ -144,12 +144,19 @@ def _of_engine(scene, job):
         yield Remark("Time Limit", f"{cycles.time_limit:g} s", "applies to each render")
 
 
+def _of_device(scene, job):
+    asked = devices.device_of(scene, job.device)
+    if devices.device_of(scene, job.device, job.traced) != asked:
+        yield Remark("Device", asked.upper(), "the CPU renders instead", "of GPUs, only OptiX traces lenses")
+    elif asked == devices.CPU and scene.cycles.device == "GPU" and job.device == devices.AUTO:
+        yield Remark("Device", "GPU Compute", "the CPU renders instead",
+                     "this machine has no GPU that Cycles can use, or none is chosen in Preferences > System")
+
+
 def _of_traced_lens(scene, job):
     if not job.traced:
         return
     yield Remark("Depth", "Traced Lens", "rays only, no diffraction; the scene's light is not stored for other lenses")
-    if not traces_on_device(scene):
-        yield Remark("Device", "GPU Compute", "the CPU renders instead", "only OptiX traces lenses on the GPU")
     if names := [block.name for block in rendered_blocks(scene) if uses_window(block)]:
         yield Remark("Window Coordinates", f"of {min(names)!r}", "Cycles does not compute them for a traced lens",
                      "set Depth to As Needed")

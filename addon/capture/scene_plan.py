@@ -11,6 +11,7 @@ from ...engine.spectral.wavelength_choice import WavelengthChoice, choose_wavele
 from ..job.photo import check_photo
 from ..job.source import check_sources
 from ..scene.camera import frame_grid, in_view
+from ..scene.devices import device_of
 from ..scene.errors import SceneError
 from ..scene.instances import rendered_blocks, rendered_instances
 from ..scene.render_state import rendered_world
@@ -117,6 +118,7 @@ class ScenePlan:
 
 def check_job(scene, job):
     """Raise an InputError for a request that cannot be met, before anything is changed or rendered."""
+    device_of(scene, job.device)
     if job.traced:
         check_traceable(job.lens)
     for nm in job.wavelengths_nm:

@@ -9,7 +9,6 @@ from functools import lru_cache
 from pathlib import Path
 
 import _cycles
-import bpy
 import numpy as np
 
 from ...engine.kernels.tracing import KINDS
@@ -35,16 +34,8 @@ def check_traceable(lens):
                         "a traced lens needs it: use the lens's prescription, or choose another Depth")
 
 
-def traces_on_device(scene):
-    """Whether the scene's device runs camera shaders: the CPU does and, among GPU backends, OptiX."""
-    cycles = bpy.context.preferences.addons.get("cycles")
-    return scene.cycles.device == "CPU" or (cycles and cycles.preferences.compute_device_type in ("NONE", "OPTIX"))
-
-
 def trace_lens(scene, lens, film, wavelength_nm, journal):
     """Set the scene up for a render through a lens at one wavelength; its camera's data must be a stand-in."""
-    if not traces_on_device(scene):
-        journal.set(scene.cycles, "device", "CPU")
     set_traced_camera(scene.camera.data, lens, film, wavelength_nm, mm_per_unit(scene), journal)
 
 

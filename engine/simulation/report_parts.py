@@ -176,6 +176,8 @@ class SceneFacts(Part):
     capture_peak_mb : float
         Predicted peak memory of the process while the scene is rendered. It excludes the additional memory for several
         slabs of depth.
+    device : str
+        That rendered the passes.
     """
 
     passes: int
@@ -197,6 +199,7 @@ class SceneFacts(Part):
     rgb_difference: float = 0.0
     samples: str = ""
     capture_peak_mb: float = 0.0
+    device: str = ""
 
     def remarks(self, parts: Parts) -> Iterator[str]:
         if self.foreign_spectra:

@@ -12,7 +12,7 @@ from afocal import AFOCAL
 from lensfield.addon import render_through_lens
 from lensfield.addon.render.child import preview_arguments
 from lensfield.addon.render.preflight import preflight
-from lensfield.addon.scene import traced_camera
+from lensfield.addon.scene import devices, traced_camera
 from lensfield.engine import InputError, load_lens
 from lensfield.engine.bake.bake import bake
 from lensfield.engine.bake.quality import SKETCH
@@ -210,9 +210,9 @@ def test_a_blender_without_osl_is_refused_before_the_render(lamp, tmp_path, monk
 
 
 def test_gpus_without_optix_fall_back_to_the_cpu(lamp, tmp_path, monkeypatch):
-    monkeypatch.setattr(traced_camera, "traces_on_device", lambda scene: False)
-    result = traced(lamp, tmp_path)
-    assert irradiance(result).any() and lamp.cycles.device == "CPU"
+    monkeypatch.setattr(devices, "devices_present", lambda: {"cuda": ["A card"]})
+    result = traced(lamp, tmp_path, device="cuda")
+    assert irradiance(result).any() and result.report.as_dict()["device"] == "CPU"
 
 
 def test_a_preview_keeps_the_light_for_other_lenses(lamp, tmp_path):
