@@ -50,7 +50,7 @@ def device_text(kind):
 
 
 def use_device(scene, kind, journal):
-    """Let Cycles render and denoise a scene on a kind of device."""
+    """Let Cycles render a scene on a kind of device, and also denoise it there if the scene asks for the other one."""
     preferences = _preferences()
     if kind != CPU and preferences.compute_device_type != kind.upper():
         journal.set(preferences, "compute_device_type", kind.upper())
@@ -58,8 +58,10 @@ def use_device(scene, kind, journal):
         for each in preferences.devices:
             if each.type == kind.upper():
                 journal.set(each, "use", True)
-    journal.set(scene.cycles, "device", "CPU" if kind == CPU else "GPU")
-    journal.set(scene.cycles, "denoising_use_gpu", kind != CPU)
+    device = "CPU" if kind == CPU else "GPU"
+    if scene.cycles.device != device:
+        journal.set(scene.cycles, "device", device)
+        journal.set(scene.cycles, "denoising_use_gpu", kind != CPU)
 
 
 def _preferences():
