@@ -163,12 +163,12 @@ def pictures(name, complete=False):
     bpy.context.view_layer.update()
     changed_s, begin_s, number = time.monotonic(), child_s(), 0
     running = session.preview
-    while not number or (complete and running.job):
+    while not number or (complete and running.at_work):
         running_preview.tick()
         assert not running.error, running.error
-        if running.started_s > changed_s and running.fresh and running.shown > number:
-            number = running.shown
-            yield f"    {name:<24}{child_s() - begin_s:6.2f} s   {running.facts[0].rpartition(',')[0]}"
+        if running.started_s > changed_s and running.fresh and running.number > number:
+            number = running.number
+            yield f"    {name:<24}{child_s() - begin_s:6.2f} s   {running.shown.facts[0].rpartition(',')[0]}"
         time.sleep(PAUSE_S)
 
 
