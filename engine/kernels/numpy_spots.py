@@ -69,8 +69,8 @@ def _deflected(side, place, normal, size, near, far, light):
     """Light of rays between `near` and `far` of the edge, deflected to both sides."""
     out, per_distance, inner = np.zeros((side, side)), light / (far - near) / 2, 1 / far
     while (within := inner < 2 * side).any():
-        place, normal, size, near = place[..., within], normal[..., within], size[within], near[within]
-        per_distance, inner = per_distance[within], inner[within]
+        place, normal, size = place[..., within], normal[..., within], size[..., within]
+        near, per_distance, inner = near[within], per_distance[within], inner[within]
         last = (WIDER * inner + NARROW) * near >= 1
         outer = np.where(last, 1 / np.maximum(near, 1e-300), WIDER * inner + NARROW)
         extent = np.maximum(size, np.abs(normal) * (outer - inner))
