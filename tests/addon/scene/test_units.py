@@ -14,7 +14,7 @@ from lensfield.addon.scene.camera import aim_camera, capture_grid
 from lensfield.addon.scene.depth import visible_depth_mm
 from lensfield.addon.scene.fingerprint import settings_digest
 from lensfield.addon.scene.rings import scene_rings
-from lensfield.addon.scene.units import metres_per_unit
+from lensfield.addon.scene.units import depth_pass_m, metres_per_unit
 from lensfield.engine import load_lens
 from lensfield.engine.pictures.spectral_exr import read_exr, read_parts
 from small_scenes import material, set_world, wall
@@ -29,6 +29,10 @@ def in_units(scene, unit_m):
     """Set a scene unit to this many metres, and scale the camera's clipping."""
     scene.unit_settings.system, scene.unit_settings.scale_length = "METRIC", unit_m
     scene.camera.data.clip_start, scene.camera.data.clip_end = 0.01 / unit_m, 100 / unit_m
+
+
+def test_the_background_is_as_far_in_any_unit():
+    np.testing.assert_array_equal(depth_pass_m(np.float32([[4.0, 1e10]]), 0.5), np.float32([[2.0, 1e10]]))
 
 
 def plate(scene, unit_m, kind, colour, place_m, side_m, tilt=0.0):

@@ -30,6 +30,10 @@ def test_removing_the_overscan_restores_the_frame():
     assert grid.frame() == PixelGrid((4, 6), 10.0, projection=FISHEYE)
 
 
+def test_the_farthest_corner_of_a_pixel_is_half_a_pixel_beyond_its_middle():
+    assert PixelGrid((10, 12), 10.0, (2.0, 7.5)).farthest_px == pytest.approx(np.hypot(7.5, 8))
+
+
 def test_a_shifted_sensor_is_farther_to_the_right_and_up():
     grid = PixelGrid((10, 12), 10.0, (2.0, 7.5))
     x_mm, y_mm = grid.position_mm(3, 4)
