@@ -10,7 +10,14 @@ from mathutils import Vector
 
 from lensfield import addon
 from lensfield.addon.scene import rings
-from lensfield.addon.scene.camera import frame_grid, lens_for_view, match_camera_to_lens, set_up_capture
+from lensfield.addon.scene.camera import (
+    frame_grid,
+    frame_px,
+    lens_for_view,
+    match_camera_to_lens,
+    set_up_capture,
+    shift_px,
+)
 from lensfield.addon.scene.lens_cache import load_lens
 from lensfield.addon.scene.lens_facts import facts_of
 from lensfield.addon.scene.rings import scene_lens
@@ -49,6 +56,19 @@ def test_the_frame_is_blenders(scene, fit, shape_px, aspect):
         row, column = frame.index_of(35.0 * x / aspect, 35.0 * y)
         right, up = (column + 0.5) / shape_px[1], 1 - (row + 0.5) / shape_px[0]
         np.testing.assert_allclose((right, up), place[:2], atol=2e-6)
+
+
+def test_a_panorama_is_shifted_by_shares_of_its_sides(scene):
+    """As in Cycles; a perspective camera is shifted by shares of one side."""
+    scene.render.resolution_y, scene.render.resolution_x = 60, 100
+    scene.camera.data.type = "PANO"
+    set_shift(scene.camera.data, 0.1, -0.05)
+    assert shift_px(scene) == pytest.approx((10, -3))
+
+
+def test_a_percentage_of_the_resolution_is_rounded_down(scene):
+    scene.render.resolution_y, scene.render.resolution_x, scene.render.resolution_percentage = 59, 101, 50
+    assert frame_px(scene) == (29, 50)
 
 
 def test_matching_the_camera_keeps_the_shift_of_a_portrait(scene):
