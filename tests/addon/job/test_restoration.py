@@ -8,8 +8,9 @@ import pytest
 from lensfield.addon.job.job import Job
 from lensfield.addon.job.steps import RenderPass
 from lensfield.addon.render.render import render_steps, run
+from lensfield.addon.scene.camera import capture_grid
 from lensfield.addon.scene.errors import SceneError
-from lensfield.addon.scene.render_state import stand_in_camera
+from lensfield.addon.scene.render_state import guard_render_state, stand_in_camera
 from lensfield.addon.scene.undo import Journal
 from lensfield.engine import load_lens
 from lensfield.engine.spectral.spectra import reflectance_basis
@@ -55,6 +56,8 @@ def set_format(scene, file_format, color_mode, color_depth):
     if hasattr(image, "media_type"):
         image.media_type = {"OPEN_EXR_MULTILAYER": "MULTI_LAYER_IMAGE", "FFMPEG": "VIDEO"}.get(file_format, "IMAGE")
     image.file_format, image.color_mode, image.color_depth = file_format, color_mode, color_depth
+    if file_format.startswith("OPEN_EXR"):
+        image.linear_colorspace_settings.name = "ACEScg"
 
 
 def job(folder):
@@ -73,8 +76,11 @@ def test_scene_is_the_same_after_success(rich_scene, tmp_path):
     ("OPEN_EXR_MULTILAYER", "RGBA", "32"), ("FFMPEG", "RGB", "8")])
 def test_every_file_format_is_restored(rich_scene, tmp_path, file_format, color_mode, color_depth):
     set_format(rich_scene, file_format, color_mode, color_depth)
-    before = snapshot()
-    render(rich_scene, tmp_path)
+    before, of_pass = snapshot(), job(tmp_path)
+    with Journal() as journal:
+        capture = capture_grid(rich_scene, of_pass.lens, of_pass.wavelengths_nm)
+        guard_render_state(rich_scene, of_pass, capture, tmp_path / "pass.exr", journal)
+        assert rich_scene.render.image_settings.file_format == "OPEN_EXR_MULTILAYER"
     assert not differences(before, snapshot())
 
 
