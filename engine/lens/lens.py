@@ -198,7 +198,7 @@ class Lens(Value):
                        sensor_mm=(factor * width_mm, factor * height_mm),
                        prescription=design and replace(
                            design.scaled(factor), object_distance_mm=factor * design.object_distance_mm,
-                           sensor_mm=design.sensor_mm and tuple(factor * side for side in design.sensor_mm)),
+                           sensor_mm=design.sensor_mm and (factor * design.sensor_mm[0], factor * design.sensor_mm[1])),
                        **{length: factor * getattr(self, length) for length in self.LENGTHS})
 
     def _tables_at(self, wavelength_nm: float) -> dict[str, Any]:
