@@ -22,7 +22,7 @@ from ..image.projection import FISHEYE, PLANE, Projection
 from ..image.sources import Sources
 from ..image.spectral_image import RADIANCE, UNITS, SpectralImage
 from ..runtime.build_identity import software
-from ..runtime.errors import ImageError, printable
+from ..runtime.errors import ImageError, InputError, printable
 from ..runtime.files import AnyPath, atomic_path
 from ..runtime.inputs import check_input
 from ..runtime.memory import check_room
@@ -431,6 +431,8 @@ def _first_image(parts, path, pitch_um, stacked=_stacked):
                               arbitrary=header.get("lensfield:units") == ARBITRARY)
     except ImageError as error:
         raise error.at(path) from None
+    except InputError:  # of a full disk
+        raise
     except (TypeError, ValueError) as error:
         raise ImageError(path, "attributes", "damaged", str(error)) from None
     return image, channels
