@@ -1,5 +1,6 @@
 """What a capture yields: the radiance of a scene, with depth and alpha."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,11 +8,19 @@ import numpy as np
 from ...engine import SpectralImage
 from ...engine.depth.depth_range import check_depth
 from ...engine.image.layers import LayeredRadiance
+from ...engine.image.planes import COVERAGE, NEAREST, Plane
 from ...engine.image.sources import Sources
 from ..scene.units import M_TO_MM
 from .remarks import scale_remarks
 
 BACKGROUND_M = 1e10
+DEPTH, ALPHA = "Z", "A"
+KINDS = {DEPTH: NEAREST, ALPHA: COVERAGE}
+
+
+def planes_of(values):
+    """The planes of a capture from their values, of which those that are None are left out: dict of str: Plane."""
+    return {name: Plane(values[name], kind) for name, kind in KINDS.items() if values.get(name) is not None}
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,10 +31,9 @@ class Captured:
     ----------
     radiance : SpectralImage
         Premultiplied by alpha.
-    depth_m : float32 array (row, column)
-        Along the optical axis, BACKGROUND_M for the background.
-    alpha : float32 array (row, column) or None
-        None if the film is not transparent and shows no holdouts.
+    planes : mapping of str to Plane
+        By the names of their channels in files: DEPTH, in metres along the optical axis, BACKGROUND_M for the
+        background; and ALPHA, if the film is transparent or shows holdouts.
     region : float32 array (row, column) or None
         1 in Blender's render region, the only part of the picture; 0.5 around it, where the lens may draw light from; 0
         elsewhere. None without a render region.
@@ -38,12 +46,21 @@ class Captured:
     """
 
     radiance: SpectralImage
-    depth_m: np.ndarray
-    alpha: np.ndarray | None
+    planes: Mapping[str, Plane]
     region: np.ndarray | None
     layers: LayeredRadiance | None = None
     remarks: tuple[str, ...] = ()
     outside: Sources | None = None
+
+    @property
+    def depth_m(self):
+        """The values of DEPTH: array (row, column)."""
+        return self.planes[DEPTH].values
+
+    @property
+    def alpha(self):
+        """The values of ALPHA: array (row, column), or None."""
+        return self.planes[ALPHA].values if ALPHA in self.planes else None
 
     def depth_check(self, lens):
         """How much of the frame is outside the depths at which a lens's data hold: DepthCheck."""

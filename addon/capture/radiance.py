@@ -27,7 +27,7 @@ from ..scene.render_state import rendered_layer, show_slab
 from ..scene.traced_camera import trace_lens
 from ..scene.undo import Journal
 from ..scene.units import M_TO_MM, metres_per_unit
-from .captured import BACKGROUND_M, Captured
+from .captured import ALPHA, BACKGROUND_M, DEPTH, Captured, planes_of
 from .depth_behind_volumes import depth_behind_volumes
 from .emitters import emitters_in
 from .film_alpha import alpha_steps
@@ -199,9 +199,9 @@ def captured_from(ready, lights, grid, capture_px):
     holdouts = opaque and np.any(alpha[picture] < OPAQUE)  # nothing else opens an opaque film
     remarks = [*ready.of_capture, *colour_remarks(ready.plan), *ready.empty.after_render(
         not np.any(radiance.cube[(..., *picture)]), ready.film and not np.any(alpha[picture]))]
-    return Captured(radiance, np.where(np.isfinite(depth_mm), depth_mm / M_TO_MM, BACKGROUND_M).astype(np.float32),
-                    alpha if ready.film or holdouts else None, region and _mask(region, rendered, grid), layers,
-                    tuple(map(str, remarks)))
+    depth_m = np.where(np.isfinite(depth_mm), depth_mm / M_TO_MM, BACKGROUND_M).astype(np.float32)
+    planes = planes_of({DEPTH: depth_m, ALPHA: alpha if ready.film or holdouts else None})
+    return Captured(radiance, planes, region and _mask(region, rendered, grid), layers, tuple(map(str, remarks)))
 
 
 def _nearest_m(lights, capture):

@@ -4,11 +4,13 @@ import numpy as np
 
 from ...engine.field.frame_planes import nearest_samples, pinhole_view, relative_illumination
 from ...engine.field.stmap import distort_map, undistort_map
+from ...engine.image.planes import COVERAGE, NEAREST
 from ...engine.inspection.curves import reference_nm
 from ...engine.pictures.preview import to_rec709
 from ...engine.pictures.spectral_exr import write_exr, write_plane_exr, write_rgb_exr
 from ...engine.runtime.files import stamp_of
 from ...engine.simulation.coverage import coverage
+from ..capture.captured import ALPHA, DEPTH
 from ..job.shown import write_shown
 
 REGION = "region"  # the channel of Blender's render region
@@ -18,8 +20,8 @@ _written = {}  # by path: the lens and frame that it is for, and its stamp
 def write_radiance(captured, path, attributes):
     """Write the radiance, with the capture's depth, alpha, region, layers and sources outside it: the input for another
     lens; and further attributes, dict of str."""
-    planes = {"Z": captured.depth_m, "A": captured.alpha, REGION: captured.region}
-    write_exr(captured.radiance, path, {name: plane for name, plane in planes.items() if plane is not None},
+    planes = {name: plane.values for name, plane in captured.planes.items()}
+    write_exr(captured.radiance, path, planes if captured.region is None else planes | {REGION: captured.region},
               captured.layers, outside=captured.outside, attributes=attributes)
 
 
@@ -53,11 +55,11 @@ def write_pictures(captured, irradiance, after, exposure, light_exposure, look, 
     result : Result
         Names the files.
     """
-    frame, nm = irradiance.grid, reference_nm(lens)
+    frame = irradiance.grid
     after = captured.cut_picture(after)  # a camera's has noise everywhere
-    alpha = alpha_through_lens(captured, lens, options, iris)
-    write_rgb_exr(after, result.lens_image, captured.cut(np.ones(frame.shape_px) if alpha is None else alpha))
-    write_plane_exr(nearest_samples(captured.depth_m, lens, captured.radiance.grid, nm), result.depth)
+    planes = planes_through_lens(captured, lens, options, iris)
+    write_rgb_exr(after, result.lens_image, captured.cut(planes.get(ALPHA, np.ones(frame.shape_px))))
+    write_plane_exr(planes[DEPTH], result.depth)
     _write_lens_planes(lens, frame, result)
     before = pinhole_view(np.moveaxis(to_rec709(captured.radiance), -1, 0), lens, captured.radiance.grid)
     write_shown(captured.cut_picture(np.moveaxis(before, 0, -1)), result.before, light_exposure, look)
@@ -96,9 +98,17 @@ def _write_once(path, make, write, lens, frame, nm):
         _written[path] = of, stamp_of(path)
 
 
-def alpha_through_lens(captured, lens, options, iris=None):
-    """The alpha of the lens image, which blurs like light: array (row, column) of the frame; None without alpha."""
-    if captured.alpha is None:
-        return None
-    mask = [layer.alpha for layer in captured.layers.layers] if captured.layers else captured.alpha
-    return coverage([mask], captured.radiance, lens, options, layers=captured.layers, iris=iris)[0]
+def planes_through_lens(captured, lens, options, iris=None):
+    """The planes of a lens image: dict of str: array (row, column) of the frame.
+
+    Of alpha, layers state their own.
+    """
+    grid, nm, layers = captured.radiance.grid, reference_nm(lens), captured.layers
+    shown = {name: nearest_samples(plane.values, lens, grid, nm)
+             for name, plane in captured.planes.items() if plane.kind == NEAREST}
+    masks = {name: [layer.alpha for layer in layers.layers] if layers else plane.values
+             for name, plane in captured.planes.items() if plane.kind == COVERAGE}
+    if masks:
+        covered = coverage(list(masks.values()), captured.radiance, lens, options, layers=layers, iris=iris)
+        shown |= dict(zip(masks, covered, strict=True))
+    return shown

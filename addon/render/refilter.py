@@ -36,7 +36,7 @@ from ...engine.runtime.errors import absence
 from ...engine.runtime.files import check_target, discard, file_status, link_or_copy, stamp_of
 from ...engine.simulation.report_parts import FileFacts
 from ...request import CAMERA, CAMERA_FIELDS, RING_FIELDS, RenderRequest
-from ..capture.captured import Captured
+from ..capture.captured import Captured, planes_of
 from ..capture.remarks import ROUND_BLUR
 from ..capture.slabs import finer_region
 from ..job.job import check_output_folder, folder_for
@@ -248,7 +248,7 @@ def _read(path, depth, folder):
         radiance, planes, layers = read_with_layers(path, scratch=folder)
     else:
         radiance, planes = read_with_planes(path, scratch=folder)
-    return Captured(radiance, planes["Z"], planes.get("A"), planes.get(REGION), layers,
+    return Captured(radiance, planes_of(planes), planes.get(REGION), layers,
                     outside=read_sources(path))
 
 
@@ -356,11 +356,13 @@ def _extended(lens, captured):
         return captured, ""
     if layers and any(margin := _missing(needed, layers.grid.on_sensor())):
         layers = extended_layers(layers, margin)
-    depth_m, alpha, region = (plane if plane is None else extended_plane(plane, missing)
-                              for plane in (captured.depth_m, captured.alpha, captured.region))
-    return replace(captured, radiance=extended_image(radiance, missing), layers=layers, depth_m=depth_m, alpha=alpha,
-                   region=region), (f"{lens.name} shows {max(missing)} px more beyond the frame than was captured: the "
-                                    "edge is repeated there; render again for the scene's own light")
+    planes = {name: replace(plane, values=extended_plane(plane.values, missing))
+              for name, plane in captured.planes.items()}
+    region = captured.region if captured.region is None else extended_plane(captured.region, missing)
+    extended = replace(captured, radiance=extended_image(radiance, missing), planes=planes, region=region,
+                       layers=layers)
+    return extended, (f"{lens.name} shows {max(missing)} px more beyond the frame than was captured: the edge is "
+                      "repeated there; render again for the scene's own light")
 
 
 def _lacking(lens, stored, request):

@@ -14,8 +14,6 @@ import numpy as np
 from bpy.app.handlers import persistent
 
 from ...engine import ChannelCache
-from ...engine.field.frame_planes import nearest_samples
-from ...engine.inspection.curves import reference_nm
 from ...engine.library import has_rings, iris_is_visible
 from ...engine.library.rays import lens_rays, sketched_rays
 from ...engine.pictures.spectral_exr import write_planes_exr
@@ -24,6 +22,7 @@ from ...engine.runtime.errors import InputError
 from ...engine.simulation.lens_image import lens_image
 from ...engine.spectral.colour import metamer_weights
 from ...request import RING_FIELDS, RenderRequest
+from ..capture.captured import ALPHA, DEPTH
 from ..capture.growing_capture import FINER, Grown, Moved, growing_capture
 from ..job.photo import exposed
 from ..job.result import Result
@@ -32,7 +31,7 @@ from ..scene.changes import take_changes
 from ..scene.lens_cache import SKETCHED, load_lens
 from ..scene.moves import take_moves
 from ..scene.rings import ring_fields, scene_rings
-from .pictures import alpha_through_lens
+from .pictures import planes_through_lens
 from .refilter import edges_on_lens_mm, fitted, rings_in_view
 from .render import job_of_frame, run
 
@@ -150,12 +149,11 @@ class ScenePreview:
                                    rays=sketched_rays if times == 1 else lens_rays)
         irradiance = replace(irradiance, cube=captured.cut(irradiance.cube))
         picture, exposure = exposed(self._request, irradiance)
-        alpha = alpha_through_lens(captured, lens, options, iris)
-        alpha = None if alpha is None else captured.cut(alpha)
-        depth_m = nearest_samples(captured.depth_m, lens, captured.radiance.grid, reference_nm(lens))
+        planes = planes_through_lens(captured, lens, options, iris)
+        alpha = captured.cut(planes[ALPHA]) if ALPHA in planes else np.ones(picture.shape[:2])
         if times == 1:
-            picture, alpha = (plane if plane is None else enlarged(plane, FINER) for plane in (picture, alpha))
-        return picture, np.ones(picture.shape[:2]) if alpha is None else alpha, depth_m, exposure
+            picture, alpha = enlarged(picture, FINER), enlarged(alpha, FINER)
+        return picture, alpha, planes[DEPTH], exposure
 
     def _written(self, picture, alpha, depth_m):
         """The path of the lens image. Two folders alternate, so that a file is not replaced while it is read."""
