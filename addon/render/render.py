@@ -98,8 +98,8 @@ def run(steps, progress=None):
     """Run the steps one after the other; returns the generator's result."""
     on_progress = progress or (lambda fraction, label: None)
 
-    def within_step(fraction):
-        on_progress(step.fraction + step.share * fraction, step.label)
+    def within_step(fraction, label=None):
+        on_progress(step.fraction + step.share * fraction, label or step.label)
 
     try:
         step = next(steps)
@@ -107,7 +107,7 @@ def run(steps, progress=None):
             on_progress(step.fraction, step.label)
             if isinstance(step, RenderPass):
                 answer = None
-                with samples_watched(within_step):
+                with samples_watched(within_step, step.scene.cycles.device == "GPU"):
                     _render(step.scene)
             else:
                 answer = step.call(within_step)
