@@ -24,7 +24,7 @@ from ....engine.blur import METHODS
 from ....engine.lens.formats import FORMATS
 from ....engine.lens.iris import Iris
 from ....engine.library import described_lenses
-from ....engine.library.bodies import bundled_cameras
+from ....engine.library.bodies import described_cameras
 from ....engine.plan.options import AUTO, KNOBS, TIER_ACCURACY
 from ....engine.prescription.readers import SUFFIXES
 from ....engine.runtime.errors import InputError
@@ -150,7 +150,7 @@ def body_items(self, context):
 def _offered_bodies():
     bundled = [(name, camera.title, "{:.3g} \u00d7 {:.3g} mm, {} \u00d7 {} pixels".format(
         *camera.size_mm, *reversed(camera.shape_px)), "CAMERA_DATA", _lasting_number(name))
-        for name, camera in bundled_cameras().items()]
+        for name, camera in described_cameras().items()]
     none = NO_BODY, "None", "The lens image is the light on the sensor", "X", _lasting_number(NO_BODY)
     return [none, *bundled, (FROM_FILE, "From File", OWN_BODY, "FILE_FOLDER", _lasting_number(FROM_FILE))]
 

@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from lensfield.engine.library.bodies import bundled_cameras, find_cameras, load_camera
+from lensfield.engine.library.bodies import (
+    DescribedCamera,
+    bundled_cameras,
+    described_cameras,
+    find_cameras,
+    load_camera,
+)
 from lensfield.engine.runtime.errors import CameraError
 from lensfield.engine.sensor.camera_file import camera_text, read_camera
 from lensfield.engine.sensor.electrons import response
@@ -35,6 +41,11 @@ def test_a_bundled_camera_saturates_as_iso_12232_says(name):
 def test_sensors_have_the_makers_sizes(name, size_mm, rows):
     assert CAMERAS[name].size_mm == pytest.approx(size_mm, abs=0.1)
     assert CAMERAS[name].shape_px[0] == rows
+
+
+def test_a_list_of_cameras_shows_what_their_files_state():
+    assert described_cameras() == {name: DescribedCamera(camera.title, camera.shape_px, camera.size_mm)
+                                   for name, camera in CAMERAS.items()}
 
 
 def test_sensitivities_are_measured_per_joule():
