@@ -231,7 +231,7 @@ def test_changes_do_not_pile_up(ready_scene):
         bpy.context.view_layer.update()
         preview.tick()
     first_job_s = on().started_s
-    assert on().at_work[0] == "render" and not on().fresh
+    assert on().at_work and on().task is state.Task.RENDER and not on().fresh
     follow()
     assert on().started_s > first_job_s and on().fresh
 
@@ -244,10 +244,11 @@ def test_another_lens_shows_immediately_and_then_with_its_field_of_view(ready_sc
     ready_scene.camera.data.lensfield.lens = "nikkor-28mm"
     bpy.context.view_layer.update()
     preview.tick()
-    assert on().at_work[0] == "lens"
-    while on().at_work[0] == "lens":
+    assert on().at_work and on().task is state.Task.LENS
+    while on().at_work and on().task is state.Task.LENS:
         preview.tick()
-    assert red(ready_scene) != shown_first and "Nikkor 28 mm" in shown() and on().at_work[0] == "change"
+    assert red(ready_scene) != shown_first and "Nikkor 28 mm" in shown()
+    assert on().at_work and on().task is state.Task.CHANGE
     follow()
     assert copied_ns() == copied and on().loaded.tangents[2] > 1.5 * narrow[2]
 
