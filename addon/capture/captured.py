@@ -19,7 +19,7 @@ KINDS = {DEPTH: NEAREST, ALPHA: COVERAGE}
 
 
 def planes_of(values):
-    """The planes of a capture from their values, of which those that are None are left out: dict of str: Plane."""
+    """Planes by name, from their values, skipping None: dict of str: Plane."""
     return {name: Plane(values[name], kind) for name, kind in KINDS.items() if values.get(name) is not None}
 
 

@@ -146,13 +146,13 @@ def planned_steps(scene, job, files, folder, journal, alone, times=1):
         Parts of a pixel, down and across, in the finest pixels to be captured.
     """
     go_to_frame(scene, job.frame + job.subframe, journal)
-    kind = device_of(scene, job.device, job.traced)
-    use_device(scene, kind, journal)
     grid = job_grid(scene, job)
     turn_on_layer(scene, job.view_layer, journal)
     remarks = [*scene_remarks(scene, job)]
     of_capture, empty = [*unlayered_remarks(scene, job, grid)], empty_reasons(scene, job.lens, grid)
     exposure, film = scene.cycles.film_exposure, scene.render.film_transparent
+    kind = device_of(scene, job.device, job.traced)
+    use_device(scene, kind, journal)  # the remarks compare it with the scene's own
     stand_in_camera(scene, journal)
     plan, substitution, groups = plan_scene(scene, job, grid, journal)
     plan.check()

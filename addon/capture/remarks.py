@@ -145,12 +145,12 @@ def _of_engine(scene, job):
 
 
 def _of_device(scene, job):
-    asked = devices.device_of(scene, job.device)
-    if devices.device_of(scene, job.device, job.traced) != asked:
-        yield Remark("Device", asked.upper(), "the CPU renders instead", "of GPUs, only OptiX traces lenses")
-    elif asked == devices.CPU and scene.cycles.device == "GPU" and job.device == devices.AUTO:
+    kind = devices.device_of(scene, job.device)
+    if job.traced and kind not in devices.TRACING:
+        yield Remark("Device", kind.upper(), "the CPU renders instead", "of GPUs, only OptiX traces lenses")
+    elif kind == devices.CPU and scene.cycles.device == "GPU" and job.device == devices.AUTO:
         yield Remark("Device", "GPU Compute", "the CPU renders instead",
-                     "this machine has no GPU that Cycles can use, or none is chosen in Preferences > System")
+                     "install a driver for a GPU, or choose one in Preferences > System")
 
 
 def _of_traced_lens(scene, job):

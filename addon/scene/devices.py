@@ -1,5 +1,7 @@
 """The device that Cycles renders on. In Blender, preferences choose it; the Python module has none."""
 
+from functools import cache
+
 import _cycles
 import bpy
 
@@ -35,6 +37,7 @@ def device_of(scene, device, traced=False):
     return CPU if traced and device not in TRACING else device
 
 
+@cache
 def devices_present():
     """Names of this machine's GPU devices by their kind: dict of str: list of str."""
     names = {kind: [name for name, of, *_ in _cycles.available_devices(kind.upper()) if of == kind.upper()]
@@ -44,15 +47,14 @@ def devices_present():
 
 def device_text(kind):
     """A kind of device, and the names of those that are in use."""
-    used = [] if kind == CPU else [each.name for each in _preferences().devices
-                                   if each.use and each.type == kind.upper()]
+    used = _used(kind)
     return f"{kind.upper()} ({', '.join(used)})" if used else kind.upper()
 
 
 def use_device(scene, kind, journal):
     """Let Cycles render a scene on a kind of device, and also denoise it there if the scene asks for the other one."""
     preferences = _preferences()
-    if kind != CPU and preferences.compute_device_type != kind.upper():
+    if kind != CPU and not _used(kind):
         journal.set(preferences, "compute_device_type", kind.upper())
         preferences.refresh_devices()
         for each in preferences.devices:
@@ -68,9 +70,16 @@ def _preferences():
     return bpy.context.preferences.addons["cycles"].preferences
 
 
+def _used(kind):
+    """Names of the GPU devices of this kind that the preferences choose."""
+    preferences = _preferences()
+    return [each.name for each in preferences.devices
+            if each.use and each.type == kind.upper() == preferences.compute_device_type]
+
+
 def _preferred():
     """The kind of device for a scene that asks for a GPU: as in the preferences; in the module, the first one."""
     kind = _preferences().compute_device_type.lower()
     if kind in KINDS:
-        return kind if any(each.use and each.type == kind.upper() for each in _preferences().devices) else CPU
+        return kind if _used(kind) else CPU
     return next(iter(devices_present()), CPU) if bpy.app.module else CPU

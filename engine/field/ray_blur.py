@@ -39,7 +39,7 @@ class CaptureView:
     """What a capture shows, in pixels from the axis.
 
     How near surfaces are is their inverse depth, or in a panorama their inverse distance: the depth along the axis of
-    surfaces beside a fisheye is tiny, however distant they are, and rays from everywhere would seem to reach them.
+    surfaces next to a fisheye is tiny, however distant they are, and rays from everywhere would seem to reach them.
 
     Attributes
     ----------

@@ -41,7 +41,7 @@ class Answers:
     ----------
     function : callable
     most : int
-        Number of answers to keep. Questions whose answers have not begun when another is asked are dropped.
+        Number of answers to keep. A new question drops older ones that no thread has begun.
     """
 
     def __init__(self, function, most):
@@ -49,7 +49,7 @@ class Answers:
         self._worker, self._futures = Worker(function.__name__), {}
 
     def to(self, *question) -> Future:
-        """The Future of the answer to a question, which is asked if it is new."""
+        """The Future of the answer to a question."""
         if question not in self._futures:
             for older, future in list(self._futures.items()):
                 if future.cancel() or len(self._futures) >= self._most:

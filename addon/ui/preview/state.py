@@ -1,4 +1,4 @@
-"""What a preview is doing, what its child has loaded, and what it shows."""
+"""The state of a preview: the work of its child, the scene in it, and the picture."""
 
 import tempfile
 from dataclasses import dataclass, field
@@ -16,7 +16,7 @@ LONGEST_COPY_S = 1.0  # longest automatic copy, as copying blocks the window
 
 
 class Task(Enum):
-    """What the child has been asked for. It begins with RENDER, and each task may be paused and continued."""
+    """A task of the child. The first is RENDER; each may be paused and continued."""
 
     RENDER = "a copy of the file"
     CHANGE = "values that have changed in the scene that it has loaded"

@@ -1,5 +1,7 @@
 """The device that renders: as requested, or as the scene; for the render only."""
 
+from types import SimpleNamespace
+
 import bpy
 import pytest
 
@@ -62,6 +64,23 @@ def test_a_gpu_that_does_not_exist_is_remarked(lit_scene, cards, tmp_path):
         assert any(words in each for each in remarks) == (lit_scene.cycles.device == "GPU")
     remarks = map(str, preflight(lit_scene, output_folder=tmp_path, device="cpu").remarks)
     assert not any(words in each for each in remarks), "it was asked for"
+
+
+def test_the_report_of_a_render_remarks_on_it_too(lit_scene, cards, tmp_path):
+    lit_scene.cycles.device = "GPU"
+    result = addon.render_through_lens(lit_scene, output_folder=tmp_path, **SMALL)
+    assert result.report.as_dict()["device"] == "CPU"
+    assert any("Device GPU Compute" in line for line in result.report.as_dict()["scene_remarks"])
+
+
+def test_a_requested_kind_is_used_if_the_preferences_choose_none_of_its_devices(scene, monkeypatch):
+    card = SimpleNamespace(name="A card", type="CUDA", use=False)
+    preferences = SimpleNamespace(compute_device_type="CUDA", devices=[card], refresh_devices=lambda: None)
+    monkeypatch.setattr(devices, "_preferences", lambda: preferences)
+    with Journal() as journal:
+        use_device(scene, "cuda", journal)
+        assert card.use and device_text("cuda") == "CUDA (A card)"
+    assert not card.use
 
 
 def test_a_module_takes_the_first_kind_of_gpu_and_a_program_the_preferred_one(lit_scene, cards):
