@@ -92,9 +92,9 @@ def stages_of(blend, size, samples, lens, name):
 def projection(lenses=("edmund-54852",), *, size: str = "192x144", samples: int = 64) -> Iterator[str]:
     """Pixels and processor seconds of captures on a plane, and in a panorama with the lens's distortion.
 
-    Each row is a capture of the sample scene for a lens: its pixels over the frame's; and Cycles' processor seconds, in
-    all passes and per million samples. The second row has the view of the first, by the camera of the third: only the
-    cost of a sample differs.
+    Each row is a capture of the sample scene for a lens: its pixels, relative to the frame; and Cycles' processor
+    seconds, in all passes and per million samples. The second row has the view of the first, by the camera of the
+    third: only the cost of a sample differs.
     """
     addon.register()
     scene = opened(str(SCENE), size, samples)

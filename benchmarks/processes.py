@@ -40,7 +40,7 @@ with open("/proc/self/status") as status_file, open("peak", "w") as peak:
     peak.write(next(line.split()[1] for line in status_file if line.startswith("VmHWM:")))
 sys.stdout.flush()
 os._exit(status)"""]
-"""The command, which also writes its peak memory in kB: the figure that a parent process gets includes the parent's."""
+"""The command, which also writes its peak memory in kB: a parent process would get a figure that includes its own."""
 LENS = ["--lens", "edmund-54852"]
 RENDER = ["render", str(SCENE), *LENS, "--samples", "1", "--tier", "preview"]
 MEGABYTE, MOST = 1e6, 1.3

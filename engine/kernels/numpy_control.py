@@ -27,7 +27,7 @@ def _combined(gains, control):
 
 
 def _gains(picture, control, ratios, ridge, least_ridge):
-    """Linear combinations of the control's channels that predict the picture's: array (control channel, channel, row,
+    """Gains by which channels of the control, added up, predict the picture: array (control channel, channel, row,
     column)."""
     normal = _neighbours_mean(control[:, None] * control)
     right = _neighbours_mean(control[:, None] * picture)

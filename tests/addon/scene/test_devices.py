@@ -36,7 +36,7 @@ def cards(monkeypatch):
 
 def chosen():
     preferences = bpy.context.preferences.addons["cycles"].preferences
-    return preferences.compute_device_type, [each.use for each in preferences.devices]
+    return preferences.compute_device_type, {each.id for each in preferences.devices if each.use}
 
 
 def test_a_missing_device_is_refused_before_the_render(lit_scene, cards, tmp_path):
