@@ -8,7 +8,8 @@ OPTIONS = ["--frames", "1-2", "--lens-quality", "preview", "--resolution", "64x4
 
 
 def passes(folder):
-    return list(folder.glob(".lensfield/*_passes/*/*.exr"))
+    """The stored passes, without half-written ones, which a killed render removes."""
+    return list(folder.glob(".lensfield/*_passes/*/[!.]*.exr"))
 
 
 def interrupted(folder):
