@@ -37,11 +37,26 @@ from .wiring import (
     multiplied,
     property_of,
     single_shader,
+    unfolded,
     upsampler,
 )
 
 PROPERTY_PREFIX = "lensfield_"
+ESTIMATED = {"ShaderNodeEmission": "Strength", "ShaderNodeBsdfPrincipled": "Emission Strength"}
+"""The nodes whose emission Cycles estimates, and their strengths. (It measures that of a world.)"""
+LEAST_SAMPLED = 0.51  # Cycles samples a surface as a lamp if it estimates more than 0.5
 BASIS = {REFLECTANCE: colour_basis, EMISSION: colour_basis, CHANNELS: channel_basis}
+
+
+def _move_into_strength(socket, values):
+    """Multiply the strength of a node by the mean of the values that its emission colour, a socket, is to have, and
+    return the factor: Cycles then estimates the emission from the strength alone."""
+    strength = socket.node.inputs[ESTIMATED[socket.node.bl_idname]]
+    if strength.is_linked or strength.default_value <= 0 or values.mean() <= 0:
+        return 1.0
+    factor = max(float(values.mean()), min(float(values.max()), LEAST_SAMPLED / strength.default_value))
+    strength.default_value *= factor
+    return factor
 
 
 @dataclass(frozen=True)
@@ -337,10 +352,10 @@ class Substitution:
             return relative * np.maximum(colour_basis(nm) @ tint, 0)
 
         if assigned.emission:
-            return self._glow(tree, light_at, group)
+            return self._glow(tree, light_at, group, socket)
         if temperature_k:
             gain = self._gain_to_white(lamp)
-            return self._glow(tree, lambda nm: gain * light_at(nm), group)
+            return self._glow(tree, lambda nm: gain * light_at(nm), group, socket)
         constant = constant_of(socket)
         if constant is None:
             self.mixed_colours = True
@@ -348,7 +363,7 @@ class Substitution:
             unchanged = group is lamp and np.all(tint == 1)
             return colour if unchanged else multiplied(tree, colour, self._glow(tree, light_at, group))
         colour = np.array(constant[:3])
-        return self._glow(tree, lambda nm: light_at(nm) * np.maximum(colour_basis(nm) @ colour, 0), group)
+        return self._glow(tree, lambda nm: light_at(nm) * np.maximum(colour_basis(nm) @ colour, 0), group, socket)
 
     def _gain_to_white(self, lamp):
         """The factor for the luminance of white light of the same watts, which Blender gives to a temperature."""
@@ -364,15 +379,22 @@ class Substitution:
         self.factors.append(values_at)
         return self._attribute(tree, values_at)
 
-    def _glow(self, tree, values_at, group):
+    def _glow(self, tree, values_at, group, socket=None):
         """An attribute for emission in the light group of a lamp, added to the factors with a peak of 1: only its shape
-        decides how many wavelengths are needed."""
-        peak = values_at(np.arange(BAND_NM[0], BAND_NM[1] + 1)).max()
-        if peak > 0:
+        decides how many wavelengths are needed.
+
+        Cycles estimates emissions from constants, and builds its light tree by these estimates. As passes share their
+        noise, the tree must not depend on their wavelengths: Cycles does not know the attribute for a `socket` of the
+        ESTIMATED nodes in advance.
+        """
+        values = values_at(np.arange(BAND_NM[0], BAND_NM[1] + 1))
+        if (peak := values.max()) > 0:
             self.factors.append(lambda nm: values_at(nm) / peak)
-        node = attribute_node(tree, self._property(values_at))
+        estimated = socket is not None and socket.node.bl_idname in ESTIMATED
+        factor = _move_into_strength(socket, values) if estimated else 1.0
+        node = attribute_node(tree, self._property(lambda nm: values_at(nm) / factor))
         self._group_of[node.attribute_name] = group
-        return node.outputs["Color"]
+        return unfolded(tree, node) if estimated else node.outputs["Color"]
 
     def _attribute(self, tree, values_at):
         """Output of a new node with the values of `values_at` at the wavelengths of the pass."""

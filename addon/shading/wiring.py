@@ -29,6 +29,19 @@ def attribute_node(tree, property_name):
     return node
 
 
+def unfolded(tree, node):
+    """The colour of a node from `attribute_node`, through nodes that leave it as it is, but keep Cycles from replacing
+    it by a constant before it renders. The output's node is labelled with the property."""
+    zero = tree.nodes.new("ShaderNodeMath")
+    zero.operation, zero.inputs[1].default_value = "MINIMUM", 0.0
+    tree.links.new(tree.nodes.new("ShaderNodeLightPath").outputs["Is Camera Ray"], zero.inputs[0])
+    total = tree.nodes.new("ShaderNodeVectorMath")
+    total.operation, total.label = "ADD", node.attribute_name
+    tree.links.new(node.outputs["Color"], total.inputs[0])
+    tree.links.new(zero.outputs[0], total.inputs[1])
+    return total.outputs[0]
+
+
 def constant_instead(tree, node):
     """Replace a node from `attribute_node` by one with constants, labelled with the property; returns it."""
     constant = tree.nodes.new("ShaderNodeCombineXYZ")
@@ -40,7 +53,7 @@ def constant_instead(tree, node):
 
 
 def property_of(node):
-    """The name of the property whose value a node from `attribute_node` or `constant_instead` has."""
+    """The name of the property whose value a node from `attribute_node`, `unfolded` or `constant_instead` has."""
     return node.attribute_name if node.bl_idname == "ShaderNodeAttribute" else node.label
 
 

@@ -2,6 +2,7 @@
 
 from types import SimpleNamespace
 
+import bmesh
 import bpy
 import numpy as np
 import pytest
@@ -97,6 +98,25 @@ def test_pass_takes_all_samples_if_few_leave_too_much_noise(corner, tmp_path, wh
     assert sum(count for _, count in sample_counts) == facts.passes * SAMPLES
     whole()
     np.testing.assert_allclose(cube, rendered(corner, tmp_path, 1, depth="off")[0], rtol=1e-4, atol=1e-6 * cube.max())
+
+
+def test_passes_share_the_choice_of_lamps(corner, tmp_path):
+    """The light tree of Cycles chooses among the triangles of lamps by the power that it estimates for each."""
+    corner.cycles.use_light_tree = True
+    set_world(corner, (0, 0, 0))
+    for place, colour in (((-0.3, 0.2, -0.8), (1, 0.9, 0.8)), ((0.3, -0.2, -0.8), (0.8, 0.9, 1))):
+        mesh = bpy.data.meshes.new("Lamp")
+        balls = bmesh.new()
+        bmesh.ops.create_icosphere(balls, subdivisions=3, radius=0.03)
+        balls.to_mesh(mesh)
+        balls.free()
+        mesh.materials.append(material("Glow", "ShaderNodeEmission", colour)[0])
+        mesh.materials[0].node_tree.nodes["Emission"].inputs["Strength"].default_value = 50
+        lamp = bpy.data.objects.new("Lamp", mesh)
+        lamp.location = place
+        corner.collection.objects.link(lamp)
+    facts = rendered(corner, tmp_path, 1, depth="off")[1]
+    assert facts.samples.startswith(f"{FEW} of")
 
 
 def test_adaptive_sampling_counts_the_samples_of_each_pixel(corner, tmp_path, whole):
