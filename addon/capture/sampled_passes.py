@@ -35,9 +35,9 @@ from ..scene.undo import Journal
 from .bands import WAVELENGTHS_PER_PASS
 from .light import PassLight, place_in
 
-FEW, LEAST_FEW = 32, 2  # the first number of samples to try: one in 32, but at least 2
+FEW, LEAST_FEW = 32, 4  # the first number of samples to try: one in 32, but at least 4
 ADAPTIVE_FEW = 64  # one in 64 of the limit of adaptive sampling, which takes fewer
-LEVELS = 5  # numbers of samples to try, each twice the one before
+LEVELS = 4  # numbers of samples to try, each twice the one before
 MOST_GROWTH = 1.3  # noise in three quarters of the picture, relative to a pass with all samples
 FINER = 2  # parts of a pixel, down and across, in the rest of a pass's samples
 LEAST_FINE = 4  # samples of such a part
@@ -205,13 +205,15 @@ class SampledPasses(WholePasses):
         """Steps of a pass with few samples, or with all if these leave too much noise; returns its PassLight."""
         control, parts = self._controls[gathered], []
         control.limit(gathered.slab)
-        for span in pairwise(self._ends):
+        for span in pairwise([0, *self._ends[control.first_level:]]):
             parts.append((yield from self._range(index, gathered, step, *span)))
-            if 1 < len(parts) < len(control.parts):
+            if 1 < len(parts) and span[1] < self._samples:
                 light, growth = yield Work(lambda _: control.help(parts), "Estimating wavelengths", step.fraction)
                 if growth <= MOST_GROWTH:
+                    control.first_level += len(parts) - 2  # the next pass takes about as many
                     self._taken.append((span[1], growth))
                     return light
+        control.first_level = len(self._ends) - 3
         self._taken.append((self._samples, 1.0))
         return mean_light(parts)
 
@@ -343,10 +345,15 @@ class _Control:
     slab : Slab
     parts : list of Samples
         By ranges of samples, as in `_ends`.
+
+    Attributes
+    ----------
+    first_level : int
+        Index in `_ends` of the end of the next pass's first range.
     """
 
     def __init__(self, slab, parts):
-        self._region, self.parts = slab.region, parts
+        self._region, self.parts, self.first_level = slab.region, parts, 1
 
     def limit(self, slab):
         """Limit the control variate to the region of the slab, which may have narrowed."""
@@ -367,7 +374,8 @@ class _Control:
         growth : float
             From `noise_growth`.
         """
-        few, rest = self.parts[:len(parts)], self.parts[len(parts):]
+        count = self.first_level + len(parts) - 1
+        few, rest = self.parts[:count], self.parts[count:]
         few_count, rest_count = 2 * parts[-1].count, sum(part.count for part in rest)
         weight = np.float32(rest_count / (rest_count + few_count))
         cube, helped, unhelped = np.empty_like(parts[0].light.cube), 0, 0

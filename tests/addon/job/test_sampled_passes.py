@@ -20,7 +20,7 @@ from lensfield.engine.stray.options import StrayOptions
 from seed import FIRST_CYCLES_SEED, SEED
 from small_scenes import light, material, set_world, wall
 
-SAMPLES, FEW = 64, 2  # of which the first trial takes 2
+SAMPLES, FEW = 64, 4  # of which the first trial takes 4
 REST = 8  # in each quarter of a pixel, instead of half of the samples
 INVISIBLE = 0.007  # noise relative to light; quasi-random samples may leave less than predicted
 EVEN, DETAILED = Options(detail="off"), Options(detail="on")
@@ -117,6 +117,16 @@ def test_passes_share_the_choice_of_lamps(corner, tmp_path):
         corner.collection.objects.link(lamp)
     facts = rendered(corner, tmp_path, 1, depth="off")[1]
     assert facts.samples.startswith(f"{FEW} of")
+
+
+@pytest.mark.parametrize("most_growth, first, later", [
+    (0.0, [2, 2, 4, 8, 16, 32], [16, 16, 32]), (10.0, [2, 2], [2, 2])])
+def test_a_pass_begins_with_as_many_samples_as_the_last_took(corner, tmp_path, sample_counts, monkeypatch, most_growth,
+                                                             first, later):
+    monkeypatch.setattr(sampled_passes, "MOST_GROWTH", most_growth)
+    facts = rendered(corner, tmp_path, 1, depth="off", spectral=SpectralOptions(colour_error=0.05))[1]
+    assert facts.passes >= 3
+    assert [count for _, count in sample_counts] == [2, 2, 4, 8, 16, 32, *first, *later * (facts.passes - 2)]
 
 
 def test_adaptive_sampling_counts_the_samples_of_each_pixel(corner, tmp_path, whole):
