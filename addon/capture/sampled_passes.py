@@ -38,7 +38,7 @@ from .light import PassLight, place_in
 FEW, LEAST_FEW = 32, 4  # the first number of samples to try: one in 32, but at least 4
 ADAPTIVE_FEW = 64  # one in 64 of the limit of adaptive sampling, which takes fewer
 LEVELS = 4  # numbers of samples to try, each twice the one before
-MOST_GROWTH = 1.3  # noise in three quarters of the picture, relative to a pass with all samples
+MOST_GROWTH = 1.2  # noise in three quarters of the picture, relative to a pass with all samples
 FINER = 2  # parts of a pixel, down and across, in the rest of a pass's samples
 LEAST_FINE = 4  # samples of such a part
 MOST_FINE_PX = 2**25  # parts in a capture: larger pictures would take too much memory

@@ -86,7 +86,7 @@ def test_few_samples_have_nearly_the_noise_of_all(corner, tmp_path, whole, sampl
     noise, of_all = (block_means(2 * np.var([cube for cube, _ in pictures], axis=0, ddof=1).mean(axis=0))
                      for pictures in (shared, every))  # of differences between two
     least = (INVISIBLE * block_means(every[0][0].mean(axis=0)))**2
-    assert np.percentile(np.sqrt(noise / np.maximum(of_all, least)), JUDGED_PERCENT) < sampled_passes.MOST_GROWTH
+    assert np.percentile(np.sqrt(noise / np.maximum(of_all, least)), JUDGED_PERCENT) < 1.1 * sampled_passes.MOST_GROWTH
     means = [np.mean([cube for cube, _ in pictures], axis=(0, 2, 3)) for pictures in (shared, every)]
     np.testing.assert_allclose(*means, rtol=5 * np.sqrt(of_all.mean() / of_all.size / 64) / means[1].min())
 
