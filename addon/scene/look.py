@@ -8,13 +8,13 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ...engine.pictures.spectral_exr import write_rgb_exr
+from ...engine.pictures.spectral_exr import write_planes_exr
 from ...engine.runtime.errors import InputError
 from ...engine.runtime.files import temporary_folder
 from .errors import SceneError
 from .working_space import REC709
 
-PNG = {"media_type": "IMAGE", "file_format": "PNG", "color_mode": "RGBA", "color_depth": "8",
+PNG = {"media_type": "IMAGE", "file_format": "PNG", "color_mode": "RGBA", "color_depth": "8", "compression": 0,
        "color_management": "FOLLOW_SCENE"}  # in this order; Blender 5.0 added the first
 WHITE_BALANCE = "use_white_balance", "white_balance_temperature", "white_balance_tint"  # since Blender 4.3
 
@@ -79,7 +79,7 @@ def shown_pixels(rec709, look):
     """
     with temporary_folder() as folder:
         path, picture = Path(folder) / "light.exr", Path(folder) / "shown.png"
-        write_rgb_exr(rec709, path)
+        write_planes_exr(dict(zip("RGB", np.moveaxis(rec709, -1, 0), strict=True)), path, {})
         image = bpy.data.images.load(str(path))
         try:
             space = image.colorspace_settings
@@ -99,14 +99,14 @@ def _pixels(path):
 
 
 def save_shown(image, path, look):
-    """Save an image as a scene with this Look shows it, as a PNG of 8 bits."""
+    """Save an image as a scene with this Look shows it, as an uncompressed PNG of 8 bits."""
     with _scene_with(look) as scene:
         save_as_shown(image, path, scene)
 
 
 def save_as_shown(image, path, scene):
-    """Save an image as a scene shows it, as a PNG of 8 bits, without a temporary scene: after the removal of one,
-    Blender announces all objects as changed."""
+    """Save an image as a scene shows it, as an uncompressed PNG of 8 bits, without a temporary scene: after the
+    removal of one, Blender announces all objects as changed."""
     settings, dither = scene.render.image_settings, scene.render.dither_intensity
     before = {name: getattr(settings, name) for name in PNG if hasattr(settings, name)}
     try:
