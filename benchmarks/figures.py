@@ -20,7 +20,8 @@ MODULES = {
     "optics": ("anamorphic", "bake", "rack", "grid", "sensor"),
     "depth": ("casting", "blurred_lamps", "near_focus"),
     "stray": ("ghosts", "veil", "stray"),
-    "processes": ("start", "memory", "large", "files", "farm", "film"),
+    "processes": ("start", "memory", "large", "farm", "film"),
+    "stored": ("files",),
     "captures": ("scene", "noise", "detail"),
     "jobs": ("job", "projection", "preview"),
     "upsampling": ("upsampling",),  # in the environment of make tables

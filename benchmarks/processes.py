@@ -1,4 +1,4 @@
-"""Complete commands: their start, memory, files and farms."""
+"""Complete commands: their start, memory and farms."""
 
 import json
 import os
@@ -12,13 +12,11 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-import OpenEXR
 from cases import ROOT, SCENE
-from PIL import Image
-from timing import LENSFIELD, children_s, least_s, machine, without_cache
+from timing import LENSFIELD, children_s, machine, without_cache
 
 from lensfield.engine import SpectralImage
-from lensfield.engine.pictures.spectral_exr import exr_threads, read_parts, write_exr, write_rgb_exr
+from lensfield.engine.pictures.spectral_exr import write_exr, write_rgb_exr
 from lensfield.engine.runtime.memory import available_bytes
 
 PROGRAMS = {
@@ -49,10 +47,7 @@ LARGE = ["filter", "in.exr", *LENS, "--azimuths", "4", "--psf-energy", "0.9", "-
          "report.json"]
 LOOK_S = 0.1
 
-COMPRESSIONS = {"none": OpenEXR.NO_COMPRESSION, "RLE": OpenEXR.RLE_COMPRESSION, "ZIPS": OpenEXR.ZIPS_COMPRESSION,
-                "ZIP": OpenEXR.ZIP_COMPRESSION, "PIZ": OpenEXR.PIZ_COMPRESSION}  # lossless, supported by Blender 5.0
-PNG_LEVELS = 0, 1, 3, 6, 9
-TIMES, STARTS, BEST_OF = 3, 5, 3
+STARTS, BEST_OF = 5, 3
 
 TESTS = [ROOT / "tests" / folder for folder in ("support", "addon", "reliability")]
 SAVE = "import sys; sys.path[:0] = sys.argv[2:]; from kill import save_scene; from lensfield import addon; " \
@@ -163,57 +158,6 @@ def peak_anonymous_bytes(process):
     if process.returncode:
         raise subprocess.CalledProcessError(process.returncode, process.args)
     return most
-
-
-def files(folders=("build/noisy",)) -> Iterator[str]:
-    """A frame's files by compression: processor and wall-clock seconds to write and to read them, and MB.
-
-        lensfield render sample_scenes/evening_chess.blend --wavelengths 400:700:12 --resolution 1920x1080 \\
-            --samples 16 --denoise off --output build/noisy
-
-    renders a noisy frame; without --samples and --denoise, a cleaner one.
-    """
-    with tempfile.TemporaryDirectory() as temporary:
-        for path in sorted(path for folder in folders for path in Path(folder).iterdir()):
-            if path.suffix in (".exr", ".png"):
-                yield (f"{path}\n  {'':<13}{'written':>16}{'read':>16}\n  {'':<13}" + f"{'cpu s':>8}{'s':>8}" * 2
-                       + f"{'MB':>9}")
-                yield from (png_rows if path.suffix == ".png" else exr_rows)(path, Path(temporary) / path.name)
-
-
-def exr_rows(path, copy):
-    """The rows of an EXR, by compression; of a radiance, also with its lower half black."""
-    planes = read_parts(path)[0][1]
-    yield from compressed_rows(planes, copy)
-    if path.name.endswith("radiance.exr"):
-        yield "  with its lower half black"
-        yield from compressed_rows({name: np.where(np.arange(len(plane))[:, None] < len(plane) // 2, plane, 0)
-                                    for name, plane in planes.items()}, copy)
-
-
-def compressed_rows(planes, copy):
-    for name, compression in COMPRESSIONS.items():
-        header = {"type": OpenEXR.scanlineimage, "compression": compression}
-
-        def write(header=header):
-            with exr_threads(), OpenEXR.File(header, dict(planes)) as file:
-                file.write(str(copy))
-
-        yield file_row(name, least_s(write, TIMES), copy, least_s(lambda: read_parts(copy), TIMES))
-
-
-def png_rows(path, copy):
-    """The rows of a PNG, by level of compression."""
-    picture = Image.open(path)
-    picture.load()
-    for level in PNG_LEVELS:
-        written = least_s(lambda level=level: picture.save(copy, compress_level=level), TIMES)
-        yield file_row(f"PNG, level {level}", written, copy, least_s(lambda: Image.open(copy).load(), TIMES))
-
-
-def file_row(what, written, path, read):
-    return (f"  {what:<13}{written[0]:8.2f}{written[1]:8.2f}{read[0]:8.2f}{read[1]:8.2f}"
-            f"{path.stat().st_size / 1e6:9.2f}")
 
 
 def farm(frames: int = 4) -> Iterator[str]:

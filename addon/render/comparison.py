@@ -410,7 +410,7 @@ def _first_request(comparison):
 
 def _rec709(path):
     _, planes = read_parts(path)[0]
-    return np.stack([planes[channel] for channel in "RGB"], axis=-1)
+    return np.stack([planes[channel] for channel in "RGB"], axis=-1, dtype=np.float32)
 
 
 def _messages(comparison, captured, results):

@@ -7,7 +7,7 @@ from ...engine.field.stmap import distort_map, undistort_map
 from ...engine.image.planes import COVERAGE, NEAREST
 from ...engine.inspection.curves import reference_nm
 from ...engine.pictures.preview import to_rec709
-from ...engine.pictures.spectral_exr import write_exr, write_plane_exr, write_rgb_exr
+from ...engine.pictures.spectral_exr import write_exr, write_picture_exr, write_plane_exr, write_rgb_exr
 from ...engine.runtime.files import stamp_of
 from ...engine.simulation.coverage import coverage
 from ..capture.captured import ALPHA, DEPTH
@@ -32,7 +32,7 @@ def write_irradiance(irradiance, stray, result, attributes=None):
     """
     write_exr(irradiance, result.irradiance, stray=stray, attributes=attributes)
     shown = np.zeros((*irradiance.frame_px, 3), np.float32) if stray is None else to_rec709(stray)
-    write_rgb_exr(shown, result.stray)
+    write_picture_exr(shown, result.stray)
 
 
 def write_pictures(captured, irradiance, after, exposure, light_exposure, look, lens, options, iris, result):
@@ -58,7 +58,7 @@ def write_pictures(captured, irradiance, after, exposure, light_exposure, look, 
     frame = irradiance.grid
     after = captured.cut_picture(after)  # a camera's has noise everywhere
     planes = planes_through_lens(captured, lens, options, iris)
-    write_rgb_exr(after, result.lens_image, captured.cut(planes.get(ALPHA, np.ones(frame.shape_px))))
+    write_picture_exr(after, result.lens_image, captured.cut(planes.get(ALPHA, np.ones(frame.shape_px))))
     write_plane_exr(planes[DEPTH], result.depth)
     _write_lens_planes(lens, frame, result)
     before = pinhole_view(np.moveaxis(to_rec709(captured.radiance), -1, 0), lens, captured.radiance.grid)
@@ -77,7 +77,7 @@ def write_film_pictures(film, irradiance, picture, exposure, _, look, lens, resu
     """
     frame, picture = irradiance.grid, film.cut_picture(picture)
     alpha = np.ones(frame.shape_px) if film.alpha is None else film.alpha
-    write_rgb_exr(picture, result.lens_image, film.cut(alpha))
+    write_picture_exr(picture, result.lens_image, film.cut(alpha))
     write_plane_exr(film.depth_m, result.depth)
     _write_lens_planes(lens, frame, result)
     write_shown(picture, result.after, exposure, look)

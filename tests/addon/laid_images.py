@@ -5,7 +5,7 @@ import numpy as np
 import OpenEXR
 
 from lensfield.addon.scene.compositor import lay_into_compositor
-from lensfield.engine.pictures.spectral_exr import write_plane_exr, write_rgb_exr
+from lensfield.engine.pictures.spectral_exr import write_picture_exr, write_plane_exr
 
 
 def render_composite(scene, path):
@@ -32,9 +32,10 @@ def lay(scene, folder, frames=(1,), colour=(5.0, 3.0, 2.0), shape=(36, 48)):
     paths = []
     for frame in frames:
         paths.append(folder / f"unsaved_{bpy.path.clean_name(scene.name)}_{frame:04d}_lens_image.exr")
-        write_rgb_exr(np.full((*shape, 3), np.array(colour) * frame), paths[-1], np.full(shape, 0.5))
+        write_picture_exr(np.full((*shape, 3), np.array(colour) * frame), paths[-1], np.full(shape, 0.5))
         write_plane_exr(np.full(shape, 7.0 * frame), folder / paths[-1].name.replace("lens_image", "depth"))
-        write_rgb_exr(np.full((*shape, 3), 0.5 * frame), folder / paths[-1].name.replace("lens_image", "stray_light"))
+        stray_path = folder / paths[-1].name.replace("lens_image", "stray_light")
+        write_picture_exr(np.full((*shape, 3), 0.5 * frame), stray_path)
     for name in ("relative_illumination", "stmap_distort", "stmap_undistort"):
         write_plane_exr(np.full(shape, 0.25), folder / f"unsaved_{bpy.path.clean_name(scene.name)}_{name}.exr")
     lay_into_compositor(scene, *paths)

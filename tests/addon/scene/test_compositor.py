@@ -360,7 +360,7 @@ def test_second_render_refreshes_the_same_node(scene, tmp_path):
     set_world(scene, strength=3.0)
     render(scene, tmp_path, to_compositor=True, depth="off")
     assert len(lensfield_nodes(scene)) == 1
-    np.testing.assert_allclose(render_composite(scene, tmp_path / "composite.exr"), 3 * first, rtol=1e-4)
+    np.testing.assert_allclose(render_composite(scene, tmp_path / "composite.exr"), 3 * first, rtol=2.0**-10)
 
 
 def test_each_scene_keeps_its_lens_image(scene, tmp_path):

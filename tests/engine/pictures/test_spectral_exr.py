@@ -21,7 +21,7 @@ from lensfield.engine.pictures.spectral_exr import (
     read_exr,
     read_parts,
     write_exr,
-    write_rgb_exr,
+    write_picture_exr,
 )
 from refusals import refused
 
@@ -319,7 +319,7 @@ def test_a_folder_that_is_renamed_meanwhile_is_the_reason(tmp_path, monkeypatch)
 
 @pytest.mark.parametrize("lacking", [1, 500, 4000, 100_000, 200_000], ids=str)
 @pytest.mark.parametrize("write", [lambda path: write_exr(big(), path),
-                                   lambda path: write_rgb_exr(np.moveaxis(big().cube, 0, -1), path)],
+                                   lambda path: write_picture_exr(np.moveaxis(big().cube, 0, -1), path)],
                          ids=["spectral", "rgb"])
 def test_a_full_disk_is_an_error_even_at_the_last_byte(tmp_path, write, lacking):
     write(tmp_path / "image.exr")
@@ -391,6 +391,17 @@ def test_wavelengths_that_share_a_channel_name_are_refused(path):
 def big():
     """With enough rows that each thread has its own share."""
     return image(cube=np.random.default_rng(5).random((3, 200, 70), dtype=np.float32))
+
+
+@pytest.mark.parametrize("brightest, dtype", [(65504, np.float16), (65536, np.float32), (np.inf, np.float32)])
+def test_pictures_are_in_half_precision_unless_they_are_too_bright(path, brightest, dtype):
+    picture = np.random.default_rng(3).random((7, 9, 3), dtype=np.float32)
+    picture[2, 5, 1] = brightest
+    write_picture_exr(picture, path, alpha=picture[..., 0])
+    planes = read_parts(path)[0][1]
+    assert {plane.dtype for plane in planes.values()} == {np.dtype(dtype)}
+    stored = np.stack([planes[name] for name in "RGBA"], axis=-1)
+    np.testing.assert_allclose(stored, np.dstack([picture, picture[..., 0]]), rtol=2.0**-11, atol=2.0**-25)
 
 
 def test_all_threads_read_and_write_a_file_and_none_remains(path, monkeypatch):
