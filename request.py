@@ -14,6 +14,7 @@ from .engine import Lens, Options
 from .engine.bake.quality import QUALITIES
 from .engine.depth.depth_range import AUTO, OFF, TRACED
 from .engine.field.overscan import CAMERA_VIEW, LENS_VIEW, VIEWS
+from .engine.image.spectral_image import IRRADIANCE, RADIANCE
 from .engine.lens.formats import FORMATS, format_mm
 from .engine.lens.iris import Iris
 from .engine.library import LensSource
@@ -21,6 +22,7 @@ from .engine.library.bodies import CameraSource, load_camera
 from .engine.prescription.coatings import AS_LENS, IDEAL, MULTI, NONE, SINGLE
 from .engine.prescription.tolerances import GRADES
 from .engine.rays.rings import MOST_TILT_DEG
+from .engine.runtime.errors import InputError
 from .engine.runtime.setting import check_choices, documented, option_of, setting, settings_of
 from .engine.spectral.spectra import parse_wavelengths
 from .engine.spectral.wavelength_choice import IMAGE_WAVELENGTHS, SpectralOptions
@@ -29,6 +31,8 @@ from .engine.stray.options import StrayOptions
 CAMERA = "camera"
 """The camera's focus distance, and the owner of settings that each camera has."""
 BY_SCENE, ON = "scene", "on"
+ALL_FILES, PICTURES = "all", "pictures"
+SPECTRAL_FILES = RADIANCE, IRRADIANCE
 RING_FIELDS = "focus", "f_number", "focused_wide_open", "tilt_deg", "copy", "copy_grade", "coating"
 CAMERA_FIELDS = "camera", "iso", "shutter_s", "noise", "develop", "dng"
 EXPOSED_FIELDS = "camera", "iso", "shutter_s", "develop"
@@ -176,6 +180,14 @@ class RenderRequest:
     output_folder: Path | None = setting(
         None, name="Output", kind=Path, option="output", metavar="DIR", subtype="DIR_PATH", panel="",
         panel_default="//lensfield/", recorded=False, text="Folder for the spectral EXRs and the pictures")
+    files: str = setting(
+        ALL_FILES, name="Spectral Files", metavar="LIST", panel="", recorded=False,
+        text="Spectral files to write with the pictures, which are always written. Also accepts a list: "
+             "radiance,irradiance,pictures",
+        choices={ALL_FILES: ("All", "Radiance and irradiance"),
+                 RADIANCE: ("Radiance", "The light of the scene: other lenses can be applied to the render"),
+                 IRRADIANCE: ("Irradiance", "The light on the sensor: cameras can be put behind the render"),
+                 PICTURES: ("None", "Pictures only: another lens or camera takes a new render")})
     look: str = setting(
         BY_SCENE, name="Look", recorded=False,
         text="Look of PNGs: the finished picture, the one without the lens, and contact sheets. EXRs are linear",
@@ -204,11 +216,19 @@ class RenderRequest:
         check_choices(self)
         if self.view not in VIEWS:
             format_mm(self.view, "view", VIEWS)
+        if self.files != ALL_FILES and set(self.files.split(",")) - {*SPECTRAL_FILES, PICTURES}:
+            raise InputError("options", "files", self.files or "empty",
+                             f"expected {ALL_FILES}, or some of {', '.join((*SPECTRAL_FILES, PICTURES))}, separated by "
+                             "commas")
 
     @property
     def view_on_sensor(self) -> str:
         """The field of view, with the camera's sensor instead of the lens's sensor."""
         return view_on_sensor(self.view, self.camera)
+
+    def writes(self, spectral_file: str) -> bool:
+        """Whether one of the SPECTRAL_FILES is to be written."""
+        return self.files == ALL_FILES or spectral_file in self.files.split(",")
 
     @property
     def exposure(self) -> tuple[float | None, float | None]:

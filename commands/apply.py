@@ -48,7 +48,7 @@ def add_options(apply):
     add_stray(apply)
     add_settings(apply.add_argument_group("camera", "that takes a picture of the lens image"), RenderRequest,
                  CAMERA_FIELDS)
-    add_settings(apply, RenderRequest, ["look"])
+    add_settings(apply, RenderRequest, ["files", "look"])
     followed = apply.add_argument_group("for programs that run this command")
     add_progress_options(followed)
     add_settings(followed, RenderRequest, ["view_settings"])

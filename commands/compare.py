@@ -33,7 +33,8 @@ OF_LENSES = "view", "output_folder", *CAMERA_FIELDS
 """Fields that the user does not set: every lens has the view of the scene's camera, and its own folder; the sheet shows
 the light."""
 RINGS = tuple(name for name in RING_FIELDS if name != "f_number")
-OF_FILES = "tier", "depth", *RINGS, "lens_quality", "look", "view_settings"  # fields that a radiance file can obey
+OF_FILES = "tier", "depth", *RINGS, "lens_quality", "files", "look", "view_settings"
+"""Fields that a radiance file can obey."""
 
 
 def add_options(compare):

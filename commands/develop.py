@@ -7,7 +7,7 @@ from ..engine.photo.photograph import CameraFacts, held, missing_channels, missi
 from ..engine.photo.raw_file import check_lens, write_raw_file
 from ..engine.sensor.exposure import FRAMES, covered_px
 from ..engine.simulation.report import together
-from ..request import RenderRequest
+from ..request import IRRADIANCE, RenderRequest
 from .arguments import add_lens_settings, add_settings, add_untrusted, check_outputs, chosen_lens, given_fields
 from .camera import CAMERAS
 from .outcome import finish
@@ -105,8 +105,10 @@ def _lens(shots, options):
 
 def _header(shot, options):
     """A lens image without its light."""
+    from ..engine.pictures.frame_record import check_left_out
     from ..engine.pictures.spectral_exr import read_header
 
+    check_left_out(shot.radiance, IRRADIANCE)
     return read_header(shot.radiance, options.pitch_um)[0]
 
 

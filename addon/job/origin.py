@@ -13,7 +13,7 @@ from ...engine.runtime.files import file_status
 from ..scene.fingerprint import comparable
 from .job import blend_path
 
-ATTRIBUTE = "lensfield:origin"  # of a radiance or film file
+ATTRIBUTE = "lensfield:origin"  # of the first of a frame's radiance, irradiance and lens image
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ def check_replaced(scene, result, state):
         The scene's fingerprint.
     """
     here = origin_of(scene, result.radiance.parent, state)
-    for path in result.radiance, result.irradiance:
+    for path in result.radiance, result.irradiance, result.lens_image:
         stored = stored_origin(path)
         if stored and not here.may_replace(stored):
             raise InputError(path, "file", f"rendered from {stored}",

@@ -7,11 +7,14 @@ from pathlib import Path
 import bpy
 
 from ...engine import Report
+from ...engine.pictures.frame_record import RECORD_END
 from ...engine.runtime.errors import InputError
+from ...engine.runtime.files import discard
+from ...request import SPECTRAL_FILES
 
 FRAME_FILES = {"radiance": "radiance.exr", "irradiance": "irradiance.exr", "lens_image": "lens_image.exr",
                "stray": "stray_light.exr", "depth": "depth.exr", "before": "before.png", "after": "after.png",
-               "record": "report.json"}
+               "record": RECORD_END}
 UNSAVED = "unsaved"  # in the place of the name of a .blend
 MOST_NAME_BYTES = 120  # of a .blend's name in file names, which systems limit to 255 bytes
 RAW_END = "raw.dng"  # of a file that only frames with a camera have, if the user wants it
@@ -91,19 +94,29 @@ class Result:
                              f"expected a name such as shot_Scene_0001_{FRAME_FILES[name]}")
         return result
 
-    @property
-    def pictures(self):
-        """The files of the frame, except its record; a raw file if there is one."""
-        return *(getattr(self, name) for name in FRAME_FILES if name != "record"), *self._raw_if_any
+    def written_by(self, request):
+        """The files of the frame that a RenderRequest writes, except its record: list of Path."""
+        absent = {"record", *(name for name in SPECTRAL_FILES if not request.writes(name)),
+                  *(PINHOLE_FILES if request.traced else ())}
+        raw = [self.raw] if request.camera and request.dng else []
+        return [getattr(self, name) for name in FRAME_FILES if name not in absent] + raw
 
-    @property
-    def _raw_if_any(self):
-        return [self.raw] if self.raw.exists() else []
+    def remove(self, *names):
+        """Remove files of the frame that an earlier render may have left, and that this one does not write."""
+        for name in names:
+            discard(getattr(self, name))
+            self.report.files.pop(name, None)
+
+    def leave_out(self, name):
+        """Remove a spectral file that the request leaves out, as the report states."""
+        self.remove(name)
+        self.report.left_out.append(name)
 
     @property
     def files(self):
-        """All files; a raw file if there is one, which a job writes again or removes."""
-        return *(getattr(self, name) for name in (*FRAME_FILES, *LENS_FILES)), *self._raw_if_any
+        """All files; a raw file if there is one. A job writes them again or removes them."""
+        raw = [self.raw] if self.raw.exists() else []
+        return *(getattr(self, name) for name in (*FRAME_FILES, *LENS_FILES)), *raw
 
     @property
     def messages(self):

@@ -97,7 +97,7 @@ class Animation:
             return False
         with _named(frame):
             job = self._job(frame)
-        record = read_record(result.record, recorded_fields(job), result.pictures)
+        record = read_record(result.record, recorded_fields(job), result.written_by(job))
         if record is None:
             return False
         self.builds[frame] = record["build"]

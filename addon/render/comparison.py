@@ -307,7 +307,7 @@ def _capture_of(scene, squeeze, jobs):
     """The Capture for lenses of a squeeze: dict of folder to (Cell, Job)."""
     fields = {name: {"lens": cell.lens, "view": CAMERA_VIEW, "options": job.options, "stray": job.stray,
                      "iris": job.iris, "lens_quality": job.lens_quality or job.spectral.tier, "look": job.look,
-                     "view_settings": job.view_settings, "depth": OFF if job.depth == OFF else AUTO,
+                     "view_settings": job.view_settings, "files": job.files, "depth": OFF if job.depth == OFF else AUTO,
                      **ring_fields(cell.rings)} for name, (cell, job) in jobs.items()}
     with squeezed_frame(scene, squeeze):
         job = _shared_job(scene, [job for _, job in jobs.values()])

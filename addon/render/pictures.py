@@ -25,17 +25,13 @@ def write_radiance(captured, path, attributes):
               captured.layers, outside=captured.outside, attributes=attributes)
 
 
-def write_irradiance(irradiance, stray, result, attributes=None):
-    """Write an irradiance with the stray light in it, and the latter for compositors: black for None.
-
-    A film without a radiance file states its `attributes` (dict of str) here.
-    """
-    write_exr(irradiance, result.irradiance, stray=stray, attributes=attributes)
-    shown = np.zeros((*irradiance.frame_px, 3), np.float32) if stray is None else to_rec709(stray)
-    write_picture_exr(shown, result.stray)
+def write_stray(stray, frame_px, result):
+    """Write the stray light in a lens image of this size for compositors: black for None."""
+    write_picture_exr(np.zeros((*frame_px, 3), np.float32) if stray is None else to_rec709(stray), result.stray)
 
 
-def write_pictures(captured, irradiance, after, exposure, light_exposure, look, lens, options, iris, result):
+def write_pictures(captured, irradiance, after, exposure, light_exposure, look, attributes, lens, options, iris,
+                   result):
     """Write the lens image and its planes; and PNGs of the frame through a perfect pinhole and through the lens, which
     have the same exposure unless the latter is a camera's.
 
@@ -49,6 +45,8 @@ def write_pictures(captured, irradiance, after, exposure, light_exposure, look, 
         Exposures in sRGB of the PNGs of the lens image and of the pinhole picture.
     look : Look or None
         Of both; None for sRGB.
+    attributes : dict of str or None
+        Of the lens image's file, if no spectral file states them.
     lens : Lens
     options : Options
     iris : Iris or None
@@ -58,7 +56,7 @@ def write_pictures(captured, irradiance, after, exposure, light_exposure, look, 
     frame = irradiance.grid
     after = captured.cut_picture(after)  # a camera's has noise everywhere
     planes = planes_through_lens(captured, lens, options, iris)
-    write_picture_exr(after, result.lens_image, captured.cut(planes.get(ALPHA, np.ones(frame.shape_px))))
+    write_picture_exr(after, result.lens_image, captured.cut(planes.get(ALPHA, np.ones(frame.shape_px))), attributes)
     write_plane_exr(planes[DEPTH], result.depth)
     _write_lens_planes(lens, frame, result)
     before = pinhole_view(np.moveaxis(to_rec709(captured.radiance), -1, 0), lens, captured.radiance.grid)
@@ -66,18 +64,18 @@ def write_pictures(captured, irradiance, after, exposure, light_exposure, look, 
     write_shown(after, result.after, exposure, look)
 
 
-def write_film_pictures(film, irradiance, picture, exposure, _, look, lens, result):
+def write_film_pictures(film, irradiance, picture, exposure, _, look, attributes, lens, result):
     """Write the lens image and its planes, for a film that was rendered through the lens itself.
 
     Parameters
     ----------
     film : Captured
-    irradiance, picture, exposure, look, lens, result
+    irradiance, picture, exposure, look, attributes, lens, result
         As in `write_pictures`.
     """
     frame, picture = irradiance.grid, film.cut_picture(picture)
     alpha = np.ones(frame.shape_px) if film.alpha is None else film.alpha
-    write_picture_exr(picture, result.lens_image, film.cut(alpha))
+    write_picture_exr(picture, result.lens_image, film.cut(alpha), attributes)
     write_plane_exr(film.depth_m, result.depth)
     _write_lens_planes(lens, frame, result)
     write_shown(picture, result.after, exposure, look)

@@ -19,6 +19,7 @@ from ...engine.lens.formats import format_mm
 from ...engine.lens.iris import opening
 from ...engine.lens.pinhole import fitting_pitch_um
 from ...engine.library import clamped_rings, fits_all_frames, has_rings, iris_is_visible, pinhole_of, prescription_of
+from ...engine.pictures.frame_record import check_left_out
 from ...engine.pictures.spectral_exr import (
     read_attribute,
     read_header,
@@ -35,7 +36,7 @@ from ...engine.rays.rings import Rings, resized_rings
 from ...engine.runtime.errors import absence
 from ...engine.runtime.files import check_target, discard, file_status, link_or_copy, stamp_of
 from ...engine.simulation.report_parts import FileFacts
-from ...request import CAMERA, CAMERA_FIELDS, RING_FIELDS, RenderRequest
+from ...request import CAMERA, CAMERA_FIELDS, RADIANCE, RING_FIELDS, RenderRequest
 from ..capture.captured import Captured, planes_of
 from ..capture.remarks import ROUND_BLUR
 from ..capture.slabs import finer_region
@@ -56,7 +57,7 @@ from .render import lens_steps, run
 
 APPLIED_DEPTHS = AUTO, OFF
 APPLIED_FIELDS = ("lens", "output_folder", "options", "stray", "view", *RING_FIELDS, "iris", "lens_quality",
-                  "depth", "look", "view_settings", *CAMERA_FIELDS)
+                  "depth", "files", "look", "view_settings", *CAMERA_FIELDS)
 STANDARD = "standard"  # quality
 MOST_MISSING = 0.02  # of the frame's longer side: overscan that is made up by repeating edges
 SAME = 0.005  # relative difference in sensor size up to which a lens counts as having its own view
@@ -65,7 +66,7 @@ SAME = 0.005  # relative difference in sensor size up to which a lens counts as 
 def apply_lens(radiance, *, progress=None, **given):
     """Put a render's stored radiance through another lens, or through the same one at other settings.
 
-    All files except the radiance are written again.
+    All files except the radiance are written again, or removed if `files` leaves them out.
 
     Parameters
     ----------
@@ -75,7 +76,7 @@ def apply_lens(radiance, *, progress=None, **given):
     given : by name
         Fields of a `RenderRequest`: `lens`, and optionally `output_folder` (by default with the radiance), `options`,
         `stray`, `view`, `focus`, `f_number`, `focused_wide_open`, `tilt_deg`, `copy`, `copy_grade`, `coating`, `iris`,
-        `lens_quality`, `depth`, `look`, `view_settings` (by default from the file), and the fields of a
+        `lens_quality`, `depth`, `files`, `look`, `view_settings` (by default from the file), and the fields of a
         camera.
 
     Returns
@@ -110,6 +111,7 @@ def saved_radiance(scene):
     if not file_status(path):
         _link_renamed(scene, path)
     _check_origin(scene, path)
+    check_left_out(path, RADIANCE)
     if not file_status(path):
         raise InputError(path, "radiance file", absence(path), "render through the lens first")
     (left, top), (right, bottom) = read_parts(path, header_only=True)[0][0]["displayWindow"]
@@ -158,7 +160,7 @@ def applied_fields(scene, request):
     """The fields of a scene's request for `apply_lens`, with its camera's focus, f-stop and iris; with layers of depth
     unless depth is off."""
     return {"lens": request.lens, "view": request.view, "options": request.options, "stray": request.stray,
-            "lens_quality": request.spectral.tier, "look": request.look,
+            "lens_quality": request.spectral.tier, "files": request.files, "look": request.look,
             "view_settings": look_text(look_of(scene)), "depth": OFF if request.depth == OFF else AUTO,
             "iris": scene_iris(scene, request.lens), **{name: getattr(request, name) for name in CAMERA_FIELDS},
             **ring_fields(rings_for(scene, request.lens))}
@@ -235,7 +237,10 @@ def stored_radiance(path):
     ------
     ImageError
         An older Lensfield wrote the file.
+    InputError
+        The render did not write it.
     """
+    check_left_out(path, RADIANCE)
     radiance, names = read_header(path)
     if radiance.focal_mm is None or "Z" not in names:
         raise ImageError(path, "lensfield:focalMm", "missing", "an older Lensfield wrote the file: render again")

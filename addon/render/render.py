@@ -6,11 +6,12 @@ from functools import cache
 import bpy
 
 from ...engine import ChannelCache
-from ...engine.image.spectral_image import IRRADIANCE
 from ...engine.pictures.frame_record import write_record
+from ...engine.pictures.spectral_exr import write_exr
 from ...engine.runtime.files import discard
 from ...engine.runtime.locks import only_writer
 from ...engine.simulation.lens_image import lens_image
+from ...request import IRRADIANCE, RADIANCE
 from ..capture.finished_passes import remove_passes
 from ..capture.radiance import capture
 from ..capture.scene_plan import check_job
@@ -28,7 +29,7 @@ from ..scene.render_state import go_to_frame
 from ..scene.requirements import check_scene
 from ..scene.undo import Journal
 from ..scene.watch import samples_watched
-from .pictures import write_film_pictures, write_irradiance, write_pictures, write_radiance
+from .pictures import write_film_pictures, write_pictures, write_radiance, write_stray
 
 RENDER_SHARE = 0.85  # of the progress bar; the rest is for the engine and the files
 WRITING = 0.96  # of the progress bar, when the files are about to be written
@@ -143,10 +144,14 @@ def render_steps(scene, job, one=None):
     if job.traced:
         yield from _film_steps(captured, job, result, attributes)
     else:
-        yield Work(_timed(report, "write radiance", lambda _: write_by(captured, result.radiance, attributes)),
-                   "Writing radiance", RENDER_SHARE)
-        yield from lens_steps(captured, job.lens, job, job.iris, result, RENDER_SHARE + 0.02)
-    write_record(result.record, recorded_fields(job), result.pictures,
+        if job.writes(RADIANCE):
+            yield Work(_timed(report, "write radiance", lambda _: write_by(captured, result.radiance, attributes)),
+                       "Writing radiance", RENDER_SHARE)
+            attributes = None
+        else:
+            result.leave_out(RADIANCE)
+        yield from lens_steps(captured, job.lens, job, job.iris, result, RENDER_SHARE + 0.02, attributes)
+    write_record(result.record, recorded_fields(job), result.written_by(job),
                  result.report.as_dict() | {"state": job.state})
     if one is None:
         remove_passes(scene, job.output_folder, job.frame)
@@ -162,10 +167,11 @@ def attributes_of(scene, job):
     return attribute_of(origin_of(scene, job.output_folder, job.state)) | {LOOK: job.view_settings}
 
 
-def lens_steps(captured, lens, request, iris, result, fraction):
+def lens_steps(captured, lens, request, iris, result, fraction, attributes=None):
     """Steps that put a Captured through a lens and write the resulting files; `fraction` of the job is finished.
 
-    The RenderRequest gives the options, the stray light and the camera.
+    The RenderRequest gives the options, the stray light, the camera and the files. `attributes` (dict of str) are those
+    of light that no radiance file states.
     """
     report = result.report
     discard(result.record)  # the files that it describes are about to change
@@ -176,7 +182,7 @@ def lens_steps(captured, lens, request, iris, result, fraction):
     irradiance, stray = (image and replace(image, cube=captured.cut(image.cube)) for image in images)
     yield from _file_steps(irradiance, stray, lens, request, result,
                            lambda *shown: write_pictures(captured, irradiance, *shown, lens, request.options, iris,
-                                                         result))
+                                                         result), attributes)
 
 
 def _film_steps(film, job, result, attributes):
@@ -184,28 +190,36 @@ def _film_steps(film, job, result, attributes):
     lens = job.lens
     irradiance = replace(film.radiance, cube=film.cut(film.radiance.cube), quantity=IRRADIANCE, lens_name=lens.name,
                          f_number_effective=lens.f_number_effective, focal_mm=None)
-    for name in PINHOLE_FILES:  # an earlier render may have left them
-        discard(getattr(result, name))
-        del result.report.files[name]
+    result.remove(*PINHOLE_FILES)
     yield from _file_steps(irradiance, None, lens, job, result,
                            lambda *shown: write_film_pictures(film, irradiance, *shown, lens, result), attributes)
 
 
 def _file_steps(irradiance, stray, lens, request, result, write_its_pictures, attributes=None):
-    """Steps that write an irradiance and its stray light, take a picture with the request's camera, and write what
-    pictures show."""
+    """Steps that write an irradiance, take a picture with the request's camera, and write what pictures show.
+
+    The first file states the `attributes`.
+    """
     report = result.report
-    yield Work(_timed(report, "write irradiance", lambda _: write_irradiance(irradiance, stray, result, attributes)),
-               "Writing irradiance", WRITING)
+    if request.writes(IRRADIANCE):
+        yield Work(_timed(report, "write irradiance", lambda _: write_exr(irradiance, result.irradiance, stray=stray,
+                                                                          attributes=attributes)),
+                   "Writing irradiance", WRITING)
+        attributes = None
+    else:
+        result.leave_out(IRRADIANCE)
     raw = None
     if request.camera:
         raw = yield Work(_timed(report, "camera", lambda _: take_photo(request, irradiance, lens, result)),
                          "Taking the picture", 0.97)
     if raw is None or not request.dng:
-        discard(result.raw)  # an earlier render may have left one
-    yield Work(_timed(report, "write pictures", lambda _: write_its_pictures(*shown_picture(request, irradiance, raw),
-                                                                                    look_for(request))),
-               "Writing pictures", 0.98)
+        result.remove("raw")
+
+    def write(_):
+        write_stray(stray, irradiance.frame_px, result)
+        write_its_pictures(*shown_picture(request, irradiance, raw), look_for(request), attributes)
+
+    yield Work(_timed(report, "write pictures", write), "Writing pictures", 0.98)
 
 
 def _timed(report, stage, call):

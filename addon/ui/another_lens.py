@@ -26,7 +26,7 @@ class LENSFIELD_OT_apply_lens(LensRender, bpy.types.Operator):
             return False
         if may_have_radiance(context.scene):
             return True
-        cls.poll_message_set("Render this frame through the lens first")
+        cls.poll_message_set("Render this frame through the lens first, with its radiance among the Spectral Files")
         return False
 
     def render(self, scene):

@@ -396,6 +396,7 @@ def _draw_quality(layout, scene):
 def _draw_output(layout, scene):
     settings = scene.lensfield
     layout.prop(settings, "output_folder")
+    layout.prop(settings, "files")
     if is_temporary(settings.output_folder):
         draw_wrapped(layout.column(align=True), f"File not saved: pictures go to {folder_for(scene)}", "INFO")
     if facts := _facts(scene):

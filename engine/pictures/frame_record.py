@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from ..runtime.build_identity import build_identity, software
-from ..runtime.errors import ImageError
+from ..runtime.errors import ImageError, InputError
 from ..runtime.files import atomic_path, file_status
 from .spectral_exr import read_parts
 
+RECORD_END = "report.json"  # of the name of a rendered frame's record
 SIGNATURES = {".png": b"\x89PNG\r\n\x1a\n", ".dng": b"II*\0"}
 
 
@@ -37,20 +38,36 @@ def write_record(record: Path, job: dict[str, Any], files: Iterable[Path],
 
 
 def read_record(record: Path, job: dict[str, Any], files: Iterable[Path]) -> dict[str, Any] | None:
-    """The contents of a frame's record if its files have their recorded sizes and their headers, and come from this
-    job; else None.
+    """The contents of a frame's record if these files have their recorded sizes and their headers, and come from this
+    job; else None. The frame may have more files.
 
     Its "build" identifies the build that wrote the files, which may differ from this one.
     """
-    files = list(files)
+    files, contents = list(files), _contents(record)
+    sizes = contents.get("sizes")
+    finished = (isinstance(contents.get("build"), str) and contents.get("job") == job and isinstance(sizes, dict)
+                and _sizes(files).items() <= sizes.items()
+                and all(has_header(path) for path in files if path.is_file()))
+    return contents if finished else None
+
+
+def check_left_out(path: Path, kind: str) -> None:
+    """Raise an InputError if a spectral file of a frame, "radiance" or "irradiance", is missing because its render left
+    it out, as `--files` requested."""
+    if not path.exists():
+        left_out = _contents(path.with_name(path.name.removesuffix(f"{kind}.exr") + RECORD_END)).get("left_out")
+        if isinstance(left_out, list) and kind in left_out:
+            raise InputError(path, f"{kind} file", "left out of the frame's files",
+                             f"write the frame again with --files {kind} or all")
+
+
+def _contents(record):
+    """The contents of a record; an empty dict if it is missing or damaged."""
     try:
         contents = json.loads(record.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
-        return None
-    finished = (isinstance(contents, dict) and isinstance(contents.get("build"), str) and contents.get("job") == job
-                and contents.get("sizes") == _sizes(files)
-                and all(has_header(path) for path in files if path.is_file()))
-    return contents if finished else None
+        return {}
+    return contents if isinstance(contents, dict) else {}
 
 
 def _sizes(files):

@@ -156,8 +156,10 @@ def _header(image):
     return header
 
 
-def write_picture_exr(rec709: np.ndarray, path: str | os.PathLike, alpha: np.ndarray | None = None) -> None:
-    """Write a linear Rec. 709 picture (row, column, 3), with the alpha that it is premultiplied by, as an RGB EXR.
+def write_picture_exr(rec709: np.ndarray, path: str | os.PathLike, alpha: np.ndarray | None = None,
+                      attributes: dict[str, str] | None = None) -> None:
+    """Write a linear Rec. 709 picture (row, column, 3), with the alpha that it is premultiplied by, as an RGB EXR, with
+    further attributes of the header.
 
     It is for programs that read a spectral file's channels as layers, as Blender does. It is in half precision, unless
     it is brighter than that can be. The file appears complete or not at all.
@@ -165,7 +167,7 @@ def write_picture_exr(rec709: np.ndarray, path: str | os.PathLike, alpha: np.nda
     planes = _rgb_planes(rec709) | ({} if alpha is None else {"A": alpha})
     if np.abs(rec709).max() <= MOST_HALF:
         planes = {name: plane.astype(np.float16) for name, plane in planes.items()}
-    _write_zipped(planes, path)
+    _write_zipped(planes, path, attributes)
 
 
 def write_rgb_exr(values: np.ndarray, path: str | os.PathLike) -> None:
@@ -187,8 +189,8 @@ def write_planes_exr(planes: dict[str, np.ndarray], path: str | os.PathLike, att
     _write([("", attributes | {"compression": OpenEXR.NO_COMPRESSION, "type": OpenEXR.scanlineimage}, planes)], path)
 
 
-def _write_zipped(planes, path):
-    header = {"compression": RGB_COMPRESSION, "type": OpenEXR.scanlineimage}
+def _write_zipped(planes, path, attributes=None):
+    header = {"compression": RGB_COMPRESSION, "type": OpenEXR.scanlineimage} | (attributes or {})
     _write([("", header, planes)], path)
 
 

@@ -38,6 +38,8 @@ class Report:
         Facts about the scene or the file, about the lens image, and so on.
     files : dict of str: str
         Paths of the files written, by kind.
+    left_out : list of str
+        Kinds of spectral files that the request left out.
     frames : dict of int: Report
         For a sequence, the reports by frame number; the sequence has no other facts.
     earlier : dict of int: dict
@@ -59,6 +61,7 @@ class Report:
     stages: dict[str, float] = field(default_factory=dict)
     parts: Parts = field(default_factory=Parts)
     files: dict[str, str] = field(default_factory=dict)
+    left_out: list[str] = field(default_factory=list)
     frames: dict[int, "Report"] = field(default_factory=dict)
     earlier: dict[int, dict] = field(default_factory=dict)
     _started: list[float] = field(default_factory=list, repr=False)
@@ -122,6 +125,8 @@ class Report:
             facts |= part.as_dict()
         if self.files:
             facts["files"] = dict(self.files)
+        if self.left_out:
+            facts["left_out"] = list(self.left_out)
         frames = {number: {"frame": number} | report.as_dict() for number, report in self.frames.items()}
         frames |= {number: {"frame": number, "earlier": True} | report for number, report in self.earlier.items()}
         if frames:

@@ -92,7 +92,7 @@ def test_a_work_folder_that_disappears_is_reported(scene, tmp_path, work, monkey
 def test_no_room_for_a_picture_leaves_no_partial_file(scene, tmp_path, work):
     set_world(scene)
     result = render(scene, tmp_path)
-    sizes = {path: path.stat().st_size for path in result.pictures}
+    sizes = {path: path.stat().st_size for path in set(result.files) - {result.record}}
     shutil.rmtree(tmp_path / "out")
     most = max(sizes, key=sizes.get)
     with room_for(sizes[most] - 1):

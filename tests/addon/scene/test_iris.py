@@ -84,7 +84,7 @@ def test_blades_can_be_keyframed_and_are_recorded(scene, blades, tmp_path):
     result = addon.render_through_lens(scene, output_folder=tmp_path, **options)
     for changed, finished in (({"state": ""}, True), ({"iris": Iris(7)}, False)):
         job = recorded_fields(replace(jobs[0], **changed))
-        assert bool(read_record(result.record, job, result.pictures)) == finished
+        assert bool(read_record(result.record, job, result.written_by(jobs[0]))) == finished
     assert json.loads(result.record.read_text())["job"]["iris"]["blades"] == 6
 
 
