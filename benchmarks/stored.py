@@ -42,15 +42,21 @@ def files(folders=("build/noisy",)) -> Iterator[str]:
 
 
 def _exr_rows(path, copy):
-    """The rows of an EXR, by precision and codec; of spectra, also with their lower half black."""
-    planes = read_parts(path)[0][1]
+    """The rows of an EXR's parts, except for layers of depth."""
+    for header, planes in read_parts(path):
+        if not header.get("name", "").startswith("layer."):
+            yield from _part_rows(header.get("name", ""), planes, is_spectral(path), copy)
+
+
+def _part_rows(name, planes, spectral, copy):
+    """The rows of a part, by precision and codec; of spectra, also with their lower half black."""
     light = [name for name in planes if channel_wavelength_nm(name) is not None or name in "RGBY"]
     tiny = np.mean([np.mean((plane != 0) & (np.abs(plane) < LEAST_HALF)) for plane in map(planes.get, light)])
     largest = max(np.abs(planes[name]).max() for name in light)
-    yield f"  {len(planes)} channels; tiny: {tiny:.1%}; largest: {largest:.3g}"
+    yield f"  {name or 'picture'}: {len(planes)} channels; tiny: {tiny:.1%}; largest: {largest:.3g}"
     for precision in PRECISIONS:
         yield from _coded_rows(planes, light, precision, LOSSLESS | LOSSY, copy)
-    if is_spectral(path):
+    if spectral:
         yield "  with its lower half black"
         yield from _coded_rows({name: np.where(np.arange(len(plane))[:, None] < len(plane) // 2, plane, 0)
                                 for name, plane in planes.items()}, light, "float", LOSSLESS, copy)

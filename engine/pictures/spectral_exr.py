@@ -40,6 +40,7 @@ PREFIX = dict(Y=1e24, Z=1e21, E=1e18, P=1e15, T=1e12, G=1e9, M=1e6, k=1e3, h=1e2
 # Spectra are in single precision, because half precision has few digits for dim light. Their noise hardly compresses:
 # ZIP and PIZ save 8 to 25 % in four times the time. Run-length encoding compresses black areas.
 SPECTRAL_COMPRESSION, RGB_COMPRESSION = OpenEXR.RLE_COMPRESSION, OpenEXR.ZIP_COMPRESSION
+STRAY_COMPRESSION = OpenEXR.PXR24_COMPRESSION  # a fifth of the bytes, because it is smooth; rounds to 1 part in 65,000
 MOST_HALF = float(np.finfo(np.float16).max)
 ARBITRARY = "arbitrary"
 SPEED_OF_LIGHT_M_S = 299792458.0
@@ -88,7 +89,7 @@ def write_exr(image: SpectralImage, path: str | os.PathLike, other_planes: dict[
     outside : Sources, optional
         Sources of stray light beyond the picture's edges, written as in `stored_sources.py`.
     stray : SpectralImage, optional
-        The stray light that the image contains.
+        The stray light that the image contains; rounded by up to 1.5e-5 of its value in the file.
     attributes : dict of str, optional
         Further attributes of the header, for `read_attribute`.
     """
@@ -97,8 +98,8 @@ def write_exr(image: SpectralImage, path: str | os.PathLike, other_planes: dict[
     parts = [(image.quantity, _header(image) | sources_attribute(outside) | (attributes or {}), planes),
              *(_layer_parts(layered, path) if layered else ())]
     if stray:
-        parts.append((STRAY_PART, _header(stray), _spectral_planes(stray.cube, stray.wavelengths_nm, path)
-                      | _rgb_planes(to_rec709(stray))))
+        parts.append((STRAY_PART, _header(stray) | {"compression": STRAY_COMPRESSION},
+                      _spectral_planes(stray.cube, stray.wavelengths_nm, path) | _rgb_planes(to_rec709(stray))))
     _write(parts, path)
     for each in (image, *(layered.layers if layered else ()), *((stray,) if stray else ())):
         release_memory(each.cube)
