@@ -21,6 +21,10 @@
 # make long-runs   check that 200 previews, 50 renders and 50 registrations do not increase the memory (ten minutes)
 # make bench       measure the engine's time and memory, compared with the paper's method: build/bench; and the whole
 #                  job, from the scene to the lens image, compared with a plain render (fifteen minutes)
+# make bench-device  measure complete jobs on the CPU and on each GPU that Cycles finds: wall-clock and processor seconds,
+#                  seconds outside Cycles, multiples of a plain render; the table is printed and in build/device.md, all
+#                  figures in build/device.json (minutes on a GPU); DEVICES="cpu optix" selects some, SIZE=192x144 and
+#                  SAMPLES=4 make it short
 # make bench-all   make bench, then the paper's method at equal error, supersampling, the cost of a scene, and the noise
 #                  and bias of passes with few samples (an hour)
 # make validate    compare the Cornell box and a ghost with Mitsuba 3, and lenses with rays traced through them (ten
@@ -78,6 +82,9 @@ EXCEPT =
 
 TESTS ?= tests/addon
 COUNT ?= 1500
+DEVICES ?=
+SIZE ?= 768x576
+SAMPLES ?= 64
 ROUNDS ?= 100
 BLENDER ?= blender
 GENERATION ?= blender5.1
@@ -103,7 +110,7 @@ LINT = .venv-lint
 RELEASE = .venv-release
 LOCK = packaging/lock-5.0.1.txt
 
-.PHONY: demo kernels test heavy fuzz long-runs kill-test test-kernels test-engine test-blender ui-test bench bench-all validate validate-sensor validate-raw scenes extension release test-bake test-sensor test-farm stop-places glasses lenses lens-pictures hero camera-pictures cameras tables bench-tables \
+.PHONY: demo kernels test heavy fuzz long-runs kill-test test-kernels test-engine test-blender ui-test bench bench-device bench-all validate validate-sensor validate-raw scenes extension release test-bake test-sensor test-farm stop-places glasses lenses lens-pictures hero camera-pictures cameras tables bench-tables \
         test-numpy ci lint lock
 
 demo: $(READY) kernels
@@ -165,6 +172,9 @@ long-runs: $(READY) kernels
 bench: $(READY) kernels
 	$(VENV)/bin/python benchmarks/figures.py bench
 	$(VENV)/bin/python -W ignore benchmarks/figures.py job
+
+bench-device: $(READY) kernels
+	$(VENV)/bin/python -W ignore benchmarks/figures.py device $(DEVICES) --size $(SIZE) --samples $(SAMPLES)
 
 bench-all: bench
 	$(VENV)/bin/python benchmarks/figures.py accuracy

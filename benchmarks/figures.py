@@ -23,6 +23,7 @@ MODULES = {
     "processes": ("start", "memory", "large", "farm", "film"),
     "stored": ("files",),
     "captures": ("scene", "noise", "detail"),
+    "devices": ("device",),
     "jobs": ("job", "projection", "preview"),
     "upsampling": ("upsampling",),  # in the environment of make tables
 }

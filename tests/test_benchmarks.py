@@ -37,6 +37,19 @@ def test_the_whole_job_is_measured_by_stages():
     assert "of 8 samples" in facts["samples"]
 
 
+def test_jobs_are_measured_on_a_device(tmp_path):
+    command = [sys.executable, "-W", "ignore", "figures.py", "device", "cpu", "--size", "24x18", "--samples", "1",
+               "--rounds", "1", "--jobs", "preview", "--output", tmp_path / "device"]
+    printed = subprocess.run(command, cwd=BENCHMARKS, check=True, capture_output=True, text=True).stdout
+    figures = json.loads((tmp_path / "device.json").read_text())["devices"]["CPU"]
+    assert list(figures) == ["plain render", "preview"]
+    for each in figures.values():
+        assert each["renders"] == 1 and 0 < each["outside_wall_s"] < each["wall_s"]
+    assert figures["preview"]["times_wall"] == figures["preview"]["wall_s"] / figures["plain render"]["wall_s"]
+    table = (tmp_path / "device.md").read_text()
+    assert "**CPU**" in table and "| preview |" in table and "\npreview " in printed
+
+
 def test_cost_noise_and_bias_of_few_samples_are_measured():
     """The Cornell box, in passes of 8 of 16 samples at most: too small for its limits."""
     printed = subprocess.run([sys.executable, "-W", "ignore", "figures.py", "noise", "cornell", "--size", "32x32",
