@@ -151,6 +151,8 @@ def _of_device(scene, job):
     elif kind == devices.CPU and scene.cycles.device == "GPU" and job.device == devices.AUTO:
         yield Remark("Device", "GPU Compute", "the CPU renders instead",
                      "install a driver for a GPU, or choose one in Preferences > System")
+    elif kind != devices.CPU and scene.cycles.device == "GPU" and job.denoises and not scene.cycles.denoising_use_gpu:
+        yield Remark("Denoise", "", "by the CPU, and the GPU waits", "turn on its Use GPU unless memory is short")
 
 
 def _of_traced_lens(scene, job):

@@ -8,6 +8,7 @@ import pytest
 from lensfield import addon
 from lensfield.addon.render.preflight import preflight
 from lensfield.addon.scene import devices
+from lensfield.addon.scene.denoise import denoise_quickly
 from lensfield.addon.scene.devices import CPU, device_of, device_text, use_device
 from lensfield.addon.scene.undo import Journal
 from lensfield.engine import InputError
@@ -64,6 +65,22 @@ def test_a_gpu_that_does_not_exist_is_remarked(lit_scene, cards, tmp_path):
         assert any(words in each for each in remarks) == (lit_scene.cycles.device == "GPU")
     remarks = map(str, preflight(lit_scene, output_folder=tmp_path, device="cpu").remarks)
     assert not any(words in each for each in remarks), "it was asked for"
+
+
+@pytest.mark.parametrize("denoise, use_gpu, said", [("on", False, True), ("on", True, False), ("off", False, False)])
+def test_denoising_by_the_cpu_is_remarked_if_the_gpu_renders(lit_scene, cards, tmp_path, denoise, use_gpu, said):
+    cards(cuda=["A card"])
+    lit_scene.cycles.device, lit_scene.cycles.denoising_use_gpu = "GPU", use_gpu
+    remarks = map(str, preflight(lit_scene, output_folder=tmp_path, denoise=denoise, device="cuda").remarks)
+    assert any("Denoise: by the CPU" in each for each in remarks) == said
+
+
+def test_previews_are_denoised_on_the_device_that_renders(scene):
+    for scene.cycles.device in ("CPU", "GPU"):
+        scene.cycles.denoising_use_gpu = scene.cycles.device == "CPU"
+        with Journal() as journal:
+            denoise_quickly(scene, journal)
+            assert scene.cycles.denoising_use_gpu == (scene.cycles.device == "GPU")
 
 
 def test_the_report_of_a_render_remarks_on_it_too(lit_scene, cards, tmp_path):
