@@ -1,5 +1,7 @@
 """The pictures of a job: the lens image with its alpha, its planes for compositors, and the view without the lens."""
 
+import hashlib
+
 import numpy as np
 
 from ...engine.field.frame_planes import nearest_samples, pinhole_view, relative_illumination
@@ -7,14 +9,16 @@ from ...engine.field.stmap import distort_map, undistort_map
 from ...engine.image.planes import COVERAGE, NEAREST
 from ...engine.inspection.curves import reference_nm
 from ...engine.pictures.preview import to_rec709
-from ...engine.pictures.spectral_exr import write_exr, write_picture_exr, write_plane_exr, write_rgb_exr
-from ...engine.runtime.files import stamp_of
+from ...engine.pictures.spectral_exr import read_attribute, write_exr, write_picture_exr, write_plane_exr, write_rgb_exr
+from ...engine.runtime.build_identity import build_identity
+from ...engine.runtime.errors import ImageError
+from ...engine.runtime.files import file_status
 from ...engine.simulation.coverage import coverage
 from ..capture.captured import ALPHA, DEPTH
 from ..job.shown import write_shown
 
 REGION = "region"  # the channel of Blender's render region
-_written = {}  # by path: the lens and frame that it is for, and its stamp
+MADE_OF = "lensfield:of"  # attribute of a plane: a digest of the lens, the frame and the build
 
 
 def write_radiance(captured, path, attributes):
@@ -89,11 +93,17 @@ def _write_lens_planes(lens, frame, result):
 
 
 def _write_once(path, make, write, lens, frame, nm):
-    """Write a plane that depends on the lens alone, unless this process has written it and the file is unchanged."""
-    of = lens.digest, frame, nm
-    if _written.get(path) != (of, stamp_of(path)):
-        write(make(lens, frame, nm), path)
-        _written[path] = of, stamp_of(path)
+    """Write a plane that depends on the lens alone, unless the file's header says that it is the same."""
+    of = hashlib.sha256(repr((lens.digest, frame, nm, build_identity())).encode()).hexdigest()
+    if not _is_of(path, of):
+        write(make(lens, frame, nm), path, {MADE_OF: of})
+
+
+def _is_of(path, of):
+    try:
+        return bool(file_status(path)) and read_attribute(path, MADE_OF) == of
+    except ImageError:  # damaged
+        return False
 
 
 def planes_through_lens(captured, lens, options, iris=None):

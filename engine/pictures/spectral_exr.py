@@ -171,15 +171,16 @@ def write_picture_exr(rec709: np.ndarray, path: str | os.PathLike, alpha: np.nda
     _write_zipped(planes, path, attributes)
 
 
-def write_rgb_exr(values: np.ndarray, path: str | os.PathLike) -> None:
-    """Write an array (row, column, 3) as the R, G and B of an EXR in single precision, which appears complete or not at
-    all."""
-    _write_zipped(_rgb_planes(values), path)
+def write_rgb_exr(values: np.ndarray, path: str | os.PathLike, attributes: dict[str, str] | None = None) -> None:
+    """Write an array (row, column, 3) as the R, G and B of an EXR in single precision, with further attributes of the
+    header. The file appears complete or not at all."""
+    _write_zipped(_rgb_planes(values), path, attributes)
 
 
-def write_plane_exr(plane: np.ndarray, path: str | os.PathLike) -> None:
-    """Write numbers (row, column) as an EXR with the single channel Y, which appears complete or not at all."""
-    _write_zipped({"Y": plane}, path)
+def write_plane_exr(plane: np.ndarray, path: str | os.PathLike, attributes: dict[str, str] | None = None) -> None:
+    """Write numbers (row, column) as an EXR with the single channel Y, with further attributes of the header. The file
+    appears complete or not at all."""
+    _write_zipped({"Y": plane}, path, attributes)
 
 
 def write_planes_exr(planes: dict[str, np.ndarray], path: str | os.PathLike, attributes: dict[str, str]) -> None:
