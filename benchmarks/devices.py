@@ -22,7 +22,7 @@ from lensfield.addon.scene.devices import CPU, devices_present, use_device
 from lensfield.addon.scene.undo import Journal
 from lensfield.commands.terminal import quiet
 
-LAYERED, APPLY, TURNED = "standard, layers", "apply", "turned ring"
+LAYERED, APPLY, TURNED = "standard in layers", "apply", "turned ring"
 RENDERS = {"preview": ("PREVIEW", "off"), "standard": ("STANDARD", "off"), LAYERED: ("STANDARD", "auto"),
            "reference": ("REFERENCE", "off")}  # tier and depth
 NAMES = PLAIN, *RENDERS, APPLY, TURNED
@@ -50,7 +50,7 @@ def device(devices=(), *, size: str = "768x576", samples: int = 64, lens: str = 
     """
     if one:
         yield from map(json.dumps, _jobs(one, size, samples, lens, rounds, jobs))
-        return
+        os._exit(0)  # some of Blender's wheels crash while the interpreter exits
     present = [CPU, *devices_present()]
     if unknown := {*devices}.difference(present) | {*jobs}.difference(NAMES):
         sys.exit(f"{', '.join(unknown)}: expected devices among {', '.join(present)}; jobs among {', '.join(NAMES)}")
@@ -58,13 +58,15 @@ def device(devices=(), *, size: str = "768x576", samples: int = 64, lens: str = 
     yield f"{facts['machine']}\n{SCENE.name}, {size} px, {samples} samples, {lens}; devices: {', '.join(present)}"
     for name in devices or present:
         yield f"\n{name}\n{'':<17}" + "".join(f"{title:>9}" for title in COLUMNS.values())
-        for job in _in_process(name):
-            figures = facts["devices"].setdefault(job.pop("device"), {})
-            figures[job.pop("job")] = job
-            plain, (label, last) = figures[PLAIN], [*figures.items()][-1]
-            last |= {f"times_{kind}": last[f"{kind}_s"] / plain[f"{kind}_s"] for kind in ("wall", "cpu")}
-            _write(facts, Path(output))
-            yield f"{label:<17}" + "".join(f"{last[column]:9.2f}" for column in COLUMNS)
+        try:
+            for job in _in_process(name):
+                label, figures = job.pop("job"), facts["devices"].setdefault(job.pop("device"), {})
+                figures[label] = job
+                job |= {f"times_{kind}": job[f"{kind}_s"] / figures[PLAIN][f"{kind}_s"] for kind in ("wall", "cpu")}
+                _write(facts, Path(output))
+                yield f"{label:<19}" + "".join(f"{job[column]:9.2f}" for column in COLUMNS)
+        except subprocess.CalledProcessError as error:  # its words are on standard error
+            yield f"stopped with exit status {error.returncode}"
     yield f"\n{output}.md, {output}.json"
 
 
