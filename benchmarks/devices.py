@@ -57,7 +57,7 @@ def device(devices=(), *, size: str = "768x576", samples: int = 64, lens: str = 
     facts = {"machine": machine(), "scene": SCENE.name, "size": size, "samples": samples, "lens": lens, "devices": {}}
     yield f"{facts['machine']}\n{SCENE.name}, {size} px, {samples} samples, {lens}; devices: {', '.join(present)}"
     for name in devices or present:
-        yield f"\n{name}\n{'':<17}" + "".join(f"{title:>9}" for title in COLUMNS.values())
+        yield f"\n{name}\n{'':<19}" + "".join(f"{title:>9}" for title in COLUMNS.values())
         try:
             for job in _in_process(name):
                 label, figures = job.pop("job"), facts["devices"].setdefault(job.pop("device"), {})
