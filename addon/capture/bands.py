@@ -1,8 +1,8 @@
 """Bands: the wavelengths of each Cycles pass.
 
 Red, green and blue carry one wavelength each, red the longest: even in a single pass, colours without a spectrum stay
-close to the original. Each pass spans the spectrum: Cycles applies clamps and judges noise by the mean of the three
-channels, and this mean is then comparable in all passes.
+close to the original. Each pass spans the spectrum: Cycles applies clamps, judges noise and samples a world by the mean
+of the three channels, and this mean is then similar in all passes.
 """
 
 import numpy as np
@@ -16,6 +16,19 @@ def pass_count(wavelengths, per_pass=WAVELENGTHS_PER_PASS):
     return -(-wavelengths // per_pass)
 
 
+def nodes_of_passes(wavelengths, per_pass=WAVELENGTHS_PER_PASS):
+    """Indices of the wavelengths of each pass, ascending: list of arrays.
+
+    Each third of the spectrum has one wavelength of each pass, in an order that alternates. So passes have nearly the
+    same mean wavelength.
+    """
+    count = pass_count(wavelengths, per_pass)
+    indices = np.arange(wavelengths)
+    rows = [indices[first:first + count][::1 if first // count % 2 == 0 else -1]
+            for first in range(0, wavelengths, count)]
+    return [np.array([row[index] for row in rows if index < row.size]) for index in range(count)]
+
+
 def passes(wavelengths_nm, per_pass=WAVELENGTHS_PER_PASS):
     """Wavelengths of each pass: three, or one in all three channels; a pass with fewer repeats its last wavelength.
 
@@ -25,6 +38,5 @@ def passes(wavelengths_nm, per_pass=WAVELENGTHS_PER_PASS):
         For red, green and blue.
     """
     wavelengths_nm = np.asarray(wavelengths_nm, dtype=float)
-    count = pass_count(wavelengths_nm.size, per_pass)
-    bands = [wavelengths_nm[index::count] for index in range(count)]
+    bands = [wavelengths_nm[nodes] for nodes in nodes_of_passes(wavelengths_nm.size, per_pass)]
     return [np.pad(band, (0, WAVELENGTHS_PER_PASS - band.size), mode="edge")[::-1] for band in bands]

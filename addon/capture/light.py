@@ -162,8 +162,7 @@ class GatheredLight:
         shares = (self._plan.shares(index) @ mix).astype(np.float32)
         channels = mix.shape[1]
         means = [block_means(plane) for plane in light.cube[:, :channels].sum(axis=0)]
-        nodes = range(self._plan.choice.nodes_nm.size)[self._plan.nodes(index)]
-        self._blocks |= zip(nodes, np.tensordot(mix, means, axes=1), strict=True)
+        self._blocks |= zip(self._plan.nodes(index).tolist(), np.tensordot(mix, means, axes=1), strict=True)
         for row in range(0, self.cube.shape[1], ROWS_AT_ONCE):
             rows = slice(row, row + ROWS_AT_ONCE)
             self.cube[:, rows] += np.tensordot(shares, light.cube[:, :channels, rows], axes=2)

@@ -23,7 +23,7 @@ from ..shading.lint import judge
 from ..shading.node_rules import REJECTED, SEPARATED
 from ..shading.repeated import repeated_colours, tinting_objects
 from ..shading.substitution import Substitution
-from .bands import WAVELENGTHS_PER_PASS, passes
+from .bands import WAVELENGTHS_PER_PASS, nodes_of_passes, passes
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,8 +98,8 @@ class ScenePlan:
         return np.array(weights) if any(weights) else np.ones(len(self.bands))
 
     def nodes(self, index):
-        """The slice of the rendered wavelengths that a pass carries."""
-        return slice(index, None, len(self.bands))
+        """Indices of the rendered wavelengths that a pass carries: array."""
+        return nodes_of_passes(self.choice.nodes_nm.size, self.per_pass)[index]
 
     @property
     def text(self):

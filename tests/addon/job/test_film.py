@@ -134,10 +134,10 @@ def test_the_report_names_the_files(glowing, tmp_path):
 
 
 def test_the_alpha_of_coloured_glass_is_that_of_all_passes(scene, tmp_path):
-    """Cycles' alpha is the mean of red, green and blue; the passes have others, here 0.51 and 0.62."""
+    """Cycles' alpha is the mean of red, green and blue; the passes have others, here 0.46 and 0.54."""
     glass, shader = material("Glass", "ShaderNodeBsdfTransparent", COLOUR)
     wall(scene, glass)
     scene.render.film_transparent = True
     result = render(scene, tmp_path, np.linspace(420, 680, 14), spectral=SpectralOptions("standard"))
     assert result.report.scene.passes > 1
-    np.testing.assert_allclose(planes(result.lens_image)["A"], 1 - np.mean(COLOUR), atol=0.01)
+    np.testing.assert_allclose(planes(result.lens_image)["A"], 1 - np.mean(COLOUR), atol=0.015)

@@ -38,8 +38,9 @@ def patch(name):
 
 
 def test_each_pass_carries_three_wavelengths():
-    assert [band.tolist() for band in passes([400, 500, 600, 700])] == [[600, 600, 400], [700, 700, 500]]
-    assert [band.tolist() for band in passes(range(400, 900, 100))] == [[800, 600, 400], [700, 700, 500]]
+    assert [band.tolist() for band in passes([400, 500, 600, 700])] == [[700, 700, 400], [600, 600, 500]]
+    assert [band.tolist() for band in passes(range(400, 900, 100))] == [[800, 700, 400], [600, 600, 500]]
+    assert [band.tolist() for band in passes(range(400, 700, 50))] == [[600, 550, 400], [650, 500, 450]]
     assert [band.tolist() for band in passes([400, 500])] == [[500, 500, 400]]
 
 
