@@ -12,6 +12,7 @@ from ...runtime.errors import LensError
 from ..footprints import Footprints
 
 ORDERS = range(4, 9)
+SPARE = 2  # least number of heights that a table has beyond the order of its polynomial
 DISTORTION_TOLERANCE = 1e-5  # of the last real height: 0.03 um for a 3 mm field
 ILLUMINATION_TOLERANCE = 1e-3
 STEEP = 2.0  # tangent of the last field angle: the data of wider lenses are smoother over angles, and a polynomial in
@@ -86,7 +87,7 @@ def fit_polynomial(heights_mm: np.ndarray, values: np.ndarray, first_power: int,
     PolynomialFit
     """
     scale_mm = heights_mm[-1]
-    orders = [order for order in ORDERS if order <= heights_mm.size - 2] or [heights_mm.size - 1]
+    orders = [order for order in ORDERS if order <= heights_mm.size - SPARE] or [heights_mm.size - 1]
     fits: list[PolynomialFit] = []
     for order in orders:
         powers = variable(heights_mm, scale_mm, focal_mm)[:, None] ** np.arange(first_power, order + 1)
@@ -114,10 +115,12 @@ def _fit_lit(optics, table):
 
 
 def _fit(optics, table, first_power, tolerance):
-    """The polynomial over the first heights of lens data, or over angles if these fit a very wide field well."""
+    """The polynomial over the first heights of lens data, or over angles if these fit a very wide field well. A fit
+    through all heights of a small table says nothing about the field between them."""
     heights_mm, focal_mm = optics.heights_mm[:table.size], optics.capture_focal_length_mm
+    over_angles = heights_mm[-1] > STEEP * focal_mm and heights_mm.size - SPARE >= ORDERS[0]
     fits = []
-    for focal in [focal_mm, np.inf] if heights_mm[-1] > STEEP * focal_mm else [np.inf]:
+    for focal in [focal_mm, np.inf] if over_angles else [np.inf]:
         fits.append(fit_polynomial(heights_mm, table, first_power, tolerance, focal))
         if fits[-1].residual <= tolerance:
             break

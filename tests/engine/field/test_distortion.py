@@ -136,6 +136,15 @@ def test_light_ends_at_the_first_dark_height():
     assert field.illumination.residual < 1e-12
 
 
+def test_a_very_wide_pinhole_of_few_heights_has_no_distortion():
+    """Its heights are no polynomial in the angle: one through all five falls near the axis."""
+    heights_mm = np.linspace(0, 25, 5)
+    lens = make_lens(heights_mm=heights_mm, magnification=0.0, object_distance_mm=np.inf)
+    between_mm = np.linspace(0, 25, 60)
+    field = FieldGeometry(lens.at_wavelength(550), lens.name)
+    np.testing.assert_allclose(field.real_height_mm(between_mm), between_mm, atol=2e-4)
+
+
 @pytest.mark.parametrize("degrees", [
     np.append(np.linspace(0, 88.5, 17), [89.0, 89.5]),  # heights are infinite at a right angle
     [0, 8.8, 17.6, 26.3, 30.9, 35.0, 43.7, 48.4, 52.4, 61.1, 69.9],  # a polynomial in height meets these, and folds
