@@ -189,6 +189,11 @@ def _over_blocks(planes):
     return np.add.reduceat(np.add.reduceat(planes, rows, axis=-2), columns, axis=-1)
 
 
+def _largest(plane):
+    rows, columns = (np.arange(0, n, BLOCK_PX) for n in plane.shape)
+    return np.maximum.reduceat(np.maximum.reduceat(plane, rows, axis=0), columns, axis=1)
+
+
 def _sigma(first, second):
     """Standard deviation of the difference of block means between Lensfield's picture and the mean of two plain ones.
 
@@ -228,11 +233,16 @@ def _luminance(planes):
 
 
 def _detail(picture, first, second):
-    """The largest RMS difference of a block's luminances that noise does not explain, relative to their RMS."""
+    """The largest RMS difference of a block's luminances that noise does not explain, relative to their RMS.
+
+    The pixel that differs most is left out of each block: a single one may have a rare, bright path, such as a caustic.
+    """
     picture, first, second = (_luminance(planes) for planes in (picture, first, second))
     true = (first + second) / 2
     expected = NOISE_TIMES * (LENS_NOISE**2 + 0.5) * _means((first - second) ** 2 / 2)
-    excess = _means((picture - true) ** 2) - maximum_filter(expected, 3, mode="nearest")
+    squares = (picture - true) ** 2
+    excess = _means(squares) - _largest(squares) / _over_blocks(np.ones_like(squares))
+    excess -= maximum_filter(expected, 3, mode="nearest")
     light = np.maximum(_means(true**2), max(DARK * true.max(), 1e-12) ** 2)
     return float(np.sqrt(np.maximum(excess, 0) / light).max())
 
