@@ -12,7 +12,7 @@ import pytest
 import lensfield.engine
 from places import ROOT
 
-ENGINE_LIBRARIES = {"numpy", "scipy", "OpenEXR", "PIL", "yaml", "matplotlib", "rawpy"}
+ENGINE_LIBRARIES = {"numpy", "scipy", "OpenEXR", "PIL", "yaml", "matplotlib", "rawpy", "wgpu"}
 
 FLOORS = {
     # engine: foundations
@@ -179,7 +179,8 @@ def test_parts_of_scipy_are_imported_when_they_are_used():
 
 
 @pytest.mark.parametrize("code, absent", [
-    ("from lensfield.engine import *", {"scipy.fft", "scipy.interpolate", "scipy.optimize", "matplotlib", "rawpy"}),
+    ("from lensfield.engine import *", {"scipy.fft", "scipy.interpolate", "scipy.optimize", "matplotlib", "rawpy",
+                                        "wgpu"}),
     ("import lensfield.engine; lensfield.engine.LensError", {"numpy"}),
     ("import lensfield.cli; lensfield.cli.main(['--version'])", {"numpy", "scipy"}),
     ("import lensfield.cli; lensfield.cli.main(['lint', '--help'])", {"scipy.fft", "lensfield.commands.filter"})])

@@ -9,14 +9,13 @@ import numpy as np
 from ..field.field_map import CaptureView, FieldMap, field_map
 from ..image.detail import merged, split_by_detail
 from ..image.layers import LayeredRadiance, Radiance
-from ..kernels.cast import cast as cast_row
+from ..kernels.cast_tiles import cast_tiles
 from ..kernels.casting import TOGETHER, Casting
 from ..lens import Lens
 from ..lens.iris import Iris, Opening, opening
 from ..rays.grid_rays import LensRays
 from ..rays.stop_places import cell_size
 from ..runtime.scratch import SAMPLE_BYTES
-from ..runtime.threads import thread_pool
 from .levels import layer_arrays
 from .meetings import AREA_ROWS, BESIDE_PX, TILE_PX, areas_of, around_px, plan_meetings, values_of_blocks
 from .parallax import parallax_per_nearness_px
@@ -222,7 +221,7 @@ class _Caster:
             self.stop.reach * cell_size(8), layer_arrays(layers, self.lens, group, levels, scale),
             tuple(scale * each for each in faint), meetings.kinds, _first_eights(counts, meetings.counts),
             meetings.counts // 8, meetings.steps, TILE_PX * times)
-        yield from _filled_rows(casting, blurred, clear)
+        yield from cast_tiles(casting, blurred, clear)
         if scale != 1:
             blurred /= np.float32(scale)
 
@@ -267,14 +266,6 @@ def _parts_values(layered, rays):
     layers_px = sum(layer.alpha.size for layer in layered.layers)
     planes = LEVELS_PX * (together + 1) + LAYER_PLANES + 2 * together
     return rays + share * (planes * layers_px + (COVER_PLANES + 2 * together) * rows * columns)
-
-
-def _filled_rows(casting, blurred, clear):
-    """Write the pixels of the tiles, and yield the completed fraction after each row of tiles."""
-    rows = len(casting.eights)
-    with thread_pool() as pool:
-        for completed, _ in enumerate(pool.map(lambda row: cast_row(casting, row, blurred, clear), range(rows)), 1):
-            yield completed / rows
 
 
 def _sharp_shares(layers, shape_px):

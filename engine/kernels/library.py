@@ -10,10 +10,10 @@ from functools import cache
 from ..runtime.errors import InputError
 from .build import LIBRARY_FOLDER, library_name, sources_digest, this_platform
 from .declarations import FUNCTIONS, NUMBERS
+from .gpu import GPU, VARIABLE, missing
 
 ABI = NUMBERS["ABI"]
 NUMPY = "numpy"
-VARIABLE = "LENSFIELD_KERNELS"
 PROBLEMS = {1: "a sample is outside the square", 2: "invalid sizes"}
 
 
@@ -77,12 +77,18 @@ def available() -> tuple[str, ...]:
 def running() -> str:
     """The implementation in use: the fastest available, or the one that the variable LENSFIELD_KERNELS names.
 
+    If the variable is "gpu", this is the fastest, for everything except `cast_tiles`.
+
     Raises
     ------
     InputError
         If this is not available.
     """
     requested = os.environ.get(VARIABLE)
+    if requested == GPU:
+        if lacking := missing():
+            raise InputError("environment", VARIABLE, requested, lacking)
+        requested = None
     if requested and requested not in available():
         raise InputError("environment", VARIABLE, requested, f"this machine has {', '.join(available())}")
     return requested or available()[-1]

@@ -10,7 +10,7 @@ from pathlib import Path
 
 PACKAGE = Path(__file__).resolve().parents[2]
 SOURCES = ("__init__.py", "cli.py", "request.py", "engine/**/*", "addon/**/*", "commands/**/*")
-SUFFIXES = (".py", ".c", ".h", ".osl", ".csv", ".spd", ".yml")
+SUFFIXES = (".py", ".c", ".h", ".osl", ".wgsl", ".csv", ".spd", ".yml")
 """Code and tables. Lenses of the library are not among them: keys that depend on a lens contain its own digest."""
 HEX_DIGITS = 16
 BUILT = "engine/runtime/build_identity.txt"
@@ -20,7 +20,7 @@ MARK = "Made by Lensfield"
 
 
 def sources_identity(package: Path = PACKAGE) -> str:
-    """A digest of the names and contents of a package's sources in Python, C and OSL, and of its tables.
+    """A digest of the names and contents of a package's sources in Python, C, OSL and WGSL, and of its tables.
 
     Parameters
     ----------

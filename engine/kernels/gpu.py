@@ -1,0 +1,165 @@
+"""The graphics processor: found and opened when something is first cast, and used by a single thread."""
+
+import os
+import warnings
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from functools import lru_cache
+from threading import Lock
+from typing import Any, TypeVar
+
+from ..runtime.errors import shown
+
+GPU = "gpu"
+VARIABLE = "LENSFIELD_KERNELS"
+BACKENDS = ("Vulkan", "Metal", "DX12")  # OpenGL would have to be used by the thread that started it
+KINDS = ("DiscreteGPU", "IntegratedGPU", "VirtualGPU", "CPU", "Unknown")  # of adapters, the best first
+REAL = KINDS[:3]
+MESAS_LAYER = "NODEVICE_SELECT"  # the variable that disables it
+LIMITS = ("max-buffer-size", "max-storage-buffer-binding-size")
+LONGEST_REASON = 200  # characters of a driver's message
+FIRST_RATE = 4e8  # look-ups in a second; slow graphics processors do about as many
+
+Result = TypeVar("Result")
+_searching = Lock()
+
+
+class Gpu:
+    """An opened graphics processor.
+
+    Attributes
+    ----------
+    name : str
+        With its interface and driver.
+    device : wgpu.GPUDevice
+        Only for functions that `call` runs.
+    limit_bytes : int
+        Largest size of a buffer.
+    rate : float
+        Look-ups in a second, as last measured.
+    pipelines : dict
+        Compiled loops.
+    works : bool
+        False after an error.
+    """
+
+    def __init__(self, adapter: Any):
+        self.name = _name(adapter)
+        limits = {name: adapter.limits[name] for name in LIMITS}
+        self.device = adapter.request_device_sync(required_limits=limits)
+        self.limit_bytes = min(limits.values())
+        self.rate = FIRST_RATE
+        self.pipelines: dict[Any, Any] = {}
+        self.works = True
+        self._warned: set[str] = set()
+
+    def call(self, function: Callable[..., Result], *arguments: Any) -> Result:
+        """The result of a function that the thread of the graphics processor calls."""
+        return _thread(os.getpid()).submit(function, *arguments).result()
+
+    def warn(self, text: str) -> None:
+        """Warn in one line, once for each text."""
+        if text not in self._warned:
+            self._warned.add(text)
+            _warn(self.name, text)
+
+    def give_up(self, problem: Exception) -> None:
+        """Do not use it again in this process."""
+        self.works = False
+        self.warn(f"{_reason(problem)}: C is used instead")
+
+
+def casting_gpu() -> Gpu | None:
+    """The graphics processor that casts, or None if C or numpy does.
+
+    LENSFIELD_KERNELS=gpu accepts any adapter, also one that the processor emulates. Other values name what casts
+    instead. Without the variable, real graphics processors are accepted.
+    """
+    requested = os.environ.get(VARIABLE) or None
+    if requested not in (None, GPU):
+        return None
+    gpu = _opened(os.getpid(), requested == GPU)
+    return gpu if gpu and gpu.works else None
+
+
+def missing() -> str:
+    """What LENSFIELD_KERNELS=gpu lacks on this machine; "" for nothing."""
+    adapters = _adapters(os.getpid())
+    return adapters if isinstance(adapters, str) else ""
+
+
+def _opened(process, any_kind):
+    with _searching:
+        return _opened_once(process, any_kind)
+
+
+@lru_cache(maxsize=2)
+def _opened_once(process, any_kind):
+    adapters = _adapters(process)
+    usable = [] if isinstance(adapters, str) else [
+        each for each in adapters if any_kind or each.info["adapter_type"] in REAL]
+    if not usable:
+        return None
+    try:
+        return _thread(process).submit(Gpu, usable[0]).result()
+    except Exception as problem:  # drivers fail in many ways
+        _warn(_name(usable[0]), f"{_reason(problem)}: C is used instead")
+        return None
+
+
+@lru_cache(maxsize=1)
+def _adapters(process):
+    """This machine's adapters, the best first; or why there are none."""
+    try:
+        adapters = _thread(process).submit(_search).result()
+    except ImportError:
+        return "the Python package wgpu is not installed"
+    except Exception as problem:  # as of a library for another system
+        return f"the Python package wgpu fails: {_reason(problem)}"
+    return adapters or "this machine has no graphics adapter for Vulkan, Metal or Direct3D 12"
+
+
+def _search():
+    import wgpu
+    from wgpu.backends.wgpu_native.extras import set_instance_extras
+
+    with _without_mesas_layer():
+        with suppress(RuntimeError):  # another add-on has started wgpu
+            set_instance_extras(backends=BACKENDS)
+        adapters = [each for each in wgpu.gpu.enumerate_adapters_sync() if each.info["backend_type"] != "OpenGL"]
+    return sorted(adapters, key=lambda each: (*KINDS, each.info["adapter_type"]).index(each.info["adapter_type"]))
+
+
+@contextmanager
+def _without_mesas_layer():
+    """Leave out a layer of Mesa's that sorts adapters, and prints errors on a machine without a display."""
+    before = os.environ.get(MESAS_LAYER)
+    os.environ[MESAS_LAYER] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[MESAS_LAYER]
+        else:
+            os.environ[MESAS_LAYER] = before
+
+
+@lru_cache(maxsize=1)
+def _thread(process):
+    """The thread of a process: a forked process does not inherit its parent's."""
+    return ThreadPoolExecutor(1, "Lensfield GPU")
+
+
+def _name(adapter):
+    info = adapter.info
+    return f"{info['device']} ({info['backend_type']}{', ' * bool(info['description'])}{info['description']})"
+
+
+def _reason(problem):
+    return shown(str(problem).strip() or type(problem).__name__, LONGEST_REASON)
+
+
+def _warn(name, text):
+    """Warn in one line, without a line of code."""
+    warnings.warn_explicit(text, RuntimeWarning, name, 0)

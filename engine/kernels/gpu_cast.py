@@ -1,0 +1,293 @@
+"""Cast on a graphics processor, by cast.wgsl.
+
+Bands of the picture are cast one after the other, and read back. Work is divided into calls that take about CALL_S: a
+system stops a graphics processor that does not respond for two seconds, and the screen freezes meanwhile.
+"""
+
+import time
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .cast import cast
+from .casting import MEETING, Casting, MeshRays
+from .gpu import Gpu
+from .sample_casting import sample_casting
+
+GROUP = 32  # invocations of a workgroup, pixels of a tile next to each other: the threads that run in step
+CALL_S = 0.05
+FASTER = 4.0  # the largest factor on the work from a call to the next one
+MOST_GROUPS = 65535  # in a call
+BAND_VALUES = 1 << 24  # of a band's pictures
+PIECE_BYTES = 1 << 25  # of an upload: the library copies a piece, and frees the copy after it
+AGREEMENT = 1e-3  # largest difference from C in the sample, relative to the brightest
+FARTHEST_PX = 3e38  # in place of infinity, for which shaders have no rules
+
+CASTING = np.dtype([(name, kind) for kind, names in (
+    ("u4", "nodes eights mesh_rows finer chief shrinkage shrinkage_steps blade blades mirrored_right mirrored_up "
+           "layers levels columns"),
+    ("i4", "centre_row centre_column"),
+    ("f4", "centre_row_part centre_column_part nodes_per_px rows_per_px first_right first_up per_focal_right "
+           "per_focal_up blade_margin blade_bend blade_slope cell_of_eight")) for name in names.split()]
+    + [("faint", "f4", 8)])
+LEVEL = np.dtype([(name, "u4") for name in "light alpha depth rows columns".split()]
+                 + [(name, "f4") for name in "axis_row axis_column per_px top bottom left right".split()])
+TILE = np.dtype([(name, "u4") for name in "row column height width step tall wide first_eight eights focused meetings "
+                 "values".split()])
+UNIFORMS, CALL, LENS, LIGHT, DEPTHS, LEVELS, MEETINGS, TILES, GROUPS, VALUES, PICTURES = range(11)  # bindings
+
+
+class TooLarge(MemoryError):
+    """A casting does not fit into the graphics processor."""
+
+
+class Disagreement(Exception):
+    """Results differ from C by more than rounding: the driver miscompiles the shader."""
+
+
+def gpu_cast(gpu: Gpu, casting: Casting, blurred: np.ndarray, clear: np.ndarray) -> Iterator[float]:
+    """Write the pixels of all tiles with rays, as `kernels.cast.cast`; yield the completed fraction.
+
+    Raises
+    ------
+    MemoryError
+        TooLarge, or the library's own error.
+    Disagreement
+    Exception
+        Of the library or the driver.
+    """
+    steps = _steps(gpu, casting, blurred, clear)
+    try:
+        while (fraction := gpu.call(next, steps, None)) is not None:
+            yield fraction
+    finally:
+        gpu.call(steps.close)
+
+
+def _steps(gpu, casting, blurred, clear):
+    """`gpu_cast`, in the thread of the graphics processor."""
+    pipelines = _checked_pipelines(gpu, casting.wavelengths, isinstance(casting.rays, MeshRays))
+    yield from _cast(gpu, pipelines, casting, blurred, clear)
+
+
+def _checked_pipelines(gpu, wavelengths, mesh):
+    """The compiled loops, which agreed with C."""
+    if (wavelengths, mesh) not in gpu.pipelines:
+        pipelines = _pipelines(gpu, wavelengths, mesh)
+        _check(gpu, pipelines, sample_casting(wavelengths, mesh))
+        gpu.pipelines[wavelengths, mesh] = pipelines
+    return gpu.pipelines[wavelengths, mesh]
+
+
+def _pipelines(gpu, wavelengths, mesh):
+    """The compiled loops of cast.wgsl."""
+    code = Path(__file__).with_name("cast.wgsl").read_text(encoding="utf-8")
+    constants = f"const GROUP = {GROUP}u;\nconst WAVELENGTHS = {wavelengths}u;\nconst MESH = {str(mesh).lower()};\n"
+    module = gpu.device.create_shader_module(code=constants + code)
+    return [gpu.device.create_compute_pipeline(layout="auto", compute={"module": module, "entry_point": name})
+            for name in ("cast_pixels", "fill_tiles")]
+
+
+def _check(gpu, pipelines, casting):
+    """Raise Disagreement if the graphics processor and C cast different pictures."""
+    rows, columns = (count * casting.tile_px - 3 for count in casting.eights.shape)
+    by_gpu, by_c = (np.zeros((2, casting.wavelengths, rows, columns), np.float32) for _ in range(2))
+    for _ in _cast(gpu, pipelines, casting, *by_gpu):
+        pass
+    for row in range(len(casting.eights)):
+        cast(casting, row, *by_c)
+    for one, other in zip(by_gpu, by_c, strict=True):
+        if not np.abs(one - other).max() <= AGREEMENT * np.abs(other).max():
+            raise Disagreement("casts a small sample differently from C, so its driver compiles shaders wrongly")
+
+
+def _cast(gpu, pipelines, casting, blurred, clear):
+    with closing(_Buffers(gpu)) as shared:
+        _share(shared, casting, blurred.shape[2])
+        rows = max(1, BAND_VALUES // (2 * casting.wavelengths * casting.tile_px * blurred.shape[2]))
+        for first in range(0, len(casting.eights), rows):
+            lit = casting.eights[first:first + rows] > 0
+            if not lit.any():
+                continue
+            place = slice(first * casting.tile_px, min((first + rows) * casting.tile_px, blurred.shape[1]))
+            with closing(_Buffers(gpu, shared)) as buffers:
+                for completed in _band(gpu, pipelines, buffers, casting, first, lit, place, blurred.shape[1:]):
+                    yield (first + completed * len(lit)) / len(casting.eights)
+                pictures = buffers.read(PICTURES).reshape(2, casting.wavelengths, -1, blurred.shape[2])
+            _write(pictures, (blurred[:, place], clear[:, place]), lit, casting.tile_px)
+        yield 1.0
+
+
+def _write(pictures, to, lit, tile_px):
+    """Copy the pixels of tiles with rays."""
+    where: Any = True
+    if not lit.all():
+        rows, columns = pictures.shape[2:]
+        where = lit.repeat(tile_px, axis=0).repeat(tile_px, axis=1)[:rows, :columns]
+    for picture, each in zip(pictures, to, strict=True):
+        np.copyto(each, picture, where=where)
+
+
+def _band(gpu, pipelines, buffers, casting, first_row, lit, place, shape_px):
+    """Cast rows of tiles into PICTURES; yield the completed fraction after each call."""
+    tiles = _tiles(casting, first_row, lit, shape_px)
+    sizes = 2 * casting.wavelengths * tiles["tall"] * tiles["wide"]
+    groups, work = _groups(casting, tiles)
+    buffers.put(TILES, tiles)
+    buffers.put(GROUPS, groups)
+    buffers.make(VALUES, 4 * int(sizes.sum()))
+    rows = place.stop - place.start
+    buffers.make(PICTURES, 8 * casting.wavelengths * rows * shape_px[1])
+    cast_pixels, fill_tiles = pipelines
+    of_cast = buffers.bound(cast_pixels, range(PICTURES))
+    of_fill = buffers.bound(fill_tiles, (UNIFORMS, CALL, TILES, VALUES, PICTURES))
+    done, begin = np.append(0.0, np.cumsum(work)), 0
+    while begin < len(groups):
+        end = int(np.searchsorted(done, done[begin] + CALL_S * gpu.rate, "right")) - 1
+        end = min(max(end, begin + 1), begin + MOST_GROUPS)
+        started = time.perf_counter()
+        buffers.run(cast_pixels, of_cast, end - begin, (begin, place.start, rows))
+        rate = (done[end] - done[begin]) / (time.perf_counter() - started)
+        gpu.rate = min(max(rate, gpu.rate / FASTER), gpu.rate * FASTER)
+        yield done[end] / done[-1]
+        begin = end
+    buffers.run(fill_tiles, of_fill, len(tiles), (0, place.start, rows))
+
+
+def _tiles(casting, first_row, lit, shape_px):
+    """The tiles with rays among some rows, as cast.wgsl reads them."""
+    rows, columns = np.nonzero(lit)
+    at, size = (rows + first_row, columns), casting.tile_px
+    tiles = np.zeros(len(rows), TILE)
+    tiles["row"], tiles["column"] = (each * size for each in at)
+    tiles["height"], tiles["width"] = (np.minimum(size, n - tiles[name].astype(int))
+                                       for n, name in zip(shape_px, ("row", "column"), strict=True))
+    tiles["step"] = step = casting.steps[at]
+    for count, name in (("tall", "height"), ("wide", "width")):
+        tiles[count] = (tiles[name] + step - 2) // step + 1
+    tiles["first_eight"], tiles["eights"] = casting.first_eights[at], casting.eights[at]
+    tiles["focused"] = casting.meetings["focused"][at].any(axis=-1)
+    tiles["meetings"] = np.ravel_multi_index(at, casting.eights.shape) * len(casting.layers)
+    sizes = 2 * casting.wavelengths * tiles["tall"].astype(np.int64) * tiles["wide"]
+    tiles["values"] = np.cumsum(sizes) - sizes
+    return tiles
+
+
+def _groups(casting, tiles):
+    """Array (group, 2) of the workgroups' tiles and first pixels; and their work, in look-ups."""
+    counts = -(-(tiles["tall"].astype(np.int64) * tiles["wide"]) // GROUP)
+    of_tile = np.repeat(np.arange(len(tiles)), counts)
+    first = GROUP * (np.arange(len(of_tile)) - np.repeat(np.cumsum(counts) - counts, counts))
+    met = (casting.meetings["steps"] >= 0).sum(axis=-1).ravel()[tiles["meetings"] // len(casting.layers)]
+    work = 8 * GROUP * casting.wavelengths * tiles["eights"] * (1.0 + met)
+    return np.stack([of_tile, first], axis=-1).astype(np.uint32), work[of_tile]
+
+
+def _share(buffers, casting, columns):
+    """Upload everything that all bands have in common."""
+    facts = np.zeros((), CASTING)
+    lens = [casting.rays.values.ravel(), casting.shrinkage, casting.blades.ravel()]
+    if isinstance(casting.rays, MeshRays):
+        lens.append(casting.rays.chief_px.ravel())
+    begins = np.cumsum([0, *map(len, lens)])
+    facts["shrinkage"], facts["blade"], facts["chief"] = begins[1:4]
+    facts["nodes"], facts["mesh_rows"], facts["nodes_per_px"] = casting.rays.nodes
+    (facts["rows_per_px"], facts["first_right"], facts["first_up"], _, facts["finer"], facts["mirrored_right"],
+     facts["mirrored_up"]) = casting.rays.mesh
+    facts["eights"], facts["columns"] = casting.rays.eights.shape[1], columns
+    facts["shrinkage_steps"], facts["blades"] = len(casting.shrinkage) - 1, len(casting.blades)
+    facts["layers"], facts["levels"] = len(casting.layers), max(len(layer.levels) for layer in casting.layers)
+    facts["centre_row"], facts["centre_column"] = whole = np.floor(casting.centre_px).astype(int)
+    facts["centre_row_part"], facts["centre_column_part"] = casting.centre_px - whole
+    facts["per_focal_right"], facts["per_focal_up"] = casting.per_focal
+    facts["blade_margin"], facts["blade_bend"], facts["blade_slope"] = casting.blade_shape
+    facts["cell_of_eight"] = casting.cell_of_eight
+    facts["faint"][:casting.wavelengths] = casting.faint
+    buffers.put(UNIFORMS, facts, usage="UNIFORM")
+    buffers.put(LENS, *lens)
+    levels, light, depths = _levels(casting)
+    buffers.put(LIGHT, *light)
+    buffers.put(DEPTHS, *depths)
+    buffers.put(LEVELS, levels)
+    buffers.put(MEETINGS, casting.meetings.view(MEETING))
+    buffers.make(CALL, 12, "UNIFORM")
+
+
+def _levels(casting):
+    """The levels as cast.wgsl reads them; and their planes, and the layers' depths, in the order of their places there.
+
+    Levels that no tile's rays look up have no planes.
+    """
+    table = np.zeros((len(casting.layers), max(len(layer.levels) for layer in casting.layers)), LEVEL)
+    planes, depths, begin, depth = [], [], 0, 0
+    met = casting.meetings[casting.eights > 0]
+    for row, layer, meetings in zip(table, casting.layers, met.T, strict=True):
+        used = set(meetings["level"][meetings["steps"] >= 0].tolist())
+        for number, level in enumerate(layer.levels):
+            places = (begin, begin + level.light.size) if number in used else (0, 0)
+            bounds = np.clip(level.bounds_px, -FARTHEST_PX, FARTHEST_PX)
+            row[number] = *places, depth, *level.alpha.shape, *level.axis_px, level.per_px, *bounds
+            if number in used:
+                planes += [level.light, level.alpha]
+                begin += level.light.size + level.alpha.size
+        depths.append(layer.depth)
+        depth += layer.depth.size // 2
+    return table, planes, depths
+
+
+class _Buffers:
+    """Buffers by their bindings, in addition to those of others, until they are closed."""
+
+    def __init__(self, gpu, others=None):
+        self._gpu, self._others, self._buffers = gpu, others, {}
+
+    def __getitem__(self, binding):
+        return self._buffers[binding] if binding in self._buffers else self._others[binding]
+
+    def make(self, binding, size, usage="STORAGE"):
+        """A buffer of a number of bytes."""
+        if size > self._gpu.limit_bytes:
+            raise TooLarge(f"cannot cast with a table of {size / 1e6:.0f} MB, above its limit of "
+                           f"{self._gpu.limit_bytes / 1e6:.0f} MB")
+        self._buffers[binding] = self._gpu.device.create_buffer(size=max(4, size), usage=f"{usage}|COPY_SRC|COPY_DST")
+
+    def put(self, binding, *arrays, usage="STORAGE"):
+        """A buffer with the contents of arrays, one after the other."""
+        arrays = [np.ascontiguousarray(array) for array in arrays]
+        self.make(binding, sum(array.nbytes for array in arrays), usage)
+        begin, queue = 0, self._gpu.device.queue
+        for array in arrays:
+            for at in range(0, array.nbytes, PIECE_BYTES):
+                size = min(PIECE_BYTES, array.nbytes - at)
+                queue.write_buffer(self[binding], begin + at, array, at, size)
+                queue.submit([])
+            begin += array.nbytes
+
+    def bound(self, pipeline, bindings):
+        """The buffers of a pipeline."""
+        return self._gpu.device.create_bind_group(layout=pipeline.get_bind_group_layout(0), entries=[
+            {"binding": binding, "resource": {"buffer": self[binding]}} for binding in bindings])
+
+    def run(self, pipeline, bound, groups, call):
+        """Run workgroups, and wait for them."""
+        device = self._gpu.device
+        device.queue.write_buffer(self[CALL], 0, np.array(call, np.uint32))
+        encoder = device.create_command_encoder()
+        step = encoder.begin_compute_pass()
+        step.set_pipeline(pipeline)
+        step.set_bind_group(0, bound)
+        step.dispatch_workgroups(groups)
+        step.end()
+        device.queue.submit([encoder.finish()])
+        device.queue.read_buffer(self[CALL])
+
+    def read(self, binding):
+        """The contents of a buffer, as float32 array."""
+        return np.frombuffer(self._gpu.device.queue.read_buffer(self[binding]), np.float32)
+
+    def close(self):
+        for buffer in self._buffers.values():
+            buffer.destroy()

@@ -1,0 +1,299 @@
+"""Casting on a graphics processor: against C, and C in its place.
+
+The tests run on any adapter, also on Mesa's emulation, which .ci/run installs.
+"""
+
+import warnings
+from contextlib import contextmanager
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import lensfield.engine.depth.cast as cast_module
+from lenses import make_grid_lens, make_lens
+from lensfield import cli
+from lensfield.engine.depth.cast import cast
+from lensfield.engine.depth.depth_range import blur_per_nearness_px
+from lensfield.engine.depth.meetings import plan_meetings
+from lensfield.engine.field.field_map import field_map
+from lensfield.engine.image.detail import Detail, merged
+from lensfield.engine.image.layers import Layer, LayeredRadiance
+from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.image.projection import FISHEYE
+from lensfield.engine.kernels import gpu as gpu_module
+from lensfield.engine.kernels import gpu_cast as gpu_cast_module
+from lensfield.engine.kernels.cast_tiles import cast_tiles, caster
+from lensfield.engine.kernels.gpu import GPU, VARIABLE, casting_gpu, missing
+from lensfield.engine.kernels.library import running
+from lensfield.engine.kernels.sample_casting import sample_casting
+from lensfield.engine.lens.entrance_pupil import focus_nearness
+from lensfield.engine.lens.iris import Iris
+from lensfield.engine.runtime.errors import InputError
+from loops import using
+from refusals import refused
+
+PITCH_UM, NM, TIMES = 16.0, (500.0, 600.0), 2
+GRID = PixelGrid((75, 92), PITCH_UM, (31.3, 55.8), (11, 14))
+"""Off-centre and not square; the last tiles are cut."""
+SMALL_GRID = PixelGrid((44, 57), PITCH_UM, (16.3, 31.8), (5, 8))
+MEAN_DIFFERENCE, LARGEST_DIFFERENCE = 1e-5, 1e-4
+"""A tenth of the requested accuracy, 1 %, is 1e-3: rounding is a thousandth and a tenth of this."""
+
+
+@pytest.fixture(scope="module")
+def adapter():
+    with using(GPU):
+        if lacking := missing():
+            pytest.skip(f"{lacking}: install wgpu, and mesa-vulkan-drivers for an emulation")
+        yield casting_gpu()
+
+
+@pytest.fixture
+def gpu(adapter, monkeypatch):
+    """The graphics processor, in use and without a record of warnings and failures during a test."""
+    monkeypatch.setenv(VARIABLE, GPU)
+    monkeypatch.setattr(adapter, "works", True)
+    monkeypatch.setattr(adapter, "_warned", set())
+    monkeypatch.setattr(adapter, "rate", adapter.rate)
+    return adapter
+
+
+@pytest.fixture
+def searched_again():
+    """Forget the adapters before and after a test."""
+    gpu_module._adapters.cache_clear()
+    gpu_module._opened_once.cache_clear()
+    yield
+    gpu_module._adapters.cache_clear()
+    gpu_module._opened_once.cache_clear()
+
+
+def radial_lens():
+    return make_lens(object_distance_mm=700.0, magnification=-0.05)
+
+
+def grid_lens(mirrored=(True, True), **changes):
+    return make_grid_lens(source_mm=lambda nm, x, y: (x * (1 - 0.01 * x**2) * nm / 550, y * (1 - 0.02 * y**2)),
+                          object_distance_mm=700.0, magnification=-0.05, mirrored=mirrored, **changes)
+
+
+def scene(lens, grid, blurs):
+    """Random rectangles at depths of these blurs in pixels, in front of a far plane."""
+    random, count, layers = np.random.default_rng(5), len(NM), []
+    for blur in blurs:
+        rows, columns = grid.shape_px
+        top, left = random.integers(0, (rows // 2, columns // 2))
+        shape = tuple(random.integers(4, (rows - top + 1, columns - left + 1)))
+        alpha = (random.random(shape) * (random.random(shape) < 0.8)).astype(np.float32)
+        nearness = focus_nearness(lens) + blur * (1 + 0.2 * random.random(shape)) / blur_per_nearness_px(lens, PITCH_UM)
+        light = random.random((count, *shape), np.float32) * alpha
+        layers.append(Layer(light, alpha, 1 / nearness, (int(top), int(left))))
+    sky = Layer(random.random((count, *grid.shape_px), np.float32), np.ones(grid.shape_px, np.float32),
+                np.full(grid.shape_px, 1e6))
+    return LayeredRadiance((*layers, sky), np.array(NM), grid, lens.capture_focal_length_mm)
+
+
+def pictures(layered, lens, **options):
+    rays = field_map(lens).first_order_rays(1.0)
+    planes = list(cast(layered, lens, lambda: rays, **options))
+    return np.array([[plane.blurred, plane.clear] for plane in planes])
+
+
+def check_like_c(layered, lens, **options):
+    """Assert that the graphics processor casts the same bits twice, and nearly the same picture as C."""
+    once, again = (pictures(layered, lens, **options) for _ in range(2))
+    assert np.array_equal(once, again)
+    with loops():
+        by_c = pictures(layered, lens, **options)
+    assert by_c[:, 0].std() > 0.01 * by_c[:, 0].max()
+    for one, other in zip(np.moveaxis(once, 1, 0), np.moveaxis(by_c, 1, 0), strict=True):
+        difference = np.abs(one - other)
+        assert difference.sum() <= MEAN_DIFFERENCE * np.abs(other).sum()
+        assert difference.max() <= LARGEST_DIFFERENCE * np.abs(other).max()
+    assert not np.array_equal(once, by_c), "C has cast this"
+
+
+def loops():
+    """The loops that run without a graphics processor."""
+    return using(running())
+
+
+@contextmanager
+def warns(gpu, *words):
+    """Assert that the block warns in a single line with these words, about the graphics processor."""
+    with pytest.warns(RuntimeWarning) as caught:
+        yield
+    line, = caught
+    assert line.filename == gpu.name and all(word in str(line.message) for word in (*words, "C is used instead"))
+    assert "\n" not in str(line.message)
+
+
+@pytest.mark.parametrize("blurs", [(40.0, 12.0, 3.0, 0.4), (-14.0,)])
+def test_rays_of_heights_between_blades(gpu, blurs):
+    lens = radial_lens()
+    check_like_c(scene(lens, GRID, blurs), lens, most_rays=32, iris=Iris(5, 20.0, 0.3))
+
+
+def test_rays_of_heights_in_a_panorama(gpu):
+    lens, grid = radial_lens(), replace(GRID, projection=FISHEYE)
+    check_like_c(scene(lens, grid, (12.0, 3.0, 0.4)), lens, most_rays=32)
+
+
+@pytest.mark.parametrize("mirrored", [(False, False), (True, True)])
+def test_rays_of_a_mesh(gpu, mirrored):
+    lens = grid_lens(mirrored)
+    check_like_c(scene(lens, SMALL_GRID, (14.0, 3.0, 0.4)), lens, most_rays=16, iris=Iris(7, 10.0, 0.2))
+
+
+def test_rays_of_a_mesh_in_a_squeezed_panorama(gpu):
+    lens, grid = grid_lens((True, False), squeeze=1.5), replace(SMALL_GRID, projection=FISHEYE, squeeze=1.5)
+    check_like_c(scene(lens, grid, (14.0, 0.4)), lens, most_rays=16)
+
+
+@pytest.mark.parametrize("step", [2, 3, 4, 16])
+def test_pixels_between_those_that_are_cast(gpu, monkeypatch, step):
+    lens = radial_lens()
+
+    def planned(*given):
+        meetings = plan_meetings(*given)
+        return replace(meetings, steps=np.full_like(meetings.steps, step))
+
+    monkeypatch.setattr(cast_module, "plan_meetings", planned)
+    check_like_c(scene(lens, GRID, (40.0, 12.0)), lens, most_rays=32)
+
+
+def test_parts_of_pixels(gpu):
+    lens = radial_lens()
+    lamp = np.full([TIMES * n for n in GRID.shape_px], 0.01, np.float32)
+    lamp[71:76, 85:90] = 1
+    light = np.stack([lamp, 3 * lamp])
+    whole = Layer(merged(light, TIMES), np.ones(GRID.shape_px, np.float32),
+                  np.full(GRID.shape_px, 1 / (focus_nearness(lens) + 4 / blur_per_nearness_px(lens, PITCH_UM))),
+                  detail=Detail.of(light, NM, TIMES))
+    check_like_c(LayeredRadiance((whole,), np.array(NM), GRID, lens.capture_focal_length_mm), lens, most_of_lamps=256)
+
+
+@pytest.mark.parametrize("mesh", [False, True])
+def test_neither_calls_nor_bands_nor_pieces_change_the_bits(gpu, monkeypatch, mesh):
+    expected = sample_pictures(mesh)
+    monkeypatch.setattr(gpu, "rate", 1.0)  # a workgroup in a call
+    monkeypatch.setattr(gpu_cast_module, "FASTER", 1.0)
+    monkeypatch.setattr(gpu_cast_module, "BAND_VALUES", 1)  # a row of tiles in a band
+    monkeypatch.setattr(gpu_cast_module, "PIECE_BYTES", 1000)
+    fractions = []
+    assert np.array_equal(sample_pictures(mesh, fractions), expected)
+    assert len(fractions) > 10 and fractions == sorted(fractions) and fractions[-1] == 1
+
+
+def sample_pictures(mesh=False, fractions=None):
+    casting = sample_casting(2, mesh)
+    planes = np.full((2, 2, 30, 45), 7, np.float32)
+    for fraction in cast_tiles(casting, *planes):
+        if fractions is not None:
+            fractions.append(fraction)
+    return planes
+
+
+def test_tiles_without_rays_are_not_written(gpu):
+    casting, planes = sample_casting(2, False), np.full((2, 2, 30, 45), 7, np.float32)
+    casting.eights[0, 1] = 0
+    list(cast_tiles(casting, *planes))
+    unwritten = planes == 7
+    assert unwritten[..., :16, 16:32].all() and unwritten.sum() == 4 * 16 * 16
+
+
+def test_a_casting_ends_between_calls(gpu, monkeypatch):
+    """Closed, it frees its buffers; the next one is complete."""
+    expected, closed = sample_pictures(), []
+    monkeypatch.setattr(gpu_cast_module._Buffers, "close", lambda buffers: closed.append(buffers))
+    monkeypatch.setattr(gpu, "rate", 1.0)
+    casting = cast_tiles(sample_casting(2, False), *np.zeros((2, 2, 30, 45), np.float32))
+    assert 0 < next(casting) < 1 and not closed
+    casting.close()
+    assert len(closed) == 2
+    monkeypatch.undo()
+    monkeypatch.setenv(VARIABLE, GPU)
+    assert np.array_equal(sample_pictures(), expected)
+
+
+def sample_by_c():
+    with loops():
+        return sample_pictures()
+
+
+def test_a_shader_that_disagrees_with_c_is_not_used(gpu, monkeypatch):
+    monkeypatch.setattr(gpu, "pipelines", {})
+    monkeypatch.setattr(gpu_cast_module, "AGREEMENT", 0.0)
+    with warns(gpu, "differently from C"):
+        assert np.array_equal(sample_pictures(), sample_by_c())
+        assert np.array_equal(sample_pictures(), sample_by_c())
+        assert caster() == running()
+
+
+def test_a_driver_that_fails_during_a_casting_loses_nothing(gpu, monkeypatch):
+    run, calls = gpu_cast_module._Buffers.run, []
+
+    def failing(*given):
+        calls.append(given)
+        if len(calls) > 3:
+            raise RuntimeError("Device lost\nwhile it was in use")
+        return run(*given)
+
+    monkeypatch.setattr(gpu_cast_module._Buffers, "run", failing)
+    monkeypatch.setattr(gpu, "rate", 1.0)
+    with warns(gpu, "Device lost while it was in use"):
+        assert np.array_equal(sample_pictures(), sample_by_c())
+        assert np.array_equal(sample_pictures(), sample_by_c())
+
+
+def test_layers_above_the_limits_are_cast_by_c(gpu, monkeypatch):
+    monkeypatch.setattr(gpu, "limit_bytes", 20_000)
+    with warns(gpu, "MB"):
+        assert np.array_equal(sample_pictures(), sample_by_c())
+        assert np.array_equal(sample_pictures(), sample_by_c())
+    monkeypatch.undo()
+    monkeypatch.setenv(VARIABLE, GPU)
+    assert caster() == gpu.name and not np.array_equal(sample_pictures(), sample_by_c())
+
+
+def test_without_the_variable_emulations_are_not_used(gpu, searched_again, monkeypatch):
+    monkeypatch.delenv(VARIABLE)
+    monkeypatch.setattr(gpu_module, "REAL", ())
+    assert casting_gpu() is None and caster() == running()
+    gpu_module._opened_once.cache_clear()
+    monkeypatch.setattr(gpu_module, "REAL", gpu_module.KINDS)
+    assert caster() == gpu.name
+    monkeypatch.setenv(VARIABLE, running())
+    assert casting_gpu() is None and caster() == running()
+
+
+def test_a_device_that_cannot_be_opened_is_not_used(gpu, searched_again, monkeypatch):
+    def fails(adapter):
+        raise OSError("no such device")
+
+    monkeypatch.setattr(gpu_module, "Gpu", fails)
+    with warns(gpu, "no such device"):
+        assert np.array_equal(sample_pictures(), sample_by_c())
+
+
+@pytest.mark.parametrize("problem, words", [
+    (ImportError("no wgpu"), "the Python package wgpu is not installed"),
+    (OSError("GLIBC_2.99 not found"), "the Python package wgpu fails: GLIBC_2.99 not found"),
+    (None, "this machine has no graphics adapter for Vulkan, Metal or Direct3D 12")])
+def test_the_variable_is_refused_without_an_adapter(searched_again, monkeypatch, capsys, problem, words):
+    def search():
+        if problem:
+            raise problem
+        return []
+
+    monkeypatch.setattr(gpu_module, "_search", search)
+    monkeypatch.setenv(VARIABLE, GPU)
+    with refused(InputError, field=VARIABLE, value=GPU, where="environment"):
+        running()
+    assert cli.main(["--version"]) == 2
+    assert f"environment: LENSFIELD_KERNELS is gpu: {words}\n" in capsys.readouterr().err
+    monkeypatch.delenv(VARIABLE)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert casting_gpu() is None
