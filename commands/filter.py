@@ -127,12 +127,15 @@ def _filter_sequence(options, lens, chosen, shots):
     def job_of(shot):
         return settings | {"sources": shot.sources(first)}
 
-    def build_of(shot):
-        record = read_record(shot.record, job_of(shot), shot.targets)
+    def record_of(shot):
+        return read_record(shot.record, job_of(shot), shot.targets)
+
+    def build_of(record):
         return record and record["build"]
 
     noted = {shot: stamp_of(shot.record) for shot in shots}  # before checking whether the frames are complete
-    builds = {} if options.overwrite else {shot: build_of(shot) for shot in shots}
+    records = {} if options.overwrite else {shot: record_of(shot) for shot in shots}
+    builds = {shot: build_of(record) for shot, record in records.items()}
     pending = [shot for shot in shots if not is_accepted(builds.get(shot), options.any_build)]
     for line in other_builds_line(builds.values(), options.any_build, "filtered"):
         say(line)
@@ -143,10 +146,12 @@ def _filter_sequence(options, lens, chosen, shots):
     def is_left(shot):
         try:
             with only_writer(shot.output):
-                if stamp_of(shot.record) == noted[shot] or not is_accepted(build_of(shot), options.any_build):
+                unchanged = stamp_of(shot.record) == noted[shot]
+                if unchanged or not is_accepted(build_of(record_of(shot)), options.any_build):
                     discard(shot.record)
                     reports[shot.frame] = run.put_through(shot)
-                    write_record(shot.record, job_of(shot), shot.targets)
+                    write_record(shot.record, job_of(shot), shot.targets,
+                                 {"casting": reports[shot.frame].lens_image.casting})
                     say(*shot.targets)
         except Busy:
             return True
@@ -160,7 +165,9 @@ def _filter_sequence(options, lens, chosen, shots):
     left = [shot for shot in [shot for shot in pending if is_left(shot)] if is_left(shot)]
     if left:
         say(f"left to other processes: {len(left)} of the frames, from frame {left[0].frame} on")
-    return together(reports, {shot.frame: {} for shot in shots if shot.frame not in reports})
+    earlier = {shot.frame: records.get(shot) or {} for shot in shots if shot.frame not in reports}
+    return together(reports, {frame: {name: record[name] for name in ("casting",) if name in record}
+                              for frame, record in earlier.items()})
 
 
 def _recorded_settings(options, lens, chosen):

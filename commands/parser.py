@@ -24,7 +24,7 @@ def command_parser(main, version):
     """The parser for a version of Lensfield; `serve` runs commands through `main(arguments)`."""
     parser = argparse.ArgumentParser(prog="lensfield", description="Render Blender scenes through real lenses.")
     parser.add_argument("--version", action=_Version, const=version, nargs=0,
-                        help="print the version, the build, and whether the inner loops run in C or numpy")
+                        help="print the version, the build, and whether the inner loops run in C, numpy or on a GPU")
     commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=_Subcommand)
     for name, text in COMMANDS.items():
         commands.add_parser(name, help=text, module=name)
@@ -48,12 +48,15 @@ class _Subcommand(argparse.ArgumentParser):
 
 class _Version(argparse.Action):
     def __call__(self, parser, *_):
+        from ..engine.kernels.gpu import casting_gpu
         from ..engine.kernels.library import running
         from ..engine.runtime.build_identity import build_identity
         from ..engine.runtime.errors import InputError
 
         try:
-            print(f"lensfield {self.const}, build {build_identity()} (inner loops: {running()})")
+            loops, gpu = running(), casting_gpu()
+            casting = f"; casting: {gpu.name}" if gpu else ""
+            print(f"lensfield {self.const}, build {build_identity()} (inner loops: {loops}{casting})")
         except InputError as error:
             parser.error(str(error))
         parser.exit()

@@ -31,9 +31,3 @@ def cast_tiles(casting: Casting, blurred: np.ndarray, clear: np.ndarray) -> Iter
     with thread_pool() as pool:
         for completed, _ in enumerate(pool.map(lambda row: cast(casting, row, blurred, clear), range(rows)), 1):
             yield completed / rows
-
-
-def caster() -> str:
-    """What casts: the graphics processor's name, or the implementation of the loop."""
-    loops, gpu = running(), casting_gpu()
-    return gpu.name if gpu else loops

@@ -10,7 +10,7 @@ from functools import cache
 from ..runtime.errors import InputError
 from .build import LIBRARY_FOLDER, library_name, sources_digest, this_platform
 from .declarations import FUNCTIONS, NUMBERS
-from .gpu import GPU, VARIABLE, missing
+from .gpu import GPU, VARIABLE, casting_gpu, missing
 
 ABI = NUMBERS["ABI"]
 NUMPY = "numpy"
@@ -92,6 +92,18 @@ def running() -> str:
     if requested and requested not in available():
         raise InputError("environment", VARIABLE, requested, f"this machine has {', '.join(available())}")
     return requested or available()[-1]
+
+
+def caster() -> str:
+    """What casts: the name of a graphics processor, or "C", whose variants give the same bits, or "numpy".
+
+    Raises
+    ------
+    InputError
+        As `running`.
+    """
+    loops, gpu = running(), casting_gpu()
+    return gpu.name if gpu else NUMPY if loops == NUMPY else "C"
 
 
 def chosen() -> tuple[ctypes.CDLL, int]:

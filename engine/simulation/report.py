@@ -105,13 +105,23 @@ class Report:
         for number, report in self.frames.items():
             for line in report._common_remarks():
                 alike.setdefault(FIGURE.sub("", line), []).append((number, line))
-        return [*self._common_remarks(), *(self._remark_of_frames(lines) for lines in alike.values())]
+        return [*self._common_remarks(), *(self._remark_of_frames(lines) for lines in alike.values()),
+                *self._unlike_casting()]
 
     def _remark_of_frames(self, lines):
         (number, first), *others = lines
         if len(lines) == len(self.frames) and all(line == first for _, line in others):
             return first
         return f"frame {number}: {first}{f' ({len(others)} similar)' if others else ''}"
+
+    def _unlike_casting(self):
+        """A line if not all frames were cast by the same device."""
+        casting = [report.lens_image.casting for report in self.frames.values() if report.lens_image]
+        casting += [report.get("casting", "") for report in self.earlier.values()]
+        frames = Counter(filter(None, casting))
+        if len(frames) > 1:
+            yield (f"frames were cast by {', '.join(f'{name} ({count})' for name, count in frames.most_common())}: "
+                   "they differ by rounding")
 
     def _common_remarks(self):
         for part in self.parts:

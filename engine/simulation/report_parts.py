@@ -99,6 +99,8 @@ class LensImageFacts(Part):
         Number of clamped pixels.
     loops : str
         Implementation of the loops: "numpy", or the instruction set of the compiled ones.
+    casting : str
+        What cast the out-of-focus light: a graphics processor, "C" or "numpy"; "" without such light.
     negative_light_fraction : float
         Negative fraction of the in-focus radiance, which is invalid.
     brightest : float
@@ -118,6 +120,7 @@ class LensImageFacts(Part):
     out_of_field_fraction: float
     fireflies_clamped: int
     loops: str
+    casting: str = ""
     negative_light_fraction: float = 0.0
     brightest: float = 0.0
     softening_px: float = 0.0

@@ -13,7 +13,7 @@ from ..image.projection import PLANE
 from ..image.sharpening import sharpening_gain
 from ..image.spectral_image import IRRADIANCE, SpectralImage
 from ..image.supersampling import merge_pixels, softening_px, split_pixels
-from ..kernels.library import running
+from ..kernels.library import caster, running
 from ..lens import Lens
 from ..lens.iris import Iris
 from ..library.rays import Rays, lens_rays
@@ -135,7 +135,7 @@ class _Tally:
     def __init__(self, sampling, supersampling, times):
         self._sampling, self._parts, self._times = sampling, supersampling**2, times  # finer pixels in a pixel
         self._frame = sampling.grid.frame()
-        self._fits, self._clamped, self._out_of_field = [], 0, 0.0
+        self._fits, self._clamped, self._out_of_field, self._cast = [], 0, 0.0, False
         self._flux = np.zeros(3)
         self._negative, self._light, self._brightest = 0.0, 0.0, 0.0
 
@@ -152,6 +152,7 @@ class _Tally:
         self._flux += (light / self._parts + unfocused, blurred.sum(dtype=np.float64) / self._parts + unfocused,
                        frame.sum(dtype=np.float64))
         self._clamped += clamped
+        self._cast |= out_of_focus is not None
         self._out_of_field = max(self._out_of_field, field.share_beyond(self._frame))
         self._fits.append([kind(fit.order, fit.residual, fit.highest_order) for kind, fit in (
             (DistortionFit, field.distortion), (IlluminationFit, field.illumination))])
@@ -163,6 +164,7 @@ class _Tally:
                      for nm, fits in zip(self._sampling.wavelengths_nm, self._fits, strict=True))
         return LensImageFacts(lens.name, plan, grid.pitch_um, grid.frame_px, grid.overscan_px, fits,
                               Energy(*flux.tolist()), self._out_of_field, self._clamped, running(),
+                              caster() if self._cast else "",
                               self._negative / max(self._light + self._negative, np.finfo(float).tiny),
                               self._brightest, self._softening_px(plan.supersampling))
 

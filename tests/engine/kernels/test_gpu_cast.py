@@ -21,15 +21,19 @@ from lensfield.engine.image.detail import Detail, merged
 from lensfield.engine.image.layers import Layer, LayeredRadiance
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.image.projection import FISHEYE
+from lensfield.engine.image.spectral_image import SpectralImage
 from lensfield.engine.kernels import gpu as gpu_module
 from lensfield.engine.kernels import gpu_cast as gpu_cast_module
-from lensfield.engine.kernels.cast_tiles import cast_tiles, caster
+from lensfield.engine.kernels.cast_tiles import cast_tiles
 from lensfield.engine.kernels.gpu import GPU, VARIABLE, casting_gpu, missing
-from lensfield.engine.kernels.library import running
+from lensfield.engine.kernels.library import caster, running
 from lensfield.engine.kernels.sample_casting import sample_casting
 from lensfield.engine.lens.entrance_pupil import focus_nearness
 from lensfield.engine.lens.iris import Iris
+from lensfield.engine.plan.options import Options
 from lensfield.engine.runtime.errors import InputError
+from lensfield.engine.simulation.report import Report, together
+from lensfield.engine.simulation.simulate import simulate
 from loops import using
 from refusals import refused
 
@@ -37,6 +41,7 @@ PITCH_UM, NM, TIMES = 16.0, (500.0, 600.0), 2
 GRID = PixelGrid((75, 92), PITCH_UM, (31.3, 55.8), (11, 14))
 """Off-centre and not square; the last tiles are cut."""
 SMALL_GRID = PixelGrid((44, 57), PITCH_UM, (16.3, 31.8), (5, 8))
+OPTIONS = Options(accuracy=0.1)
 MEAN_DIFFERENCE, LARGEST_DIFFERENCE = 1e-5, 1e-4
 """A tenth of the requested accuracy, 1 %, is 1e-3: rounding is a thousandth and a tenth of this."""
 
@@ -228,7 +233,7 @@ def test_a_shader_that_disagrees_with_c_is_not_used(gpu, monkeypatch):
     with warns(gpu, "differently from C"):
         assert np.array_equal(sample_pictures(), sample_by_c())
         assert np.array_equal(sample_pictures(), sample_by_c())
-        assert caster() == running()
+        assert caster() == "C"
 
 
 def test_a_driver_that_fails_during_a_casting_loses_nothing(gpu, monkeypatch):
@@ -260,12 +265,12 @@ def test_layers_above_the_limits_are_cast_by_c(gpu, monkeypatch):
 def test_without_the_variable_emulations_are_not_used(gpu, searched_again, monkeypatch):
     monkeypatch.delenv(VARIABLE)
     monkeypatch.setattr(gpu_module, "REAL", ())
-    assert casting_gpu() is None and caster() == running()
+    assert casting_gpu() is None and caster() == "C"
     gpu_module._opened_once.cache_clear()
     monkeypatch.setattr(gpu_module, "REAL", gpu_module.KINDS)
     assert caster() == gpu.name
     monkeypatch.setenv(VARIABLE, running())
-    assert casting_gpu() is None and caster() == running()
+    assert casting_gpu() is None and caster() == "C"
 
 
 def test_a_device_that_cannot_be_opened_is_not_used(gpu, searched_again, monkeypatch):
@@ -297,3 +302,22 @@ def test_the_variable_is_refused_without_an_adapter(searched_again, monkeypatch,
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert casting_gpu() is None
+
+
+def test_command_and_reports_name_the_device(gpu, capsys):
+    assert cli.main(["--version"]) == 0
+    with loops():
+        assert cli.main(["--version"]) == 0
+    named, plain = capsys.readouterr().out.splitlines()
+    assert named == plain.replace(")", f"; casting: {gpu.name})")
+    lens = radial_lens()
+    layered = scene(lens, SMALL_GRID, (12.0,))
+    by_gpu, by_c, flat = Report(), Report(), Report()
+    simulate(layered, lens, OPTIONS, report=by_gpu)
+    simulate(SpectralImage(np.ones((2, 9, 9)), NM, pitch_um=PITCH_UM), lens, OPTIONS, report=flat)
+    with loops():
+        simulate(layered, lens, OPTIONS, report=by_c)
+    assert [report.as_dict()["casting"] for report in (by_gpu, by_c, flat)] == [gpu.name, "C", ""]
+    different = f"frames were cast by C (2), {gpu.name} (1): they differ by rounding"
+    assert different in together({1: by_gpu, 2: by_c}, {3: by_c.as_dict(), 4: {}}).remarks()
+    assert different not in together({1: by_c, 2: flat}, {3: by_c.as_dict()}).remarks()
