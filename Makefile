@@ -7,7 +7,7 @@
 #                  Farms, fuzzing, benchmarks and the README's code are left to .ci/run. ALL_CASES=yes runs everything
 # make heavy       run all tests and cases, and write tests/heavy.txt (an hour)
 # make kernels     recompile the engine's C loops if their sources have changed; targets that test or measure the engine
-#                  do this first; LENSFIELD_KERNELS=numpy, base, avx2 or avx512 selects the implementation at run time
+#                  do this first; LENSFIELD_KERNELS=numpy, base, avx2, avx512 or gpu selects the implementation at run time
 # make -k -j2 -O ci  run what .ci/run runs after make lint: all tests, with the Blender tests on four Blenders; two
 #                  parts at once, the output of each in one piece, and all of them even if some fail
 # make test-kernels  compare the C loops with plain ones on random shapes: under sanitizers, on other processors and on

@@ -5,7 +5,7 @@
     python benchmarks/figures.py NAME [WORD ...] [--option VALUE ...]
 
 Each is a function of a module next to this one, which yields lines. Its arguments are those of the command line: words,
-and options for those by name only. LENSFIELD_KERNELS=numpy (or base, avx2, …) chooses the implementation of the loops.
+and options for those by name only. LENSFIELD_KERNELS=numpy (or base, avx2, gpu, …) chooses the loops.
 """
 
 import argparse
@@ -18,7 +18,7 @@ MODULES = {
     "cost": ("cost",),
     "errors": ("accuracy", "supersampling", "sharpness", "worst"),
     "optics": ("anamorphic", "bake", "rack", "grid", "sensor"),
-    "depth": ("casting", "blurred_lamps", "near_focus"),
+    "depth": ("casting", "blurred_lamps", "near_focus", "gpu"),
     "stray": ("ghosts", "veil", "stray"),
     "processes": ("start", "memory", "large", "farm", "film"),
     "stored": ("files",),

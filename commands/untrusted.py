@@ -15,6 +15,8 @@ import sys
 from pathlib import Path
 
 from ..engine import InputError
+from ..engine.kernels.gpu import VARIABLE
+from ..engine.kernels.library import running
 from ..engine.runtime.cache import cache_folder
 from ..engine.runtime.files import make_folder, temporary_folder, temporary_root
 from ..engine.runtime.inputs import confine
@@ -135,8 +137,8 @@ def _start(command, work, token):
         command = [sys.executable, "-I", str(Path(__file__).with_name("confine.py")), *command]
     else:
         command = command[1:]
-    return subprocess.Popen(command, env=os.environ | {CONFINED: token} | dict.fromkeys(("TMPDIR", "TMP", "TEMP"),
-                                                                                       str(work)),
+    environment = os.environ | {CONFINED: token, VARIABLE: running()}  # without a GPU, whose driver is not confined
+    return subprocess.Popen(command, env=environment | dict.fromkeys(("TMPDIR", "TMP", "TEMP"), str(work)),
                             start_new_session=sys.platform == "linux")  # elsewhere, Ctrl-C must reach it
 
 

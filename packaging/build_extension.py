@@ -23,16 +23,17 @@ from lensfield.engine.runtime import build_identity
 
 ROOT = Path(__file__).resolve().parent.parent
 KERNELS = "engine/kernels/lib"
-COMPILED = "scipy", "OpenEXR", "pillow", "PyYAML", "rawpy", "matplotlib", "contourpy", "kiwisolver"
-PURE = "cycler", "fonttools", "packaging", "pyparsing", "python-dateutil", "six"
-"""Requirements in Python alone, dependencies of matplotlib, which draws lens sheets. fonttools also has wheels with
-compiled parts, which are four times as large and which matplotlib does not need for pictures."""
+COMPILED = ("scipy", "OpenEXR", "pillow", "PyYAML", "rawpy", "matplotlib", "contourpy", "kiwisolver", "wgpu==0.32.*",
+            "cffi")
+PURE = "cycler", "fonttools", "packaging", "pyparsing", "python-dateutil", "six", "rendercanvas", "pycparser"
+"""Requirements in Python alone, dependencies of matplotlib, which draws lens sheets, and of wgpu. fonttools also has
+wheels with compiled parts, which are four times as large and which matplotlib does not need for pictures."""
 PLATFORMS = {
     "linux-x64": ("manylinux_2_28_x86_64", "manylinux_2_27_x86_64", "manylinux_2_17_x86_64", "manylinux2014_x86_64"),
     "windows-x64": ("win_amd64",),
     "macos-arm64": ("macosx_14_0_arm64", "macosx_12_0_arm64", "macosx_11_0_arm64"),
 }
-LARGEST_MB = 70
+LARGEST_MB = 74
 
 
 @dataclass(frozen=True)

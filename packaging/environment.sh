@@ -19,8 +19,8 @@ tables) version=3.11 module=colour packages= extras=tables ;;
 sensor) version=3.11 module=emva1288.process.results packages= extras=emva,judges,plots,test ;;
 lint) version=3.11 module=mypy packages= extras=lint ;;
 release) version=3.11 module=build packages= extras=release ;;
-4.5.* | 5.0.*) version=3.11 module=bpy packages="bpy==$2 numpy>=1.26,<2" extras=plots,test${3:+,$3} ;;
-*) version=3.13 module=bpy packages="bpy==$2 numpy>=2.2,<3" extras=plots,test${3:+,$3} ;;
+4.5.* | 5.0.*) version=3.11 module=bpy packages="bpy==$2 numpy>=1.26,<2" extras=gpu,plots,test${3:+,$3} ;;
+*) version=3.13 module=bpy packages="bpy==$2 numpy>=2.2,<3" extras=gpu,plots,test${3:+,$3} ;;
 esac
 
 install_packages() { # install_packages WHY PACKAGE...
@@ -48,6 +48,12 @@ fi
 # The package's C loops require a compiler. If none is installed and none can be, numpy is used instead.
 if [ -z "${CC:-}" ] && [ "$(id -u)" = 0 ] && ! command -v cc >/dev/null && command -v apt-get >/dev/null; then
     (install_packages "a C compiler is missing" gcc) || true
+fi
+
+# Without a graphics card, the tests of casting on a GPU require Mesa's emulation of one. Otherwise they are skipped.
+if [ -z "${extras##gpu,*}" ] && [ "$(id -u)" = 0 ] && ! ls /usr/share/vulkan/icd.d/lvp_icd* >/dev/null 2>&1 &&
+    command -v apt-get >/dev/null; then
+    (install_packages "an emulated GPU is missing" mesa-vulkan-drivers) || true
 fi
 
 "$python" -m venv "$venv"

@@ -34,7 +34,8 @@ struct Casting {
     blade_margin: f32, blade_bend: f32, blade_slope: f32, cell_of_eight: f32,
     faint: array<vec4<f32>, 2>,
 }
-struct Call { first_group: u32, top: u32, rows: u32 } // first row and rows of the picture in `pictures`
+// of workgroups, and of a tile's eights; and the first row and the rows of the picture in `pictures`
+struct Call { first_group: u32, first_eight: u32, most_eights: u32, top: u32, rows: u32 }
 struct Level {
     light: u32, alpha: u32, depth: u32, rows: u32, columns: u32, // where the planes begin; depth: of the first level
     axis_row: f32, axis_column: f32, per_px: f32,
@@ -45,7 +46,7 @@ struct Tile {
     row: u32, column: u32, height: u32, width: u32, // in the picture
     step: u32, tall: u32, wide: u32, // distance between pixels that are cast, and their rows and columns
     first_eight: u32, eights: u32, focused: u32,
-    meetings: u32, values: u32, // where those of the tile begin
+    meetings: u32, first_pixel: u32, // where those of the tile begin, in `sums`
 }
 struct Group { tile: u32, first_pixel: u32 }
 
@@ -58,7 +59,7 @@ struct Group { tile: u32, first_pixel: u32 }
 @group(0) @binding(6) var<storage, read> meetings: array<Meeting>;
 @group(0) @binding(7) var<storage, read> tiles: array<Tile>;
 @group(0) @binding(8) var<storage, read> groups: array<Group>;
-@group(0) @binding(9) var<storage, read_write> values: array<f32>; // (pixel that is cast, radiance and clear share)
+@group(0) @binding(9) var<storage, read_write> sums: array<vec4<f32>>; // (pixel that is cast, wavelength): see below
 @group(0) @binding(10) var<storage, read_write> pictures: array<f32>; // (radiance and clear share, row, column)
 
 struct Pixel {
@@ -72,8 +73,14 @@ struct Pencil { // rays at a wavelength
     far: vec2<f32>, by: vec2<f32>, light: f32, free: f32, in_focus: f32,
 }
 struct Spot { inside: bool, at: u32, right: f32, down: f32 }
-struct Sums { light: f32, blurred: f32, through: f32, all: f32 }
 struct Node { before: u32, weight: f32 }
+
+
+// Of `sums`, over the rays of a pixel at a wavelength.
+const LIGHT = 0u;
+const BLURRED = 1u;
+const THROUGH = 2u;
+const ALL = 3u;
 
 // Also of NaN: b
 fn larger(a: f32, b: f32) -> f32 { return select(b, a, a > b); }
@@ -168,7 +175,7 @@ fn turned(here: ptr<function, Pixel>, a: vec2<f32>) -> vec2<f32> {
 }
 
 // Follows the ray whose floats begin at `first` in the node of a pixel.
-fn follow(here: ptr<function, Pixel>, first: u32, tile: Tile, sums: ptr<function, array<Sums, WAVELENGTHS>>) {
+fn follow(here: ptr<function, Pixel>, first: u32, tile: Tile, sum: ptr<function, array<vec4<f32>, WAVELENGTHS>>) {
     let weight = (*here).weight;
     let up_weight = (*here).up_weight;
     let held = select(smaller(weight, 1.0), within_one(weight), MESH);
@@ -189,7 +196,7 @@ fn follow(here: ptr<function, Pixel>, first: u32, tile: Tile, sums: ptr<function
         let of_cell = select(0.0, part * at_pixel(here, at + WEIGHT, held, up_held), part > 0.0);
         pencils[w] = Pencil(turned(here, far), turned(here, by), of_cell, free, free);
         open = open || part > 0.0;
-        (*sums)[w].light += of_cell;
+        (*sum)[w][LIGHT] += of_cell;
     }
     for (var n = 0u; n < c.layers && open; n++) {
         let m = meetings[tile.meetings + n];
@@ -209,13 +216,13 @@ fn follow(here: ptr<function, Pixel>, first: u32, tile: Tile, sums: ptr<function
                 if (tile.focused != 0u) {
                     let sharp = visible * share;
                     let bright = radiance + c.faint[w / 4u][w % 4u] * alpha;
-                    (*sums)[w].blurred += (visible - sharp) * radiance;
-                    (*sums)[w].through += sharp * bright;
-                    (*sums)[w].all += pencils[w].in_focus * pencils[w].light * share * bright;
+                    (*sum)[w][BLURRED] += (visible - sharp) * radiance;
+                    (*sum)[w][THROUGH] += sharp * bright;
+                    (*sum)[w][ALL] += pencils[w].in_focus * pencils[w].light * share * bright;
                     let in_focus = pencils[w].in_focus - pencils[w].in_focus * share * alpha;
                     pencils[w].in_focus = select(0.0, in_focus, in_focus > BLOCKED);
                 } else {
-                    (*sums)[w].blurred += visible * radiance;
+                    (*sum)[w][BLURRED] += visible * radiance;
                 }
                 let free = pencils[w].free - pencils[w].free * alpha;
                 pencils[w].free = select(0.0, free, free > BLOCKED);
@@ -280,7 +287,7 @@ fn pixel_of(row: u32, column: u32, cells: f32) -> Pixel {
     return here;
 }
 
-// Casts pixels of tiles; those of an invocation's group are next to each other.
+// Adds rays of pixels to their sums. Each workgroup casts pixels of a tile next to each other.
 @compute @workgroup_size(GROUP)
 fn cast_pixels(@builtin(workgroup_id) group_of_call: vec3<u32>, @builtin(local_invocation_index) number: u32) {
     let group = groups[call.first_group + group_of_call.x];
@@ -289,18 +296,21 @@ fn cast_pixels(@builtin(workgroup_id) group_of_call: vec3<u32>, @builtin(local_i
     if (pixel >= tile.tall * tile.wide) { return; }
     let cells = sqrt(f32(tile.eights)) / c.cell_of_eight;
     var here = pixel_of(tile.row + pixel / tile.wide * tile.step, tile.column + pixel % tile.wide * tile.step, cells);
-    var sums: array<Sums, WAVELENGTHS>;
-    for (var n = tile.first_eight; n < tile.first_eight + tile.eights; n++) {
-        for (var ray = 0u; ray < 8u; ray++) { follow(&here, n * OF_EIGHT + ray, tile, &sums); }
+    var sum: array<vec4<f32>, WAVELENGTHS>;
+    let end = tile.first_eight + min(call.first_eight + call.most_eights, tile.eights);
+    for (var n = tile.first_eight + call.first_eight; n < end; n++) {
+        for (var ray = 0u; ray < 8u; ray++) { follow(&here, n * OF_EIGHT + ray, tile, &sum); }
     }
-    let to = tile.values + 2u * WAVELENGTHS * pixel;
-    for (var w = 0u; w < WAVELENGTHS; w++) {
-        var part = 1.0;
-        if (tile.focused != 0u && sums[w].all > 0.0) { part = within_one(sums[w].through / sums[w].all); }
-        values[to + w] = 0.0;
-        if (sums[w].light > 0.0) { values[to + w] = sums[w].blurred / sums[w].light; }
-        values[to + WAVELENGTHS + w] = part;
-    }
+    let to = (tile.first_pixel + pixel) * WAVELENGTHS;
+    for (var w = 0u; w < WAVELENGTHS; w++) { sums[to + w] += sum[w]; }
+}
+
+// Radiance and clear share of a pixel at a wavelength.
+fn divided(sum: vec4<f32>, focused: bool) -> vec2<f32> {
+    var of_pixel = vec2<f32>(0.0, 1.0);
+    if (sum[LIGHT] > 0.0) { of_pixel.x = sum[BLURRED] / sum[LIGHT]; }
+    if (focused && sum[ALL] > 0.0) { of_pixel.y = within_one(sum[THROUGH] / sum[ALL]); }
+    return of_pixel;
 }
 
 struct Crossing { before: u32, after: u32, weight: f32 }
@@ -314,21 +324,25 @@ fn crossing_of(pixel: u32, step: u32, count: u32) -> Crossing {
 @compute @workgroup_size(GROUP)
 fn fill_tiles(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) number: u32) {
     let tile = tiles[group.x];
-    let each = 2u * WAVELENGTHS;
+    let focused = tile.focused != 0u;
     for (var pixel = number; pixel < tile.height * tile.width; pixel += GROUP) {
         let row = pixel / tile.width;
         let column = pixel % tile.width;
         let x = crossing_of(column, tile.step, tile.wide);
         let y = crossing_of(row, tile.step, tile.tall);
-        let above = tile.values + y.before * tile.wide * each;
-        let below = tile.values + y.after * tile.wide * each;
-        for (var w = 0u; w < each; w++) {
-            let a = x.before * each + w;
-            let b = x.after * each + w;
-            let upper = between(values[above + a], values[above + b], x.weight);
-            let lower = between(values[below + a], values[below + b], x.weight);
-            pictures[(w * call.rows + tile.row - call.top + row) * c.columns + tile.column + column] =
-                between(upper, lower, y.weight);
+        let above = tile.first_pixel + y.before * tile.wide;
+        let below = tile.first_pixel + y.after * tile.wide;
+        for (var w = 0u; w < WAVELENGTHS; w++) {
+            let above_left = divided(sums[(above + x.before) * WAVELENGTHS + w], focused);
+            let above_right = divided(sums[(above + x.after) * WAVELENGTHS + w], focused);
+            let below_left = divided(sums[(below + x.before) * WAVELENGTHS + w], focused);
+            let below_right = divided(sums[(below + x.after) * WAVELENGTHS + w], focused);
+            let upper = above_left + x.weight * (above_right - above_left);
+            let lower = below_left + x.weight * (below_right - below_left);
+            let filled = upper + y.weight * (lower - upper);
+            let to = (w * call.rows + tile.row - call.top + row) * c.columns + tile.column + column;
+            pictures[to] = filled.x;
+            pictures[to + WAVELENGTHS * call.rows * c.columns] = filled.y;
         }
     }
 }

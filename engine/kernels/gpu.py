@@ -47,7 +47,7 @@ class Gpu:
     def __init__(self, adapter: Any):
         self.name = _name(adapter)
         limits = {name: adapter.limits[name] for name in LIMITS}
-        self.device = adapter.request_device_sync(required_limits=limits)
+        self.device = self.call(lambda: adapter.request_device_sync(required_limits=limits))
         self.limit_bytes = min(limits.values())
         self.rate = FIRST_RATE
         self.pipelines: dict[Any, Any] = {}
@@ -83,10 +83,14 @@ def casting_gpu() -> Gpu | None:
     return gpu if gpu and gpu.works else None
 
 
+def adapters() -> list:
+    """This machine's graphics adapters, the best first."""
+    return _found(os.getpid())[0]
+
+
 def missing() -> str:
     """What LENSFIELD_KERNELS=gpu lacks on this machine; "" for nothing."""
-    adapters = _adapters(os.getpid())
-    return adapters if isinstance(adapters, str) else ""
+    return _found(os.getpid())[1]
 
 
 def _opened(process, any_kind):
@@ -96,28 +100,26 @@ def _opened(process, any_kind):
 
 @lru_cache(maxsize=2)
 def _opened_once(process, any_kind):
-    adapters = _adapters(process)
-    usable = [] if isinstance(adapters, str) else [
-        each for each in adapters if any_kind or each.info["adapter_type"] in REAL]
+    usable = [each for each in adapters() if any_kind or each.info["adapter_type"] in REAL]
     if not usable:
         return None
     try:
-        return _thread(process).submit(Gpu, usable[0]).result()
+        return Gpu(usable[0])
     except Exception as problem:  # drivers fail in many ways
         _warn(_name(usable[0]), f"{_reason(problem)}: C is used instead")
         return None
 
 
 @lru_cache(maxsize=1)
-def _adapters(process):
-    """This machine's adapters, the best first; or why there are none."""
+def _found(process):
+    """This machine's adapters, the best first; and why there are none."""
     try:
-        adapters = _thread(process).submit(_search).result()
+        found = _thread(process).submit(_search).result()
     except ImportError:
-        return "the Python package wgpu is not installed"
+        return [], "the Python package wgpu is not installed"
     except Exception as problem:  # as of a library for another system
-        return f"the Python package wgpu fails: {_reason(problem)}"
-    return adapters or "this machine has no graphics adapter for Vulkan, Metal or Direct3D 12"
+        return [], f"the Python package wgpu fails: {_reason(problem)}"
+    return found, "" if found else "this machine has no graphics adapter for Vulkan, Metal or Direct3D 12"
 
 
 def _search():
@@ -127,8 +129,8 @@ def _search():
     with _without_mesas_layer():
         with suppress(RuntimeError):  # another add-on has started wgpu
             set_instance_extras(backends=BACKENDS)
-        adapters = [each for each in wgpu.gpu.enumerate_adapters_sync() if each.info["backend_type"] != "OpenGL"]
-    return sorted(adapters, key=lambda each: (*KINDS, each.info["adapter_type"]).index(each.info["adapter_type"]))
+        found = [each for each in wgpu.gpu.enumerate_adapters_sync() if each.info["backend_type"] != "OpenGL"]
+    return sorted(found, key=lambda each: (KINDS.index(each.info["adapter_type"]), each.info["backend_type"] != "Vulkan"))
 
 
 @contextmanager

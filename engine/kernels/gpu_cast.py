@@ -21,7 +21,8 @@ GROUP = 32  # invocations of a workgroup, pixels of a tile next to each other: t
 CALL_S = 0.05
 FASTER = 4.0  # the largest factor on the work from a call to the next one
 MOST_GROUPS = 65535  # in a call
-BAND_VALUES = 1 << 24  # of a band's pictures
+BAND_SUMS = 1 << 24  # of a band's pixels
+MOST_LOOPS = 50_000  # of an invocation: Mesa's emulation silently ends it after 65,535
 PIECE_BYTES = 1 << 25  # of an upload: the library copies a piece, and frees the copy after it
 AGREEMENT = 1e-3  # largest difference from C in the sample, relative to the brightest
 FARTHEST_PX = 3e38  # in place of infinity, for which shaders have no rules
@@ -36,8 +37,8 @@ CASTING = np.dtype([(name, kind) for kind, names in (
 LEVEL = np.dtype([(name, "u4") for name in "light alpha depth rows columns".split()]
                  + [(name, "f4") for name in "axis_row axis_column per_px top bottom left right".split()])
 TILE = np.dtype([(name, "u4") for name in "row column height width step tall wide first_eight eights focused meetings "
-                 "values".split()])
-UNIFORMS, CALL, LENS, LIGHT, DEPTHS, LEVELS, MEETINGS, TILES, GROUPS, VALUES, PICTURES = range(11)  # bindings
+                 "first_pixel".split()])
+UNIFORMS, CALL, LENS, LIGHT, DEPTHS, LEVELS, MEETINGS, TILES, GROUPS, SUMS, PICTURES = range(11)  # bindings
 
 
 class TooLarge(MemoryError):
@@ -107,7 +108,7 @@ def _check(gpu, pipelines, casting):
 def _cast(gpu, pipelines, casting, blurred, clear):
     with closing(_Buffers(gpu)) as shared:
         _share(shared, casting, blurred.shape[2])
-        rows = max(1, BAND_VALUES // (2 * casting.wavelengths * casting.tile_px * blurred.shape[2]))
+        rows = max(1, BAND_SUMS // (4 * casting.wavelengths * casting.tile_px * blurred.shape[2]))
         for first in range(0, len(casting.eights), rows):
             lit = casting.eights[first:first + rows] > 0
             if not lit.any():
@@ -133,34 +134,39 @@ def _write(pictures, to, lit, tile_px):
 
 def _band(gpu, pipelines, buffers, casting, first_row, lit, place, shape_px):
     """Cast rows of tiles into PICTURES; yield the completed fraction after each call."""
-    tiles = _tiles(casting, first_row, lit, shape_px)
-    sizes = 2 * casting.wavelengths * tiles["tall"] * tiles["wide"]
-    groups, work = _groups(casting, tiles)
+    tiles, rows = _tiles(casting, first_row, lit, shape_px), place.stop - place.start
+    groups, of_tile = _groups(tiles)
     buffers.put(TILES, tiles)
     buffers.put(GROUPS, groups)
-    buffers.make(VALUES, 4 * int(sizes.sum()))
-    rows = place.stop - place.start
+    buffers.make(SUMS, 16 * casting.wavelengths * int((tiles["tall"] * tiles["wide"]).sum()))
     buffers.make(PICTURES, 8 * casting.wavelengths * rows * shape_px[1])
     cast_pixels, fill_tiles = pipelines
-    of_cast = buffers.bound(cast_pixels, range(PICTURES))
-    of_fill = buffers.bound(fill_tiles, (UNIFORMS, CALL, TILES, VALUES, PICTURES))
-    done, begin = np.append(0.0, np.cumsum(work)), 0
-    while begin < len(groups):
-        end = int(np.searchsorted(done, done[begin] + CALL_S * gpu.rate, "right")) - 1
-        end = min(max(end, begin + 1), begin + MOST_GROUPS)
-        started = time.perf_counter()
-        buffers.run(cast_pixels, of_cast, end - begin, (begin, place.start, rows))
-        rate = (done[end] - done[begin]) / (time.perf_counter() - started)
-        gpu.rate = min(max(rate, gpu.rate / FASTER), gpu.rate * FASTER)
-        yield done[end] / done[-1]
-        begin = end
-    buffers.run(fill_tiles, of_fill, len(tiles), (0, place.start, rows))
+    bound = buffers.bound(cast_pixels, range(PICTURES))
+    work, most_eights = _look_ups(casting, tiles)[of_tile], _most_eights(casting)
+    completed, total = 0.0, (work * tiles["eights"][of_tile]).sum()
+    for first_eight in range(0, int(tiles["eights"][0]), most_eights):  # tiles with the most rays are the first ones
+        eights = np.clip(tiles["eights"][of_tile].astype(int) - first_eight, 0, most_eights)
+        done, begin = np.append(0.0, np.cumsum(work * eights)), 0
+        while begin < np.count_nonzero(eights):
+            end = int(np.searchsorted(done, done[begin] + CALL_S * gpu.rate, "right")) - 1
+            end = min(max(end, begin + 1), begin + MOST_GROUPS, np.count_nonzero(eights))
+            started = time.perf_counter()
+            buffers.run(cast_pixels, bound, end - begin, (begin, first_eight, most_eights, place.start, rows))
+            rate = (done[end] - done[begin]) / (time.perf_counter() - started)
+            gpu.rate = min(max(rate, gpu.rate / FASTER), gpu.rate * FASTER)
+            completed += done[end] - done[begin]
+            yield completed / total
+            begin = end
+    bound = buffers.bound(fill_tiles, (UNIFORMS, CALL, TILES, SUMS, PICTURES))
+    buffers.run(fill_tiles, bound, len(tiles), (0, 0, 0, place.start, rows))
 
 
 def _tiles(casting, first_row, lit, shape_px):
-    """The tiles with rays among some rows, as cast.wgsl reads them."""
+    """The tiles with rays among some rows, as cast.wgsl reads them, those with the most rays first."""
     rows, columns = np.nonzero(lit)
-    at, size = (rows + first_row, columns), casting.tile_px
+    rows = rows + first_row
+    order = np.argsort(-casting.eights[rows, columns], kind="stable")
+    at, size = (rows[order], columns[order]), casting.tile_px
     tiles = np.zeros(len(rows), TILE)
     tiles["row"], tiles["column"] = (each * size for each in at)
     tiles["height"], tiles["width"] = (np.minimum(size, n - tiles[name].astype(int))
@@ -171,19 +177,29 @@ def _tiles(casting, first_row, lit, shape_px):
     tiles["first_eight"], tiles["eights"] = casting.first_eights[at], casting.eights[at]
     tiles["focused"] = casting.meetings["focused"][at].any(axis=-1)
     tiles["meetings"] = np.ravel_multi_index(at, casting.eights.shape) * len(casting.layers)
-    sizes = 2 * casting.wavelengths * tiles["tall"].astype(np.int64) * tiles["wide"]
-    tiles["values"] = np.cumsum(sizes) - sizes
+    sizes = tiles["tall"] * tiles["wide"]
+    tiles["first_pixel"] = np.cumsum(sizes) - sizes
     return tiles
 
 
-def _groups(casting, tiles):
-    """Array (group, 2) of the workgroups' tiles and first pixels; and their work, in look-ups."""
-    counts = -(-(tiles["tall"].astype(np.int64) * tiles["wide"]) // GROUP)
+def _groups(tiles):
+    """Array (group, 2) of the workgroups' tiles and first pixels; and these tiles."""
+    counts = -(-(tiles["tall"] * tiles["wide"]).astype(int) // GROUP)
     of_tile = np.repeat(np.arange(len(tiles)), counts)
     first = GROUP * (np.arange(len(of_tile)) - np.repeat(np.cumsum(counts) - counts, counts))
+    return np.stack([of_tile, first], axis=-1).astype(np.uint32), of_tile
+
+
+def _look_ups(casting, tiles):
+    """Look-ups of a workgroup with an eight of rays in each pixel, in layers and of rays themselves."""
     met = (casting.meetings["steps"] >= 0).sum(axis=-1).ravel()[tiles["meetings"] // len(casting.layers)]
-    work = 8 * GROUP * casting.wavelengths * tiles["eights"] * (1.0 + met)
-    return np.stack([of_tile, first], axis=-1).astype(np.uint32), work[of_tile]
+    return 8.0 * GROUP * casting.wavelengths * (1 + met)
+
+
+def _most_eights(casting):
+    """The largest number of eights of rays that an invocation can follow."""
+    of_layer = 2 + casting.wavelengths + max(0, int(casting.meetings["steps"].max()))
+    return max(1, MOST_LOOPS // (8 * (2 + casting.wavelengths + len(casting.layers) * of_layer)))
 
 
 def _share(buffers, casting, columns):
@@ -213,7 +229,8 @@ def _share(buffers, casting, columns):
     buffers.put(DEPTHS, *depths)
     buffers.put(LEVELS, levels)
     buffers.put(MEETINGS, casting.meetings.view(MEETING))
-    buffers.make(CALL, 12, "UNIFORM")
+    buffers.make(CALL, 20, "UNIFORM")
+    buffers.wait()
 
 
 def _levels(casting):
@@ -282,7 +299,11 @@ class _Buffers:
         step.dispatch_workgroups(groups)
         step.end()
         device.queue.submit([encoder.finish()])
-        device.queue.read_buffer(self[CALL])
+        self.wait()
+
+    def wait(self):
+        """Wait until all earlier work is finished."""
+        self._gpu.device.queue.read_buffer(self[CALL])
 
     def read(self, binding):
         """The contents of a buffer, as float32 array."""
