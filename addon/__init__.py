@@ -66,6 +66,7 @@ def register():
     """Register classes and properties, and remove files that a killed Blender left behind."""
     _set_cache_folder()
     _register_classes()
+    preferences.follow_gpu()
     properties.register_pointers()
     old_files.start()
     register_keys()

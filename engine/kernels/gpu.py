@@ -14,8 +14,8 @@ from ..runtime.errors import shown
 GPU = "gpu"
 VARIABLE = "LENSFIELD_KERNELS"
 BACKENDS = ("Vulkan", "Metal", "DX12")  # OpenGL would have to be used by the thread that started it
-KINDS = ("DiscreteGPU", "IntegratedGPU", "VirtualGPU", "CPU", "Unknown")  # of adapters, the best first
-REAL = KINDS[:3]
+KINDS = ("DiscreteGPU", "IntegratedGPU", "CPU", "Unknown")  # of adapters, the best first
+REAL = KINDS[:2]
 MESAS_LAYER = "NODEVICE_SELECT"  # the variable that disables it
 LIMITS = ("max-buffer-size", "max-storage-buffer-binding-size")
 LONGEST_REASON = 200  # characters of a driver's message
@@ -130,7 +130,8 @@ def _search():
         with suppress(RuntimeError):  # another add-on has started wgpu
             set_instance_extras(backends=BACKENDS)
         found = [each for each in wgpu.gpu.enumerate_adapters_sync() if each.info["backend_type"] != "OpenGL"]
-    return sorted(found, key=lambda each: (KINDS.index(each.info["adapter_type"]), each.info["backend_type"] != "Vulkan"))
+    return sorted(found, key=lambda each: (KINDS.index(each.info["adapter_type"]),
+                                           each.info["backend_type"] != "Vulkan"))
 
 
 @contextmanager

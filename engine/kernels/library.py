@@ -14,6 +14,7 @@ from .gpu import GPU, VARIABLE, casting_gpu, missing
 
 ABI = NUMBERS["ABI"]
 NUMPY = "numpy"
+_without_gpu: list[str] = []  # the value of the variable that `use_gpu` has set
 PROBLEMS = {1: "a sample is outside the square", 2: "invalid sizes"}
 
 
@@ -104,6 +105,19 @@ def caster() -> str:
     """
     loops, gpu = running(), casting_gpu()
     return gpu.name if gpu else NUMPY if loops == NUMPY else "C"
+
+
+def use_gpu(allowed: bool) -> None:
+    """Let this process and those that it starts cast on a graphics processor, or not.
+
+    A value that LENSFIELD_KERNELS has from elsewhere takes precedence.
+    """
+    if not allowed and not os.environ.get(VARIABLE):
+        os.environ[VARIABLE] = running()
+        _without_gpu.append(os.environ[VARIABLE])
+    elif allowed and os.environ.get(VARIABLE) in _without_gpu:
+        del os.environ[VARIABLE]
+        _without_gpu.clear()
 
 
 def chosen() -> tuple[ctypes.CDLL, int]:

@@ -2,8 +2,11 @@
 
 import bpy
 
+from ....engine.kernels.library import use_gpu
+
 PACKAGE = __package__.rsplit(".", 3)[0]
 IN_CAMERA, IN_PANEL = "CAMERA", "PANEL"
+AUTO, OFF = "AUTO", "OFF"
 
 
 class LensfieldPreferences(bpy.types.AddonPreferences):
@@ -17,11 +20,18 @@ class LensfieldPreferences(bpy.types.AddonPreferences):
                                           "in Image Editors"),
                (IN_PANEL, "Panel", "In the Lensfield panel and in Image Editors; no 3D viewport changes")])
 
+    lens_on_gpu: bpy.props.EnumProperty(
+        name="Lens on GPU", default=AUTO, update=lambda self, context: follow_gpu(),
+        description="Where out-of-focus light is cast through the lens",
+        items=[(AUTO, "Auto", "On the graphics card, if its pictures agree with the CPU's"),
+               (OFF, "Off", "On the CPU")])
+
     favourite_lenses: bpy.props.StringProperty(options={"HIDDEN"})  # names, separated by spaces
 
     def draw(self, context):
         self.layout.use_property_split = True
         self.layout.prop(self, "preview_place")
+        self.layout.prop(self, "lens_on_gpu")
         self.layout.operator("lensfield.write_lens_assets", icon="ASSET_MANAGER")
 
 
@@ -35,6 +45,12 @@ def preview_place():
     """Where the preview appears."""
     preferences = addon_preferences()
     return preferences.preview_place if preferences else IN_CAMERA
+
+
+def follow_gpu():
+    """Let this Blender and the processes that it starts use the graphics card as preferred."""
+    preferences = addon_preferences()
+    use_gpu(not preferences or preferences.lens_on_gpu == AUTO)
 
 
 def favourite_lenses():

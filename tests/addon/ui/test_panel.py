@@ -1,6 +1,7 @@
 """From a new scene to the picture: the panel's options, predictions and fixes."""
 
 import json
+import os
 from types import SimpleNamespace
 
 import bpy
@@ -18,12 +19,14 @@ from lensfield.addon.scene.errors import SceneError
 from lensfield.addon.scene.requirements import check_scene
 from lensfield.addon.ui import lint_panel, panels, plan_line
 from lensfield.addon.ui.common import lens_worker
+from lensfield.addon.ui.common.preferences import follow_gpu
 from lensfield.addon.ui.common.properties import DEFAULT_LENS, forget_items, offered_lenses, searched_lens_items
 from lensfield.addon.ui.common.session import LastRender, session
 from lensfield.addon.ui.learned_time import learn_time
 from lensfield.addon.ui.panels import draw_settings
 from lensfield.engine import Options, load_lens
 from lensfield.engine.image.sampling import Sampling
+from lensfield.engine.kernels.library import VARIABLE, running
 from lensfield.engine.library import bundled_names
 from lensfield.engine.plan.choose import make_plan
 from lensfield.engine.stray.options import StrayOptions
@@ -74,6 +77,14 @@ def preferences(monkeypatch):
     monkeypatch.setattr("lensfield.addon.ui.favourites.addon_preferences", lambda: stored)
     yield stored
     forget_items()
+
+
+def test_a_preference_leaves_casting_to_the_processor(preferences, monkeypatch):
+    monkeypatch.delenv(VARIABLE, raising=False)
+    for choice, value in (("OFF", running()), ("AUTO", None)):
+        preferences.lens_on_gpu = choice
+        follow_gpu()
+        assert os.environ.get(VARIABLE) == value
 
 
 def test_favourites_are_listed_first(scene, preferences):

@@ -78,6 +78,20 @@ def test_the_command_names_the_running_variant(name, status, message, monkeypatc
     assert message in "".join(capsys.readouterr())
 
 
+def test_a_process_leaves_out_the_gpu_by_the_variable(monkeypatch):
+    """Processes that it starts inherit the variable. A user's own value stays."""
+    for _ in range(2):
+        library.use_gpu(False)
+        assert os.environ[library.VARIABLE] == running() == available()[-1]
+    for _ in range(2):
+        library.use_gpu(True)
+        assert library.VARIABLE not in os.environ
+    monkeypatch.setenv(library.VARIABLE, "numpy")
+    for allowed in (False, True):
+        library.use_gpu(allowed)
+        assert os.environ[library.VARIABLE] == "numpy"
+
+
 def test_without_a_library_numpy_runs(library_reset, monkeypatch, tmp_path, recwarn):
     monkeypatch.setattr(library, "LIBRARY_FOLDER", tmp_path)
     assert available() == ("numpy",) and running() == "numpy" and not recwarn
