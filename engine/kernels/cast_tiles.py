@@ -24,7 +24,7 @@ def cast_tiles(casting: Casting, blurred: np.ndarray, clear: np.ndarray) -> Iter
             yield from gpu_cast(gpu, casting, blurred, clear)
             return
         except MemoryError as problem:
-            gpu.warn(f"{problem}: C is used instead")
+            gpu.warn(problem)
         except Exception as problem:  # drivers fail in many ways
             gpu.give_up(problem)
     rows = len(casting.eights)

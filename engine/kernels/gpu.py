@@ -21,6 +21,8 @@ LIMITS = ("max-buffer-size", "max-storage-buffer-binding-size")
 LONGEST_REASON = 200  # characters of a driver's message
 FIRST_RATE = 4e8  # look-ups in a second; slow graphics processors do about as many
 
+PROCESS = os.getpid()  # forked processes cannot use its connection to a driver
+
 Result = TypeVar("Result")
 _searching = Lock()
 
@@ -56,10 +58,11 @@ class Gpu:
 
     def call(self, function: Callable[..., Result], *arguments: Any) -> Result:
         """The result of a function that the thread of the graphics processor calls."""
-        return _thread(os.getpid()).submit(function, *arguments).result()
+        return _thread().submit(function, *arguments).result()
 
-    def warn(self, text: str) -> None:
-        """Warn in one line, once for each text."""
+    def warn(self, problem: Exception) -> None:
+        """Warn in one line that C is used because of an error, once for each."""
+        text = _in_place(problem)
         if text not in self._warned:
             self._warned.add(text)
             _warn(self.name, text)
@@ -67,7 +70,7 @@ class Gpu:
     def give_up(self, problem: Exception) -> None:
         """Do not use it again in this process."""
         self.works = False
-        self.warn(f"{_reason(problem)}: C is used instead")
+        self.warn(problem)
 
 
 def casting_gpu() -> Gpu | None:
@@ -77,44 +80,41 @@ def casting_gpu() -> Gpu | None:
     instead. Without the variable, real graphics processors are accepted.
     """
     requested = os.environ.get(VARIABLE) or None
-    if requested not in (None, GPU):
+    if requested not in (None, GPU) or os.getpid() != PROCESS:
         return None
-    gpu = _opened(os.getpid(), requested == GPU)
+    with _searching:
+        gpu = _opened(requested == GPU)
     return gpu if gpu and gpu.works else None
 
 
 def adapters() -> list:
     """This machine's graphics adapters, the best first."""
-    return _found(os.getpid())[0]
+    return _found()[0]
 
 
 def missing() -> str:
     """What LENSFIELD_KERNELS=gpu lacks on this machine; "" for nothing."""
-    return _found(os.getpid())[1]
+    return _found()[1]
 
 
-def _opened(process, any_kind):
-    with _searching:
-        return _opened_once(process, any_kind)
-
-
-@lru_cache(maxsize=2)
-def _opened_once(process, any_kind):
+@lru_cache
+def _opened(any_kind):
+    """The best adapter, opened; None without one."""
     usable = [each for each in adapters() if any_kind or each.info["adapter_type"] in REAL]
     if not usable:
         return None
     try:
         return Gpu(usable[0])
     except Exception as problem:  # drivers fail in many ways
-        _warn(_name(usable[0]), f"{_reason(problem)}: C is used instead")
+        _warn(_name(usable[0]), _in_place(problem))
         return None
 
 
-@lru_cache(maxsize=1)
-def _found(process):
+@lru_cache
+def _found():
     """This machine's adapters, the best first; and why there are none."""
     try:
-        found = _thread(process).submit(_search).result()
+        found = _thread().submit(_search).result()
     except ImportError:
         return [], "the Python package wgpu is not installed"
     except Exception as problem:  # as of a library for another system
@@ -148,19 +148,21 @@ def _without_mesas_layer():
             os.environ[MESAS_LAYER] = before
 
 
-@lru_cache(maxsize=1)
-def _thread(process):
-    """The thread of a process: a forked process does not inherit its parent's."""
+@lru_cache
+def _thread():
     return ThreadPoolExecutor(1, "Lensfield GPU")
 
 
 def _name(adapter):
-    info = adapter.info
-    return f"{info['device']} ({info['backend_type']}{', ' * bool(info['description'])}{info['description']})"
+    return ", ".join(filter(None, (adapter.info[each] for each in ("device", "backend_type", "description"))))
 
 
 def _reason(problem):
     return shown(str(problem).strip() or type(problem).__name__, LONGEST_REASON)
+
+
+def _in_place(problem):
+    return f"{_reason(problem)}: C is used instead"
 
 
 def _warn(name, text):

@@ -106,6 +106,7 @@ def _check(gpu, pipelines, casting):
 
 
 def _cast(gpu, pipelines, casting, blurred, clear):
+    """Cast with compiled loops, a band of rows after the other; yield the completed fraction."""
     with closing(_Buffers(gpu)) as shared:
         _share(shared, casting, blurred.shape[2])
         rows = max(1, BAND_SUMS // (4 * casting.wavelengths * casting.tile_px * blurred.shape[2]))
@@ -152,13 +153,19 @@ def _band(gpu, pipelines, buffers, casting, first_row, lit, place, shape_px):
             end = min(max(end, begin + 1), begin + MOST_GROUPS, np.count_nonzero(eights))
             started = time.perf_counter()
             buffers.run(cast_pixels, bound, end - begin, (begin, first_eight, most_eights, place.start, rows))
-            rate = (done[end] - done[begin]) / (time.perf_counter() - started)
-            gpu.rate = min(max(rate, gpu.rate / FASTER), gpu.rate * FASTER)
+            _learn_rate(gpu, done[end] - done[begin], time.perf_counter() - started)
             completed += done[end] - done[begin]
             yield completed / total
             begin = end
     bound = buffers.bound(fill_tiles, (UNIFORMS, CALL, TILES, SUMS, PICTURES))
     buffers.run(fill_tiles, bound, len(tiles), (0, 0, 0, place.start, rows))
+
+
+def _learn_rate(gpu, look_ups, seconds):
+    """Adapt the work of the next call; a short call for little work shows only that the processor is not slower."""
+    rate = look_ups / seconds
+    if rate > gpu.rate or seconds > CALL_S:
+        gpu.rate = min(rate, FASTER * gpu.rate)
 
 
 def _tiles(casting, first_row, lit, shape_px):

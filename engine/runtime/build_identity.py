@@ -60,7 +60,8 @@ def build_identity() -> str:
     """The identity of this build: 16 hexadecimal digits.
 
     It is the same on all platforms: they produce the same bits from the same sources, so that machines of different
-    systems can share a folder of frames. A library of compiled loops made from other C sources is not used.
+    systems can share a folder of frames. Light that a GPU casts differs by rounding, and reports name the GPU. A
+    library of compiled loops made from other C sources is not used.
     """
     return _identity
 

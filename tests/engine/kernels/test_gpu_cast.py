@@ -68,10 +68,10 @@ def gpu(adapter, monkeypatch):
 def searched_again():
     """Forget the adapters before and after a test."""
     gpu_module._found.cache_clear()
-    gpu_module._opened_once.cache_clear()
+    gpu_module._opened.cache_clear()
     yield
     gpu_module._found.cache_clear()
-    gpu_module._opened_once.cache_clear()
+    gpu_module._opened.cache_clear()
 
 
 def radial_lens():
@@ -279,11 +279,16 @@ def test_without_the_variable_emulations_are_not_used(gpu, searched_again, monke
     monkeypatch.delenv(VARIABLE)
     monkeypatch.setattr(gpu_module, "REAL", ())
     assert casting_gpu() is None and caster() == "C"
-    gpu_module._opened_once.cache_clear()
+    gpu_module._opened.cache_clear()
     monkeypatch.setattr(gpu_module, "REAL", gpu_module.KINDS)
     assert caster() == gpu.name
     monkeypatch.setenv(VARIABLE, running())
     assert casting_gpu() is None and caster() == "C"
+
+
+def test_forked_processes_cast_by_c(gpu, monkeypatch):
+    monkeypatch.setattr(gpu_module, "PROCESS", -1)
+    assert caster() == "C" and np.array_equal(sample_pictures(), sample_by_c())
 
 
 def test_a_device_that_cannot_be_opened_is_not_used(gpu, searched_again, monkeypatch):
