@@ -237,6 +237,8 @@ fn node_before(at: f32, count: u32) -> Node {
     return Node(u32(before), at - before);
 }
 
+fn pair(at: u32) -> vec2<f32> { return vec2<f32>(lens[at], lens[at + 1u]); }
+
 fn find_chief(here: ptr<function, Pixel>, right: f32, up: f32) {
     let size = 2u * WAVELENGTHS;
     let columns = (c.nodes - 1u) * c.finer + 1u;
@@ -245,12 +247,9 @@ fn find_chief(here: ptr<function, Pixel>, right: f32, up: f32) {
     let a = c.chief + (upwards.before * columns + across.before) * size;
     let b = a + columns * size;
     for (var w = 0u; w < WAVELENGTHS; w++) {
-        for (var n = 0u; n < 2u; n++) {
-            let at = 2u * w + n;
-            let low = between(lens[a + at], lens[a + at + size], across.weight);
-            let high = between(lens[b + at], lens[b + at + size], across.weight);
-            (*here).chief[w][n] = between(low, high, upwards.weight);
-        }
+        let low = pair(a + 2u * w) + across.weight * (pair(a + 2u * w + size) - pair(a + 2u * w));
+        let high = pair(b + 2u * w) + across.weight * (pair(b + 2u * w + size) - pair(b + 2u * w));
+        (*here).chief[w] = low + upwards.weight * (high - low);
     }
 }
 
