@@ -25,6 +25,7 @@ PROCESS = os.getpid()  # forked processes cannot use its connection to a driver
 
 Result = TypeVar("Result")
 _searching = Lock()
+_problems: list[str] = []
 
 
 class Gpu:
@@ -54,18 +55,14 @@ class Gpu:
         self.rate = FIRST_RATE
         self.pipelines: dict[Any, Any] = {}
         self.works = True
-        self._warned: set[str] = set()
 
     def call(self, function: Callable[..., Result], *arguments: Any) -> Result:
         """The result of a function that the thread of the graphics processor calls."""
         return _thread().submit(function, *arguments).result()
 
     def warn(self, problem: Exception) -> None:
-        """Warn in one line that C is used because of an error, once for each."""
-        text = _in_place(problem)
-        if text not in self._warned:
-            self._warned.add(text)
-            _warn(self.name, text)
+        """Warn in one line that C is used because of an error, once for each, and keep the line for reports."""
+        _warn(self.name, problem)
 
     def give_up(self, problem: Exception) -> None:
         """Do not use it again in this process."""
@@ -92,6 +89,11 @@ def adapters() -> list:
     return _found()[0]
 
 
+def problems() -> tuple[str, ...]:
+    """Why a graphics processor of this process does not cast, or has left something to C, one line each."""
+    return tuple(_problems)
+
+
 def missing() -> str:
     """What LENSFIELD_KERNELS=gpu lacks on this machine; "" for nothing."""
     return _found()[1]
@@ -106,7 +108,7 @@ def _opened(any_kind):
     try:
         return Gpu(usable[0])
     except Exception as problem:  # drivers fail in many ways
-        _warn(_name(usable[0]), _in_place(problem))
+        _warn(_name(usable[0]), problem)
         return None
 
 
@@ -161,10 +163,9 @@ def _reason(problem):
     return shown(str(problem).strip() or type(problem).__name__, LONGEST_REASON)
 
 
-def _in_place(problem):
-    return f"{_reason(problem)}: C is used instead"
-
-
-def _warn(name, text):
-    """Warn in one line, without a line of code."""
-    warnings.warn_explicit(text, RuntimeWarning, name, 0)
+def _warn(name, problem):
+    """Warn in one line, without a line of code, unless this was done before."""
+    text = f"{_reason(problem)}: C is used instead"
+    if f"{name}: {text}" not in _problems:
+        _problems.append(f"{name}: {text}")
+        warnings.warn_explicit(text, RuntimeWarning, name, 0)

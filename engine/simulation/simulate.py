@@ -13,6 +13,7 @@ from ..image.projection import PLANE
 from ..image.sharpening import sharpening_gain
 from ..image.spectral_image import IRRADIANCE, SpectralImage
 from ..image.supersampling import merge_pixels, softening_px, split_pixels
+from ..kernels.gpu import problems
 from ..kernels.library import caster, running
 from ..lens import Lens
 from ..lens.iris import Iris
@@ -164,7 +165,7 @@ class _Tally:
                      for nm, fits in zip(self._sampling.wavelengths_nm, self._fits, strict=True))
         return LensImageFacts(lens.name, plan, grid.pitch_um, grid.frame_px, grid.overscan_px, fits,
                               Energy(*flux.tolist()), self._out_of_field, self._clamped, running(),
-                              caster() if self._cast else "",
+                              *((caster(), problems()) if self._cast else ("", ())),
                               self._negative / max(self._light + self._negative, np.finfo(float).tiny),
                               self._brightest, self._softening_px(plan.supersampling))
 

@@ -46,22 +46,17 @@ MEAN_DIFFERENCE, LARGEST_DIFFERENCE = 1e-5, 1e-4
 """A tenth of the requested accuracy, 1 %, is 1e-3: rounding is a thousandth and a tenth of this."""
 
 
-@pytest.fixture(scope="module")
-def adapter():
-    with using(GPU):
-        if lacking := missing():
-            pytest.skip(f"{lacking}: install wgpu, and mesa-vulkan-drivers for an emulation")
-        yield casting_gpu()
-
-
 @pytest.fixture
-def gpu(adapter, monkeypatch):
-    """The graphics processor, in use and without a record of warnings and failures during a test."""
+def gpu(monkeypatch):
+    """The graphics processor, in use and without a record of failures during a test."""
+    if lacking := missing():
+        pytest.skip(f"{lacking}: install wgpu, and mesa-vulkan-drivers for an emulation")
     monkeypatch.setenv(VARIABLE, GPU)
-    monkeypatch.setattr(adapter, "works", True)
-    monkeypatch.setattr(adapter, "_warned", set())
-    monkeypatch.setattr(adapter, "rate", adapter.rate)
-    return adapter
+    gpu = casting_gpu()
+    monkeypatch.setattr(gpu, "works", True)
+    monkeypatch.setattr(gpu, "rate", gpu.rate)
+    monkeypatch.setattr(gpu_module, "_problems", [])
+    return gpu
 
 
 @pytest.fixture
@@ -339,3 +334,12 @@ def test_command_and_reports_name_the_device(gpu, capsys):
     different = f"frames were cast by C (2), {gpu.name} (1): they differ by rounding"
     assert different in together({1: by_gpu, 2: by_c}, {3: by_c.as_dict(), 4: {}}).remarks()
     assert different not in together({1: by_c, 2: flat}, {3: by_c.as_dict()}).remarks()
+
+
+def test_a_report_states_why_c_has_cast(gpu, monkeypatch):
+    monkeypatch.setattr(gpu, "limit_bytes", 2_000)
+    lens, report = radial_lens(), Report()
+    with warns(gpu, "MB"):
+        simulate(scene(lens, SMALL_GRID, (12.0,)), lens, OPTIONS, report=report)
+    line, = report.lens_image.casting_problems
+    assert line in report.remarks() and line.startswith(f"{gpu.name}: cannot cast with a table of ")
