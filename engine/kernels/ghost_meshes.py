@@ -4,6 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .declarations import NUMBERS
+
+LIMIT, STOP, LIGHT = 2, 3, NUMBERS["GHOST_QUANTITIES"]
+"""Where the quantities of a ray begin behind its place: limit, positions in the stop, and light at each wavelength."""
+
 
 @dataclass(frozen=True, eq=False)
 class Blades:
@@ -21,7 +26,7 @@ class Meshes:
 
     Attributes
     ----------
-    rays : array (pair, quantity, row, column)
+    rays : array (pair, LIGHT + wave, row, column)
     crossings : int64 array (pair,)
         How often the light crosses the stop.
     cells_mm2 : array (pair,)
@@ -34,7 +39,7 @@ class Meshes:
         Whether the first column is the middle, and the other half is the mirror image.
     azimuth_rad : float
         Angle by which the rays are turned, from the right upwards.
-    irradiance : float
+    irradiance : array (wave,)
         W m^-2 nm^-1 of the light in front of the lens.
     """
 
@@ -45,4 +50,4 @@ class Meshes:
     blur: np.ndarray
     mirrored: bool
     azimuth_rad: float
-    irradiance: float
+    irradiance: np.ndarray

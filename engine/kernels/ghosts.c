@@ -8,24 +8,28 @@ typedef int32_t eight_ints __attribute__((vector_size(32), aligned(4), may_alias
 
 typedef struct {
     ray ray;
-    doubles light, limit; /* the part of the light that is left; the largest square of height over semi-aperture, or
-                             of a place over the half-widths of a rectangle */
+    eight_doubles light[RAYS]; /* the part of the light that is left at each wavelength */
+    doubles limit; /* the largest square of height over semi-aperture, or of a place over the half-widths of a rectangle */
     doubles stop_x[LF_CROSSINGS], stop_y[LF_CROSSINGS];
+    longs alive;
     int crossings, lives; /* lives: whether any ray does */
 } passage;
 
-/* The reflectance of a surface for light with this (n sin)^2, by linear interpolation. */
-INLINE doubles reflectance(const lf_beam *b, int64_t n, doubles square)
+/* Leaves what a surface reflects or lets through of light with this (n sin)^2; between the table's, by linear
+   interpolation. */
+INLINE void dim(const lf_beam *b, int64_t n, doubles square, int reflecting, passage *p)
 {
-    const double *table = b->reflectances + n * (b->steps + 1);
-    doubles place = square * b->steps_per_unit, here, next;
+    const double *table = b->reflectances + n * (b->steps + 1) * LF_GHOST_WAVES;
+    doubles place = square * b->steps_per_unit;
     place = chosen(place > 0, place, even(0)); /* NaN: 0 */
     place = chosen(place < (double)b->steps, place, even((double)b->steps));
     for (int k = 0; k < RAYS; k++) {
         const int64_t first = place[k] < (double)b->steps ? (int64_t)place[k] : b->steps - 1;
-        here[k] = table[first], next[k] = table[first + 1], place[k] -= (double)first;
+        const eight_doubles *here = (const eight_doubles *)(table + first * LF_GHOST_WAVES);
+        const eight_doubles share = here[0] + (place[k] - (double)first) * (here[1] - here[0]);
+        if (reflecting) p->light[k] *= share;
+        else p->light[k] *= 1 - share;
     }
-    return here + place * (next - here);
 }
 
 /* The larger number; the first if the second is NaN. */
@@ -51,17 +55,12 @@ static void meet(const lf_system *s, const lf_beam *b, int64_t n, int reflecting
     }
     const triple normal = normal_at(s, n, at);
     const doubles cosine = product(r->direction, normal);
-    const doubles share = reflectance(b, n, (before * before) * (1 - cosine * cosine));
-    if (reflecting) {
-        r->direction = moved(r->direction, -2 * cosine, normal);
-        p->light *= share;
-    } else {
-        r->direction = refracted(r->direction, normal, cosine, before / behind);
-        p->light *= 1 - share;
-    }
+    dim(b, n, (before * before) * (1 - cosine * cosine), reflecting, p);
+    if (reflecting) r->direction = moved(r->direction, -2 * cosine, normal);
+    else r->direction = refracted(r->direction, normal, cosine, before / behind);
     leave(s, n, r);
     const longs lives = (r->direction.z * heading > 0) & (square < b->farthest);
-    p->light = chosen(lives, p->light, even(__builtin_nan("")));
+    p->alive &= lives;
     r->position.x = chosen(lives, r->position.x, even(__builtin_nan(""))); /* ends all iterations */
     p->lives = any(lives);
 }
@@ -104,12 +103,14 @@ static APART void started(const lf_beam *b, doubles across, doubles up, passage 
     r->position = (triple){across * b->across[0] + up * b->up[0], across * b->across[1] + up * b->up[1],
                            across * b->across[2] + up * b->up[2]};
     r->direction = (triple){even(b->along[0]), even(b->along[1]), even(b->along[2])};
-    p->light = even(1), p->limit = even(0), p->crossings = 0, p->lives = 1;
+    p->limit = even(0), p->crossings = 0, p->lives = 1, p->alive = (longs){0} - 1;
     for (int k = 0; k < LF_CROSSINGS; k++) p->stop_x[k] = p->stop_y[k] = even(0);
+    for (int k = 0; k < RAYS; k++) p->light[k] = (eight_doubles){0} + 1;
     if (!b->finite) return;
     const triple from = {r->position.x - b->source[0], r->position.y - b->source[1], r->position.z - b->source[2]};
     const doubles square = product(from, from), length = root(square);
-    p->light = b->distance * b->distance / square * (product(from, r->direction) / length);
+    const doubles light = b->distance * b->distance / square * (product(from, r->direction) / length);
+    for (int k = 0; k < RAYS; k++) p->light[k] *= light[k];
     r->direction = (triple){from.x / length, from.y / length, from.z / length};
 }
 
@@ -129,13 +130,16 @@ int OF_VARIANT(lf_ghost_rays)(const lf_system *s, const lf_beam *b, double *out)
             passage p;
             started(b, across, up, &p);
             through(s, b, b->surfaces[2 * pair], b->surfaces[2 * pair + 1], &p);
-            double *to = out + pair * LF_GHOST_QUANTITIES * rays + first;
+            double *to = out + pair * (LF_GHOST_QUANTITIES + b->waves) * rays + first;
             stored(to, count, p.ray.position.x), stored(to + rays, count, p.ray.position.y);
-            stored(to + 2 * rays, count, p.light), stored(to + 3 * rays, count, p.limit);
+            stored(to + 2 * rays, count, p.limit);
             for (int k = 0; k < LF_CROSSINGS; k++) {
                 const int last = k < p.crossings ? k : p.crossings > 0 ? p.crossings - 1 : 0;
-                stored(to + (4 + 2 * k) * rays, count, p.stop_x[last]), stored(to + (5 + 2 * k) * rays, count, p.stop_y[last]);
+                stored(to + (3 + 2 * k) * rays, count, p.stop_x[last]), stored(to + (4 + 2 * k) * rays, count, p.stop_y[last]);
             }
+            for (int64_t w = 0; w < b->waves; w++)
+                for (int k = 0; k < RAYS && k < count; k++)
+                    to[(LF_GHOST_QUANTITIES + w) * rays + k] = p.alive[k] ? p.light[k][w] : __builtin_nan("");
         }
     }
     return 0;
@@ -148,17 +152,19 @@ int OF_VARIANT(lf_ghost_rays)(const lf_system *s, const lf_beam *b, double *out)
 #define MOST_POINTS 2048
 #define SHARED_FROM 3 /* up to 4 times its pixels, a mesh is shared with the next level */
 #define DIAGONAL 1.4 /* of a cell, over its side */
-#define QUANTITIES (2 + 2 * LF_CROSSINGS) /* light, limit, and positions in the stop */
+#define QUANTITIES (1 + 2 * LF_CROSSINGS) /* limit, and positions in the stop */
 
 typedef struct {
-    double x, y; /* in pixels of the first level */
+    double x, y, area; /* in pixels of the first level; of the triangles around it */
+    eight_floats own, light; /* light of its ray, at each wavelength; light of these triangles, and then their irradiance */
     float values[QUANTITIES];
-    double own, light, area; /* light of its ray; light and area of the triangles around it */
+    int32_t reached; /* whether its ray reaches the sensor */
 } corner;
 
 typedef struct { /* a triangle at one level */
-    double x[3], y[3], twice_area, longest, light;
-    const float *values[3];
+    double x[3], y[3], twice_area, longest;
+    const corner *corners[3];
+    eight_floats own; /* mean light of its rays */
     float per_limit, per_stop[LF_CROSSINGS]; /* one over the change across a pixel, or between points */
     int cut; /* whether anything may block its light */
 } triangle;
@@ -169,7 +175,7 @@ typedef struct {
     int crossings;
     float part;
     double scale, frame_rows, frame_columns; /* the frame ends inside of the last pixels of a coarse picture */
-    double per_light, sum;
+    eight_floats per_light, sums[LF_GHOST_WAVES]; /* irradiance per light; light on the frame at each wavelength, in parts */
 } canvas;
 
 INLINE double larger(double a, double b) { return a > b ? a : b; }
@@ -202,24 +208,28 @@ INLINE eight_floats inside(const lf_meshes *m, eight_floats x, eight_floats y)
 /* The part of the light that nothing blocks. */
 INLINE eight_floats open_part(const canvas *c, const triangle *t, const eight_floats *values)
 {
-    eight_floats distance = (1 - values[1]) * t->per_limit;
+    eight_floats distance = (1 - values[0]) * t->per_limit;
     for (int k = 0; k < c->crossings; k++)
-        distance = fewer(distance, inside(c->mesh, values[2 + 2 * k], values[3 + 2 * k]) * t->per_stop[k]);
+        distance = fewer(distance, inside(c->mesh, values[1 + 2 * k], values[2 + 2 * k]) * t->per_stop[k]);
     return fewer(more(distance + 0.5f, all(0)), all(1));
 }
 
-/* Adds one value, shared by the four pixels around a place. */
-INLINE void add_point(canvas *c, double x, double y, float light)
+/* Adds light at each wavelength, shared by the four pixels around a place. */
+INLINE void add_point(canvas *c, double x, double y, eight_floats light)
 {
     const lf_picture *out = c->out;
     if (!(x >= 0 && y >= 0 && x < (double)(out->columns - 1) && y < (double)(out->rows - 1))) return;
     const int64_t column = (int64_t)x, row = (int64_t)y;
     const float right = (float)(x - (double)column), down = (float)(y - (double)row);
-    float *to = out->values + row * out->row_step + column, *below = to + out->row_step;
-    to[0] += light * (1 - right) * (1 - down), to[1] += light * right * (1 - down);
-    below[0] += light * (1 - right) * down, below[1] += light * right * down;
     const double from_left = x - (LF_GHOST_RIM - 0.5), from_top = y - (LF_GHOST_RIM - 0.5);
-    if (from_left >= 0 && from_top >= 0 && from_left < c->frame_columns && from_top < c->frame_rows) c->sum += light;
+    const int on_frame = from_left >= 0 && from_top >= 0 && from_left < c->frame_columns && from_top < c->frame_rows;
+    float *to = out->values + row * out->row_step + column;
+    for (int64_t w = 0; w < c->mesh->waves; w++, to += out->plane_step) {
+        float *below = to + out->row_step;
+        to[0] += light[w] * (1 - right) * (1 - down), to[1] += light[w] * right * (1 - down);
+        below[0] += light[w] * (1 - right) * down, below[1] += light[w] * right * down;
+        if (on_frame) c->sums[w][0] += light[w];
+    }
 }
 
 /* The weights of the corners in the middle of a narrow triangle at places along its longest side, from corner 0 to 1;
@@ -248,13 +258,15 @@ static APART void draw_points(canvas *c, const triangle *t)
         eight_floats place, values[QUANTITIES];
         for (int k = 0; k < 8; k++) place[k] = ((float)(first + k) + 0.5f) / (float)count;
         across(place, foot, weights, &height);
-        for (int q = 1; q < 2 + 2 * c->crossings; q++)
-            values[q] = t->values[0][q] * weights[0] + t->values[1][q] * weights[1] + t->values[2][q] * weights[2];
-        eight_floats value = height * (c->part * (float)(t->light / heights));
-        if (t->cut) value *= open_part(c, t, values);
+        for (int q = 0; q < 1 + 2 * c->crossings; q++)
+            values[q] = t->corners[0]->values[q] * weights[0] + t->corners[1]->values[q] * weights[1]
+                        + t->corners[2]->values[q] * weights[2];
+        eight_floats part = height * (c->part / (float)heights);
+        if (t->cut) part *= open_part(c, t, values);
         for (int k = 0; k < 8 && first + k < count; k++)
             add_point(c, t->x[0] * weights[0][k] + t->x[1] * weights[1][k] + t->x[2] * weights[2][k],
-                      t->y[0] * weights[0][k] + t->y[1] * weights[1][k] + t->y[2] * weights[2][k], value[k]);
+                      t->y[0] * weights[0][k] + t->y[1] * weights[1][k] + t->y[2] * weights[2][k],
+                      t->own * c->per_light * part[k]);
     }
 }
 
@@ -273,23 +285,38 @@ INLINE void columns_of(const triangle *t, double row, int64_t columns, int64_t *
     *first = up_to(smaller(larger(left, 0), (double)columns)), *end = up_to(smaller(larger(right, 0), (double)columns));
 }
 
+/* Adds light to eight pixels of a row at each wavelength: irradiance that rises evenly from the first corner, at these
+   distances across and down, times parts. */
+INLINE void add_eight(canvas *c, const eight_floats *light, eight_floats beside, float down, eight_floats part,
+                      eight_floats on_frame, float *to)
+{
+    for (int64_t w = 0; w < c->mesh->waves; w++, to += c->out->plane_step) {
+        const eight_floats value = (light[0][w] + light[2][w] * down + beside * light[1][w]) * part;
+        *(eight_floats *)to += value;
+        c->sums[w] += value * on_frame;
+    }
+}
+
 static APART void draw_pixels(canvas *c, triangle *t)
 {
     float by_x[QUANTITIES], by_y[QUANTITIES];
-    const int count = 2 + 2 * c->crossings;
+    const int count = 1 + 2 * c->crossings;
+    const corner *const *at = t->corners;
     const double x1 = t->x[1] - t->x[0], y1 = t->y[1] - t->y[0], x2 = t->x[2] - t->x[0], y2 = t->y[2] - t->y[0];
-    for (int q = 0; q < count; q++) {
-        const double rise1 = t->values[1][q] - t->values[0][q], rise2 = t->values[2][q] - t->values[0][q];
-        by_x[q] = (float)((rise1 * y2 - rise2 * y1) / t->twice_area);
-        by_y[q] = (float)((rise2 * x1 - rise1 * x2) / t->twice_area);
+    const float right1 = (float)(x1 / t->twice_area), down1 = (float)(y1 / t->twice_area);
+    const float right2 = (float)(x2 / t->twice_area), down2 = (float)(y2 / t->twice_area);
+    for (int q = 0; t->cut && q < count; q++) {
+        const float rise1 = at[1]->values[q] - at[0]->values[q], rise2 = at[2]->values[q] - at[0]->values[q];
+        by_x[q] = rise1 * down2 - rise2 * down1, by_y[q] = rise2 * right1 - rise1 * right2;
     }
+    const eight_floats rise1 = at[1]->light - at[0]->light, rise2 = at[2]->light - at[0]->light;
+    const eight_floats light[3] = {at[0]->light, rise1 * down2 - rise2 * down1, rise2 * right1 - rise1 * right2};
     const lf_picture *out = c->out;
     const double top = smaller(smaller(t->y[0], t->y[1]), t->y[2]), bottom = larger(larger(t->y[0], t->y[1]), t->y[2]);
     const int64_t end_row = up_to(smaller(larger(bottom, 0), (double)out->rows));
     const eight_floats lanes = {0, 1, 2, 3, 4, 5, 6, 7};
     const float left = LF_GHOST_RIM, right = (float)(LF_GHOST_RIM + c->frame_columns);
     const double last = LF_GHOST_RIM + c->frame_rows;
-    eight_floats sum = all(0);
     for (int64_t row = up_to(larger(top, 0)); row < end_row; row++) {
         const float on_frame = row < LF_GHOST_RIM ? 0 : (float)smaller(larger(last - (double)row, 0), 1);
         int64_t first, end;
@@ -297,24 +324,23 @@ static APART void draw_pixels(canvas *c, triangle *t)
         const float down = (float)((double)row - t->y[0]);
         for (; first < end; first += 8) {
             const eight_floats beside = lanes + (float)((double)first - t->x[0]);
-            eight_floats values[QUANTITIES];
-            for (int q = 0; q < count; q++) values[q] = t->values[0][q] + by_y[q] * down + beside * by_x[q];
-            eight_floats value = values[0] * c->part;
-            if (t->cut) value *= open_part(c, t, values);
-            value = (eight_floats)((eight_ints)value & (lanes < (float)(end - first)));
-            *(eight_floats *)(out->values + row * out->row_step + first) += value;
-            if (on_frame > 0) {
-                const eight_floats inside = fewer(more(right - (float)first - lanes, all(0)), all(1)) * on_frame;
-                sum += (eight_floats)((eight_ints)(value * inside) & (lanes >= left - (float)first));
+            eight_floats part = all(c->part);
+            if (t->cut) {
+                eight_floats values[QUANTITIES];
+                for (int q = 0; q < count; q++) values[q] = at[0]->values[q] + by_y[q] * down + beside * by_x[q];
+                part *= open_part(c, t, values);
             }
+            part = (eight_floats)((eight_ints)part & (lanes < (float)(end - first)));
+            const eight_floats inside = fewer(more(right - (float)first - lanes, all(0)), all(1)) * on_frame;
+            add_eight(c, light, beside, down, part, (eight_floats)((eight_ints)inside & (lanes >= left - (float)first)),
+                      out->values + row * out->row_step + first);
         }
     }
-    for (int k = 0; k < 8; k++) c->sum += sum[k];
 }
 
 INLINE float change_of(const triangle *t, int q)
 {
-    const float a = t->values[0][q], b = t->values[1][q], c = t->values[2][q];
+    const float a = t->corners[0]->values[q], b = t->corners[1]->values[q], c = t->corners[2]->values[q];
     return (float)(larger(larger(a, b), c) - smaller(smaller(a, b), c));
 }
 
@@ -324,20 +350,19 @@ static int is_lit(const canvas *c, triangle *t)
     float lowest = 1e30f, highest = -1e30f;
     const double scale = DIAGONAL / larger(t->longest, 1);
     for (int k = 0; k < c->crossings; k++) {
-        const float x = change_of(t, 2 + 2 * k), y = change_of(t, 3 + 2 * k);
+        const float x = change_of(t, 1 + 2 * k), y = change_of(t, 2 + 2 * k);
         t->per_stop[k] = (float)(1 / larger(scale * (double)larger(x, y), 1e-9));
     }
-    t->per_limit = (float)(1 / larger(scale * change_of(t, 1), 1e-9));
+    t->per_limit = (float)(1 / larger(scale * change_of(t, 0), 1e-9));
     for (int n = 0; n < 3; n++) {
-        const float *v = t->values[n];
-        float distance = (1 - v[1]) * t->per_limit;
+        const float distance = (1 - t->corners[n]->values[0]) * t->per_limit;
         highest = (float)larger(highest, distance), lowest = (float)smaller(lowest, distance);
     }
     if (highest <= -0.5f) return 0;
     t->cut = lowest < 0.5f;
     for (int k = 0; k < c->crossings; k++) {
         eight_floats x = all(0), y = all(0);
-        for (int n = 0; n < 3; n++) x[n] = t->values[n][2 + 2 * k], y[n] = t->values[n][3 + 2 * k];
+        for (int n = 0; n < 3; n++) x[n] = t->corners[n]->values[1 + 2 * k], y[n] = t->corners[n]->values[2 + 2 * k];
         const eight_floats distance = inside(c->mesh, x, y) * t->per_stop[k];
         const float closest = (float)larger(larger(distance[0], distance[1]), distance[2]);
         if (closest < -2.5 * larger(t->longest, 1)) return 0;
@@ -359,7 +384,7 @@ static void draw(canvas *c, const corner *const *at)
     for (int k = 0; k < 3; k++) { /* the last corner is opposite to the longest side */
         const corner *a = at[(apex + 1 + k) % 3];
         t.x[k] = (a->x + 0.5) * scale - 0.5 + LF_GHOST_RIM, t.y[k] = (a->y + 0.5) * scale - 0.5 + LF_GHOST_RIM;
-        t.values[k] = a->values;
+        t.corners[k] = a;
     }
     const double columns = (double)c->out->columns, rows = (double)c->out->rows;
     if (!(smaller(smaller(t.x[0], t.x[1]), t.x[2]) < columns && larger(larger(t.x[0], t.x[1]), t.x[2]) >= 0
@@ -367,7 +392,7 @@ static void draw(canvas *c, const corner *const *at)
         return;
     t.twice_area = (t.x[1] - t.x[0]) * (t.y[2] - t.y[0]) - (t.x[2] - t.x[0]) * (t.y[1] - t.y[0]);
     t.longest = __builtin_sqrt(sides[apex]) * scale;
-    t.light = (at[0]->own + at[1]->own + at[2]->own) / 3 * c->per_light;
+    t.own = (at[0]->own + at[1]->own + at[2]->own) / 3;
     if (!is_lit(c, &t)) return;
     if (magnitude(t.twice_area) < t.longest) draw_points(c, &t);
     else draw_pixels(c, &t);
@@ -379,20 +404,22 @@ static APART void laid_out(const lf_meshes *m, int64_t pair, int64_t columns, co
     const int64_t plane = m->rows * m->columns, middle = columns - m->columns;
     for (int64_t n = 0; n < m->rows * columns; n++) {
         const int64_t column = n % columns - middle, left = column < 0;
-        const double *in = m->rays + pair * LF_GHOST_QUANTITIES * plane + n / columns * m->columns + (left ? -column : column);
+        const double *in = m->rays + pair * (LF_GHOST_QUANTITIES + m->waves) * plane + n / columns * m->columns
+                           + (left ? -column : column);
         corner *to = corners + n;
         const double x = left ? -in[0] : in[0], y = in[plane];
         to->x = m->centre_column + (x * m->cosine - y * m->sine) * m->px_per_mm;
         to->y = m->centre_row - (x * m->sine + y * m->cosine) * m->px_per_mm;
-        to->own = in[2 * plane];
-        to->values[0] = (float)to->own, to->values[1] = (float)in[3 * plane];
+        to->values[0] = (float)in[2 * plane];
         for (int k = 0; k < LF_CROSSINGS; k++) {
-            const double stop_x = (left ? -1 : 1) * in[(4 + 2 * k) * plane], stop_y = in[(5 + 2 * k) * plane];
-            to->values[2 + 2 * k] = (float)(stop_x * m->cosine - stop_y * m->sine);
-            to->values[3 + 2 * k] = (float)(stop_x * m->sine + stop_y * m->cosine);
+            const double stop_x = (left ? -1 : 1) * in[(3 + 2 * k) * plane], stop_y = in[(4 + 2 * k) * plane];
+            to->values[1 + 2 * k] = (float)(stop_x * m->cosine - stop_y * m->sine);
+            to->values[2 + 2 * k] = (float)(stop_x * m->sine + stop_y * m->cosine);
         }
-        to->light = to->area = 0;
-        if (!(magnitude(to->x) < FARTHEST_PX && magnitude(to->y) < FARTHEST_PX && in[2 * plane] >= 0)) to->values[0] = -1;
+        to->light = to->own = all(0), to->area = 0;
+        for (int64_t w = 0; w < m->waves; w++) to->own[w] = (float)in[(LF_GHOST_QUANTITIES + w) * plane];
+        to->reached = magnitude(to->x) < FARTHEST_PX && magnitude(to->y) < FARTHEST_PX
+                      && in[LF_GHOST_QUANTITIES * plane] >= 0;
     }
 }
 
@@ -404,7 +431,15 @@ INLINE int is_triangle(const corner *corners, int64_t columns, int64_t row, int6
     const int left = 2 * column < columns - 1;
     at[0] = left ? (second ? d : a) : (second ? c : b);
     at[1] = left ? b : a, at[2] = left ? c : d;
-    return at[0]->values[0] >= 0 && at[1]->values[0] >= 0 && at[2]->values[0] >= 0;
+    return at[0]->reached && at[1]->reached && at[2]->reached;
+}
+
+/* The irradiance of the light at each wavelength, times a factor. */
+INLINE eight_floats irradiance_of(const lf_meshes *m, double factor)
+{
+    eight_floats result = all(0);
+    for (int64_t w = 0; w < m->waves; w++) result[w] = (float)(m->irradiance[w] * factor);
+    return result;
 }
 
 /* Turns the light of rays into irradiance, and returns the area on the sensor that is lit, in pixels. The irradiance at a
@@ -420,7 +455,7 @@ static APART double irradiated(const lf_meshes *m, int64_t pair, const lf_pictur
         for (int64_t column = 0; column + 1 < columns; column++)
             for (int second = 0; second < 2; second++) {
                 if (!is_triangle(corners, columns, row, column, second, at)) continue;
-                const double light = (at[0]->values[0] + at[1]->values[0] + at[2]->values[0]) / 6.0 * m->cells[pair];
+                const eight_floats light = (at[0]->own + at[1]->own + at[2]->own) * (float)(m->cells[pair] / 6);
                 const double area = magnitude((at[1]->x - at[0]->x) * (at[2]->y - at[0]->y)
                                               - (at[2]->x - at[0]->x) * (at[1]->y - at[0]->y)) / 2 + LEAST_PX2;
                 int open = 0;
@@ -428,14 +463,14 @@ static APART double irradiated(const lf_meshes *m, int64_t pair, const lf_pictur
                     corner *each = (corner *)at[k];
                     each->light += light, each->area += area;
                     const float *v = each->values;
-                    open |= v[1] < 1 && v[2] * v[2] + v[3] * v[3] < limit && each->x > 0 && each->x < width && each->y > 0
+                    open |= v[0] < 1 && v[1] * v[1] + v[2] * v[2] < limit && each->x > 0 && each->x < width && each->y > 0
                             && each->y < height;
                 }
                 lit += open ? area : 0;
             }
-    const double per_px2 = m->irradiance * m->px_per_mm * m->px_per_mm;
+    const eight_floats per_px2 = irradiance_of(m, m->px_per_mm * m->px_per_mm);
     for (int64_t n = 0; n < m->rows * columns; n++)
-        if (corners[n].area > 0) corners[n].values[0] = (float)(corners[n].light / corners[n].area * per_px2);
+        if (corners[n].area > 0) corners[n].light *= per_px2 / (float)corners[n].area;
     return lit;
 }
 
@@ -462,16 +497,18 @@ int OF_VARIANT(lf_ghost_light)(const lf_meshes *m, const lf_picture *levels, int
         for (; over >= 4 && level + 1 < count; level++) over /= 4, scale /= 2;
         const double blurred = (m->blur[pair] * scale * scale - 1) / 3; /* gives the blur its variance */
         const float coarser = level + 1 < count ? (float)larger(larger(blurred, over - SHARED_FROM), 0) : 0;
-        light[pair] = 0;
+        for (int64_t w = 0; w < m->waves; w++) light[pair * m->waves + w] = 0;
         for (int k = 0; k < 2; k++) {
             const float part = k ? coarser : 1 - coarser;
             if (!(part > 0)) continue;
-            canvas c = {m, levels + level + k, (int)m->crossings[pair], part, scale / (1 + k), 0, 0, 0, 0};
+            canvas c = {m, levels + level + k, (int)m->crossings[pair], part, scale / (1 + k), 0, 0, all(0), {all(0)}};
             c.frame_rows = (double)(levels->rows - 2 * LF_GHOST_RIM) * c.scale;
             c.frame_columns = (double)(levels->columns - 2 * LF_GHOST_RIM) * c.scale;
-            c.per_light = m->cells[pair] / 2 * m->irradiance * (m->px_per_mm * c.scale) * (m->px_per_mm * c.scale);
+            const double px2_per_mm2 = c.scale * c.scale * m->px_per_mm * m->px_per_mm;
+            c.per_light = irradiance_of(m, m->cells[pair] / 2 * px2_per_mm2);
             draw_mesh(&c, columns, corners);
-            light[pair] += c.sum / (c.scale * c.scale * m->px_per_mm * m->px_per_mm);
+            for (int64_t w = 0; w < m->waves; w++)
+                for (int n = 0; n < 8; n++) light[pair * m->waves + w] += c.sums[w][n] / px2_per_mm2;
         }
     }
     return 0;

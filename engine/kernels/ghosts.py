@@ -9,13 +9,13 @@ import numpy as np
 
 from .arrays import address, picture
 from .declarations import NUMBERS, STRUCTURES
-from .ghost_meshes import Blades, Meshes
+from .ghost_meshes import LIGHT, Blades, Meshes
 from .library import NUMPY, check, chosen, running
 from .numpy_ghosts import numpy_draw_ghosts
 from .tracing import TracedSurfaces
 
 BEAM, MESHES, PICTURE = (STRUCTURES[name] for name in ("beam", "meshes", "picture"))
-QUANTITIES, CROSSINGS, RIM = NUMBERS["GHOST_QUANTITIES"], NUMBERS["CROSSINGS"], NUMBERS["GHOST_RIM"]
+CROSSINGS, RIM, MOST_WAVES = NUMBERS["CROSSINGS"], NUMBERS["GHOST_RIM"], NUMBERS["GHOST_WAVES"]
 SLACK = 8  # floats behind each row
 
 
@@ -40,18 +40,21 @@ class Beam:
 
 @dataclass(frozen=True, eq=False)
 class Coated:
-    """What the surfaces of a lens do to light at one wavelength.
+    """What the surfaces of a lens do to light along the paths of one wavelength.
 
     Attributes
     ----------
     indices : array (surface + 1,)
         Refractive indices.
-    reflectances : array (surface, step)
-        At even steps of (n sin(angle))^2 from 0.
+    waves : int
+        Number of wavelengths whose light has these paths, up to MOST_WAVES.
+    reflectances : array (surface, step, MOST_WAVES)
+        At even steps of (n sin(angle))^2 from 0; the first `waves` ones count.
     steps_per_unit : float
     """
 
     indices: np.ndarray
+    waves: int
     reflectances: np.ndarray
     steps_per_unit: float
 
@@ -92,11 +95,11 @@ def ghost_rays(surfaces: TracedSurfaces, coated: Coated, openings: Openings, bea
 
     Returns
     -------
-    array (pair, QUANTITIES, row, column)
-        Position x, y on the image plane in mm; the part of the irradiance that is left, on the beam's cross section,
-        NaN for lost rays; the largest square of a height over its semi-aperture, except at the stop, or of a place
-        over the half-widths of a rectangle; and positions x, y
-        at each crossing of the stop, in semi-apertures, the last one again if there are fewer than CROSSINGS.
+    array (pair, LIGHT + wave, row, column)
+        Position x, y on the image plane in mm; the largest square of a height over its semi-aperture, except at the
+        stop, or of a place over the half-widths of a rectangle; positions x, y at each crossing of the stop, in
+        semi-apertures, the last one again if there are fewer than CROSSINGS; and the part of the irradiance that is
+        left at each wavelength, on the beam's cross section, NaN for lost rays.
 
     Raises
     ------
@@ -105,26 +108,26 @@ def ghost_rays(surfaces: TracedSurfaces, coated: Coated, openings: Openings, bea
     """
     loops, variant = chosen()
     system, _arrays = surfaces.system(coated.indices)
-    reflectances, per_mm, per_half, boxes = (np.ascontiguousarray(each, np.float64)
-                                             for each in (coated.reflectances, *openings, boxes))
+    per_mm, per_half, boxes = (np.ascontiguousarray(each, np.float64) for each in (*openings, boxes))
+    reflectances = np.ascontiguousarray(coated.reflectances, np.float64)
     pairs = np.ascontiguousarray(pairs, np.int64)
-    count, steps = len(surfaces.shapes), reflectances.shape[-1] - 1
+    count, steps = len(surfaces.shapes), reflectances.shape[1] - 1
     source = np.where(np.isfinite(beam.source_mm), beam.source_mm, 0)
-    request = BEAM(address(reflectances, np.float64, (count, steps + 1)), address(per_mm, np.float64, (count,)),
-                   address(per_half, np.float64, (count, 2)),
+    request = BEAM(address(reflectances, np.float64, (count, steps + 1, MOST_WAVES)),
+                   address(per_mm, np.float64, (count,)), address(per_half, np.float64, (count, 2)),
                    address(pairs, np.int64, (len(boxes), 2)), address(boxes, np.float64, (len(boxes), 4)),
                    *(tuple(axis) for axis in beam.axes), tuple(source), beam.distance_mm, coated.steps_per_unit,
-                   farthest, steps, len(boxes), *shape, int(np.isfinite(beam.distance_mm)))
-    out = np.empty((len(boxes), QUANTITIES, *shape))
+                   farthest, steps, coated.waves, len(boxes), *shape, int(np.isfinite(beam.distance_mm)))
+    out = np.empty((len(boxes), LIGHT + coated.waves, *shape))
     check(loops.lf_ghost_rays(variant, byref(system), byref(request), address(out, np.float64)))
     return out
 
 
-def ghost_levels(shape_px: tuple[int, int], count: int) -> list[np.ndarray]:
+def ghost_levels(waves: int, shape_px: tuple[int, int], count: int) -> list[np.ndarray]:
     """Black pictures for `draw_ghosts`, each with half as many pixels per side as the one before, and a rim: float32
-    arrays (1, row, column)."""
+    arrays (wave, row, column)."""
     sizes = [tuple(-(-n // 2**level) + 2 * RIM for n in shape_px) for level in range(count)]
-    return [np.zeros((1, rows, columns + SLACK), np.float32)[:, :, :columns] for rows, columns in sizes]
+    return [np.zeros((waves, rows, columns + SLACK), np.float32)[:, :, :columns] for rows, columns in sizes]
 
 
 def draw_ghosts(meshes: Meshes, blades: Blades, centre_px: tuple[float, float], px_per_mm: float,
@@ -138,12 +141,12 @@ def draw_ghosts(meshes: Meshes, blades: Blades, centre_px: tuple[float, float], 
     centre_px : (float, float)
         Row and column of the image plane's origin, in the first picture without its rim.
     px_per_mm : float
-    levels : sequence of float32 arrays (1, row, column)
+    levels : sequence of float32 arrays (wave, row, column)
         From `ghost_levels`. A ghost is drawn into the two that suit its size best, in parts that vary continuously.
 
     Returns
     -------
-    array (pair,)
+    array (pair, wave)
         Light of each ghost in the pictures, as irradiance times mm^2.
 
     Raises
@@ -155,16 +158,19 @@ def draw_ghosts(meshes: Meshes, blades: Blades, centre_px: tuple[float, float], 
         return numpy_draw_ghosts(meshes, blades, centre_px, px_per_mm, levels)
     loops, variant = chosen()
     rays = np.ascontiguousarray(meshes.rays, np.float64)
-    pairs, _, rows, columns = rays.shape
+    pairs, quantities, rows, columns = rays.shape
+    waves = quantities - LIGHT
+    irradiance = np.zeros(MOST_WAVES)
+    irradiance[:waves] = meshes.irradiance
     crossings = np.ascontiguousarray(meshes.crossings, np.int64)
     per_pair = [np.ascontiguousarray(each, np.float64) for each in (meshes.cells_mm2, meshes.pixels, meshes.blur)]
     normals = np.ascontiguousarray(blades.normals, np.float32)
     request = MESHES(address(rays, np.float64), address(crossings, np.int64, (pairs,)),
-                     *(address(each, np.float64, (pairs,)) for each in per_pair), normals.ctypes.data, pairs, rows,
-                     columns, len(normals), meshes.mirrored, *blades.shape, blades.reach, np.cos(meshes.azimuth_rad),
-                     np.sin(meshes.azimuth_rad), meshes.irradiance, *centre_px, px_per_mm)
+                     *(address(each, np.float64, (pairs,)) for each in per_pair), normals.ctypes.data, pairs, waves,
+                     rows, columns, len(normals), meshes.mirrored, *blades.shape, blades.reach,
+                     np.cos(meshes.azimuth_rad), np.sin(meshes.azimuth_rad), tuple(irradiance), *centre_px, px_per_mm)
     full = 2 * columns - 1 if meshes.mirrored else columns
-    light, work = np.zeros(pairs), np.empty(loops.lf_ghost_work(rows, full))
+    light, work = np.zeros((pairs, waves)), np.empty(loops.lf_ghost_work(rows, full))
     pictures = (PICTURE * len(levels))(*(picture(level) for level in levels))
     check(loops.lf_ghost_light(variant, byref(request), pictures, len(levels), address(light, np.float64),
                                address(work, np.float64)))

@@ -254,7 +254,8 @@ int lf_aim(int variant, const lf_system *s, const lf_targets *t, double *out)
 
 int lf_ghost_rays(int variant, const lf_system *s, const lf_beam *b, double *out)
 {
-    if (!within(variant, 0, VARIANTS - 1) || !is_system(s) || !within(b->steps, 1, MOST_PX) || !within(b->pairs, 0, MOST_PX)
+    if (!within(variant, 0, VARIANTS - 1) || !is_system(s) || !within(b->steps, 1, MOST_PX)
+        || !within(b->waves, 1, LF_GHOST_WAVES) || !within(b->pairs, 0, MOST_PX)
         || !within(b->rows, 2, 1 << 10) || !within(b->columns, 2, 1 << 10) || !(b->steps_per_unit >= 0 && b->steps_per_unit < 1e300))
         return LF_BAD_SIZE;
     for (int64_t pair = 0; pair < b->pairs; pair++) {
@@ -267,16 +268,16 @@ int lf_ghost_rays(int variant, const lf_system *s, const lf_beam *b, double *out
 int64_t lf_ghost_work(int64_t rows, int64_t columns)
 {
     if (!within(rows, 2, 1 << 10) || !within(columns, 2, 1 << 11)) return 0;
-    return 9 * rows * columns; /* corners of ghosts.c */
+    return 15 * rows * columns; /* corners of ghosts.c */
 }
 
 int lf_ghost_light(int variant, const lf_meshes *m, const lf_picture *levels, int64_t count, double *light, double *work)
 {
     if (!within(variant, 0, VARIANTS - 1) || !within(m->pairs, 0, MOST_PX) || !within(m->blades, 0, 1 << 10)
-        || !within(m->rows, 2, 1 << 10) || !within(m->columns, 2, 1 << 10) || !within(count, 1, 64))
+        || !within(m->waves, 1, LF_GHOST_WAVES) || !within(m->rows, 2, 1 << 10) || !within(m->columns, 2, 1 << 10) || !within(count, 1, 64))
         return LF_BAD_SIZE;
     for (int64_t n = 0; n < count; n++)
-        if (!fits(levels + n) || levels[n].planes != 1 || !within(levels[n].rows, 2, MOST_PX)
+        if (!fits(levels + n) || levels[n].planes != m->waves || !within(levels[n].rows, 2, MOST_PX)
             || !within(levels[n].row_step, levels[n].columns + 8, MOST_PX * 2))
             return LF_BAD_SIZE;
     for (int64_t pair = 0; pair < m->pairs; pair++)

@@ -17,7 +17,7 @@
 #define LENSFIELD_KERNELS_H
 #include <stdint.h>
 
-#define LF_ABI 13
+#define LF_ABI 14
 
 enum { LF_OUTSIDE = 1, LF_BAD_SIZE = 2 };
 
@@ -182,11 +182,12 @@ typedef int lf_aim_loop(const lf_system *, const lf_targets *, double *out);
 /* ghosts */
 
 #define LF_CROSSINGS 3 /* of the stop by light that is reflected twice */
-#define LF_GHOST_QUANTITIES 10
+#define LF_GHOST_QUANTITIES 9 /* of a ray, in front of its light at each wavelength */
+#define LF_GHOST_WAVES 8 /* the most wavelengths whose light has the same paths */
 #define LF_GHOST_RIM 2 /* pixels around each picture of ghosts */
 
 typedef struct { /* light in front of a lens: rays through a grid in its cross section through the first vertex */
-    const double *reflectances; /* (surface, steps + 1): at even steps of (n sin)^2 from 0 */
+    const double *reflectances; /* (surface, steps + 1, LF_GHOST_WAVES): at even steps of (n sin)^2 from 0 */
     const double *per_semi_aperture; /* (surface): one over the semi-aperture in mm; 0 for unlimited surfaces */
     const double *per_half_width;    /* (surface, 2): the same along x and y of a rectangular aperture */
     const int64_t *surfaces;    /* (pair, 2): that reflect, the nearer one to the object first; the second below 0: none */
@@ -194,23 +195,24 @@ typedef struct { /* light in front of a lens: rays through a grid in its cross s
     double across[3], up[3], along[3]; /* axes of the cross section, and the light's direction through the first vertex */
     double source[3], distance; /* of light from a finite distance: its place, and its distance from the viewpoint */
     double steps_per_unit, farthest; /* farthest: rays beyond this square of height over semi-aperture are lost */
-    int64_t steps, pairs, rows, columns, finite;
+    int64_t steps, waves, pairs, rows, columns, finite;
 } lf_beam;
 
 typedef int lf_ghost_rays_loop(const lf_system *, const lf_beam *, double *out);
 
 typedef struct { /* grids of rays behind the lens */
-    const double *rays;      /* (pair, quantity, row, column): position x, y on the sensor in mm; light; the largest square
-                                of height over semi-aperture; and positions x, y in the stop at each crossing */
+    const double *rays;      /* (pair, quantity, row, column): position x, y on the sensor in mm; the largest square of
+                                height over semi-aperture; positions x, y in the stop at each crossing; and the light at
+                                each wavelength */
     const int64_t *crossings; /* (pair) */
     const double *cells;     /* (pair): cross section of the light in a cell, in mm^2 */
     const double *pixels;    /* (pair): the number to spend */
     const double *blur;      /* (pair): the least area of a pixel, in pixels of the first level */
     const float *normals;    /* (blade, 2): of an iris, as in lf_cast_of */
-    int64_t pairs, rows, columns, blades, mirrored; /* mirrored: column 0 is the middle of a mesh with mirrored halves */
+    int64_t pairs, waves, rows, columns, blades, mirrored; /* mirrored: column 0 is the middle of a mesh with mirrored halves */
     float blade_margin, blade_bend, blade_slope, reach; /* reach: of the opening, in semi-apertures */
     double cosine, sine;     /* of the light's azimuth, by which rays are turned */
-    double irradiance;       /* of the light */
+    double irradiance[LF_GHOST_WAVES]; /* of the light */
     double centre_row, centre_column, px_per_mm; /* of the first level, without its rim */
 } lf_meshes;
 
@@ -373,7 +375,7 @@ LF_API int lf_ghost_rays(int variant, const lf_system *, const lf_beam *, double
 LF_API int64_t lf_ghost_work(int64_t rows, int64_t columns); /* doubles of workspace for lf_ghost_light; 0 for bad sizes */
 LF_API int lf_ghost_light(int variant, const lf_meshes *, const lf_picture *levels, int64_t count, double *light,
                           double *work); /* levels: each with pixels twice as large as the one before, a rim, and eight
-                                            more floats behind each row; light: (pair) */
+                                            more floats behind each row; planes are wavelengths; light: (pair, wavelength) */
 LF_API int64_t lf_fit_work(int64_t places, int64_t degree, int64_t step); /* doubles of workspace for lf_fit; 0 for bad
                                                                              sizes */
 LF_API int lf_fit(int variant, const lf_scattered *, double *out, double *residual,

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..image.sources import Sources
 from ..kernels.ghost_meshes import Blades
-from ..kernels.ghosts import Beam, Coated, Openings
+from ..kernels.ghosts import MOST_WAVES, Beam, Coated, Openings
 from ..kernels.tracing import TracedSurfaces
 from ..lens.iris import Opening
 from ..prescription.surfaces import sag_and_gradient
@@ -14,6 +14,7 @@ from ..prescription.system import System
 from ..rays.fields import view_of
 from ..rays.trace import traced_surfaces
 from ..rays.view import View
+from .ghost_bands import bands_of
 
 INVARIANT_STEPS = 128  # for each unit of (n sin)^2, over which reflectances are interpolated
 OUTLINE_RADII, OUTLINE_AZIMUTHS = 5, 32  # points of the first surface
@@ -59,11 +60,16 @@ class GhostLens:
         return 1 + 2 * ((near < stop) & (stop < far)) + ((stop == near) | (stop == far))
 
     def coated(self, wavelengths_nm: np.ndarray) -> list[Coated]:
-        """The surfaces at each wavelength."""
+        """The surfaces for each of `bands_of` these wavelengths."""
         indices = self.system.indices_at(wavelengths_nm)
         steps = int(np.ceil(INVARIANT_STEPS * indices.max() ** 2))
         shares = self.system.reflectances(wavelengths_nm, np.arange(steps + 1) / INVARIANT_STEPS)
-        return [Coated(indices[:, n], shares[:, n], INVARIANT_STEPS) for n in range(len(wavelengths_nm))]
+        coated = []
+        for band in bands_of(wavelengths_nm):
+            reflectances = np.zeros((len(shares), steps + 1, MOST_WAVES))
+            reflectances[..., :band.waves.size] = np.moveaxis(shares[:, band.waves], 1, -1)
+            coated.append(Coated(indices[:, band.traced], band.waves.size, reflectances, INVARIANT_STEPS))
+        return coated
 
     def glass_transmittance(self, wavelengths_nm: np.ndarray, pairs: np.ndarray) -> np.ndarray:
         """T of the glass that the light of each pair passes, along the axis: array (pair, wavelength)."""

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from ..kernels.ghosts import CROSSINGS, QUANTITIES, Beam, Coated, ghost_rays
+from ..kernels.ghost_meshes import LIGHT
+from ..kernels.ghosts import CROSSINGS, Beam, Coated, ghost_rays
 from ..kernels.library import NUMPY, running
 from ..prescription.surfaces import distance_to, from_surface_frame, refracted, to_surface_frame, unit_normal
 from .ghost_beams import GhostLens
@@ -18,7 +19,7 @@ def trace_ghosts(lens: GhostLens, coated: Coated, beam: Beam, pairs: np.ndarray,
     else:
         with np.errstate(all="ignore"):
             rays = np.reshape([_traced(lens, coated, beam, pair, box, shape, farthest)
-                               for pair, box in zip(pairs, boxes, strict=True)], (len(pairs), QUANTITIES, *shape))
+                               for pair, box in zip(pairs, boxes, strict=True)], (len(pairs), LIGHT + coated.waves, *shape))
     rays[:, :2] -= lens.view.origin_mm[:, None, None]
     return rays
 
@@ -37,7 +38,7 @@ class _Passage:
     def __init__(self, lens, coated, position, direction, light, farthest):
         self.lens, self.coated, self.farthest = lens, coated, farthest
         self.position, self.direction, self.light = position, direction, light
-        self.limit, self.stops = np.zeros_like(light), []
+        self.limit, self.stops = np.zeros_like(light[0]), []
 
     def meet(self, number, reflecting, heading, before, behind):
         """To a surface, and reflected or refracted there; `heading` is the sign of the direction behind it."""
@@ -67,14 +68,17 @@ class _Passage:
 
     def _reflectance(self, number, squares):
         places = np.nan_to_num(squares) * self.coated.steps_per_unit
-        return np.interp(places, np.arange(self.coated.reflectances.shape[1]), self.coated.reflectances[number])
+        steps = np.arange(self.coated.reflectances.shape[1])
+        tables = self.coated.reflectances[number].T[:self.coated.waves]
+        return np.stack([np.interp(places, steps, table) for table in tables])
 
 
 def _traced(lens, coated, beam, pair, box, shape, farthest):
-    """Quantities (QUANTITIES, ray) of the rays of a pair."""
+    """Quantities (LIGHT + wave, ray) of the rays of a pair."""
     prescription, (near, far) = lens.system.prescription, pair
     gaps_mm = [surface.thickness_mm for surface in prescription.surfaces]
-    passage = _Passage(lens, coated, *_started(beam, box, shape), farthest)
+    position, direction, light = _started(beam, box, shape)
+    passage = _Passage(lens, coated, position, direction, np.tile(light, (coated.waves, 1)), farthest)
     first = 0
     if far >= 0:
         _onwards(passage, gaps_mm, 0, far)
@@ -90,7 +94,7 @@ def _traced(lens, coated, beam, pair, box, shape, farthest):
     at, along = to_surface_frame(prescription.image_pose, passage.position, passage.direction)
     at = at - at[2] / along[2] * along
     stops = [*passage.stops, *passage.stops[-1:] * CROSSINGS][:CROSSINGS]
-    return np.concatenate([at[:2], [passage.light, passage.limit], *stops])
+    return np.concatenate([at[:2], [passage.limit], *stops, passage.light])
 
 
 def _onwards(passage, gaps_mm, first, end):

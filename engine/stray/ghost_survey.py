@@ -5,7 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..image.pixel_grid import PixelGrid
+from ..kernels.ghost_meshes import LIGHT, LIMIT, STOP
 from ..kernels.ghosts import Beam, Coated
+from .ghost_bands import Band
 from .ghost_beams import GhostLens, entrance_mm
 from .ghost_rays import boxes_of, trace_ghosts
 
@@ -44,23 +46,25 @@ class Survey:
     speed_mm: np.ndarray
 
 
-def survey(lens: GhostLens, grid: PixelGrid, coated: list[Coated], beam: Beam, azimuth_rad: float, radius_rad: float,
-           share: float) -> Survey:
-    """Search the light of all pairs at the middle one of the wavelengths; and then, except for the faintest pairs with
-    this share of the light, at all of them."""
-    pairs, middle = lens.pairs, len(coated) // 2
+def survey(lens: GhostLens, grid: PixelGrid, bands: list[tuple[Band, Coated]], beam: Beam, azimuth_rad: float,
+           radius_rad: float, share: float) -> Survey:
+    """Search the light of all pairs in the middle one of the bands; and then, except for the faintest pairs with this
+    share of the light, in all of them."""
+    pairs, middle, coated = lens.pairs, len(bands) // 2, [each for _, each in bands]
     everywhere_mm = np.tile(entrance_mm(lens, beam), (len(pairs), 1))
     first = FIRST if lens.radial else FIRST_CROOKED
     closer_mm, rays = _searched(lens, coated[middle], beam, pairs, everywhere_mm, first)
-    light_mm2 = np.repeat(_light_mm2(lens, grid, rays, everywhere_mm, azimuth_rad)[:, None], len(coated), axis=1)
-    bright = np.flatnonzero(brightest(light_mm2[:, middle], share))
+    of_middle_mm2 = _light_mm2(lens, grid, rays, everywhere_mm, azimuth_rad).mean(axis=1)
+    light_mm2 = np.repeat(of_middle_mm2[:, None], 1 + max(band.waves[-1] for band, _ in bands), axis=1)
+    bright = np.flatnonzero(brightest(of_middle_mm2, share))
     closer_mm = closer_mm[bright]
     if not lens.radial:
         wide_mm = _widened(lens, closer_mm, 0.5)
         closer_mm, _ = _searched(lens, coated[middle], beam, pairs[bright], wide_mm, AGAIN_CROOKED)
     found = [_searched(lens, each, beam, pairs[bright], closer_mm, NEXT) for each in coated]
-    for number, (_, rays) in enumerate(found):
-        light_mm2[bright, number] = _light_mm2(lens, grid, rays, closer_mm, azimuth_rad)
+    light_mm2[bright] = 0
+    for (band, _), (_, rays) in zip(bands, found, strict=True):
+        light_mm2[np.ix_(bright, band.waves)] += band.weights * _light_mm2(lens, grid, rays, closer_mm, azimuth_rad)
     speed_mm = np.zeros(len(bright))
     if radius_rad > 0:
         speed_mm = _speed_mm(lens, coated[middle], beam, pairs[bright], closer_mm, found[middle][1])
@@ -80,9 +84,9 @@ def brightest(light: np.ndarray, share: float) -> np.ndarray:
 
 def open_square(lens: GhostLens, rays: np.ndarray) -> np.ndarray:
     """The largest square of a distance from the axis over an opening's, of rays: above 1 if blocked, inf if lost."""
-    stop = rays[:, 4::2]**2 + rays[:, 5::2]**2
-    square = np.maximum(rays[:, 3], stop.max(axis=1) / lens.opening.reach**2)
-    return np.where(rays[:, 2] >= 0, square, np.inf)
+    stop = rays[:, STOP:LIGHT:2]**2 + rays[:, STOP + 1:LIGHT:2]**2
+    square = np.maximum(rays[:, LIMIT], stop.max(axis=1) / lens.opening.reach**2)
+    return np.where(rays[:, LIGHT] >= 0, square, np.inf)
 
 
 def lit_share(square: np.ndarray) -> np.ndarray:
@@ -98,13 +102,13 @@ def cells_mm2(lens: GhostLens, boxes: np.ndarray, shape: tuple[int, int]) -> np.
     return (boxes[:, 1] * boxes[:, 3])[:, None, None] * times
 
 
-def direct_light_mm2(lens: GhostLens, coated: Coated, beam: Beam) -> float:
-    """Light that reaches the sensor's plane without reflection, over irradiance in front of the lens."""
+def direct_light_mm2(lens: GhostLens, coated: Coated, beam: Beam) -> np.ndarray:
+    """Light that reaches the sensor's plane without reflection, over irradiance in front of the lens: array (wave,)."""
     limits_mm, none = entrance_mm(lens, beam)[None], np.array([[-1, -1]])
     limits_mm, _ = _searched(lens, coated, beam, none, limits_mm, FIRST)
     rays = trace_ghosts(lens, coated, beam, none, limits_mm, DIRECT, LEAST_SQUARE)
     boxes, shape = boxes_of(lens, limits_mm, DIRECT)
-    return float(np.sum(np.nan_to_num(rays[:, 2]) * lit_share(open_square(lens, rays)) * cells_mm2(lens, boxes, shape)))
+    return _summed(rays, lit_share(open_square(lens, rays)) * cells_mm2(lens, boxes, shape))[0]
 
 
 def _searched(lens, coated, beam, pairs, limits_mm, side):
@@ -150,9 +154,8 @@ def _widened(lens, limits_mm, share):
 
 
 def _light_mm2(lens, grid, rays, limits_mm, azimuth_rad):
-    """Light on the frame over irradiance: array (pair,)."""
+    """Light on the frame over irradiance: array (pair, wave)."""
     boxes, shape = boxes_of(lens, limits_mm, rays.shape[2])
-    light = np.nan_to_num(rays[:, 2]) * lit_share(open_square(lens, rays)) * cells_mm2(lens, boxes, shape)
     cosine, sine = np.cos(azimuth_rad), np.sin(azimuth_rad)
     left, lower, right, upper = grid.edges_mm
     halves = [(rays[:, 0], 0.5), (-rays[:, 0], 0.5)] if lens.radial else [(rays[:, 0], 1.0)]
@@ -160,7 +163,12 @@ def _light_mm2(lens, grid, rays, limits_mm, azimuth_rad):
     for x, part in halves:
         across, up = x * cosine - rays[:, 1] * sine, x * sine + rays[:, 1] * cosine
         on_frame = on_frame + part * ((across > left) & (across < right) & (up > lower) & (up < upper))
-    return np.sum(light * on_frame, axis=(1, 2))
+    return _summed(rays, on_frame * lit_share(open_square(lens, rays)) * cells_mm2(lens, boxes, shape))
+
+
+def _summed(rays, weights):
+    """Sums of the light of rays times weights (pair, row, column): array (pair, wave)."""
+    return np.einsum("pwrc,prc->pw", np.nan_to_num(rays[:, LIGHT:]), weights)
 
 
 def _speed_mm(lens, coated, beam, pairs, limits_mm, rays):

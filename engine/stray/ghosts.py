@@ -15,12 +15,13 @@ import numpy as np
 
 from ..image.pixel_grid import PixelGrid
 from ..image.sources import Sources
-from ..kernels.ghost_meshes import Meshes
+from ..kernels.ghost_meshes import LIGHT, LIMIT, Meshes
 from ..kernels.ghosts import RIM, draw_ghosts, ghost_levels
 from ..lens.iris import Opening
 from ..prescription.prescription import Prescription
 from ..prescription.system import system_of
 from ..runtime.threads import thread_pool
+from .ghost_bands import bands_of
 from .ghost_beams import beam_of, enters, ghost_lens
 from .ghost_rays import boxes_of, trace_ghosts
 from .ghost_survey import brightest, direct_light_mm2, survey
@@ -84,31 +85,42 @@ def ghosts(prescription: Prescription, sources: Sources, grid: PixelGrid, openin
     """
     frame, nm = grid.frame(), sources.wavelengths_nm
     lens = ghost_lens(system_of(prescription), opening, nm)
-    coated = lens.coated(nm)
-    surveys = _surveys(lens, frame, coated, sources, share / 2)
+    bands = list(zip(bands_of(nm), lens.coated(nm), strict=True))
+    surveys = _surveys(lens, frame, bands, sources, share / 2)
     estimates = _estimates(lens, sources, surveys)
     drawn = _drawn(surveys, estimates, share / 2)
     pixels = _pixels(np.where(drawn, estimates.sum(axis=2), 0))
     by_rays = list(_by_rays(drawn, pixels))
     irradiance = np.empty((len(nm), *frame.shape_px), np.float32)
-    light = np.full(estimates.shape, np.nan)
+    light = np.where(drawn[..., None], np.zeros(len(nm)), np.nan)
     px_per_mm = 1e3 / frame.pitch_um
 
-    def draw(wave):
-        levels = ghost_levels(frame.shape_px, _level_count(frame.shape_px))
+    def draw(band, coated):
+        levels = ghost_levels(band.waves.size, frame.shape_px, _level_count(frame.shape_px))
+        of_band = np.zeros((*drawn.shape, band.waves.size))
         for (number, found), (side, selected) in product(surveys.items(), by_rays):
             chosen = selected[number, found.bright]
             pairs = found.bright[chosen]
-            rays, cells_mm2 = _fine_rays(lens, coated[wave], nm[wave], found, chosen, side)
+            if not pairs.size:
+                continue
+            rays, cells_mm2 = _fine_rays(lens, coated, nm[band.waves], found, chosen, side)
             diameters_px = 2 * sources.radius_rad[number] * px_per_mm * found.speed_mm[chosen]
             meshes = Meshes(rays, lens.crossings(lens.pairs[pairs]), cells_mm2, pixels[number, pairs],
                             (OF_DIAMETER * diameters_px)**2, lens.radial, found.azimuth_rad,
-                            sources.irradiance[number, wave])
-            light[number, pairs, wave] = SQUARE_M * draw_ghosts(meshes, lens.blades, frame.centre_px, px_per_mm, levels)
-        irradiance[wave] = _together(levels)
+                            band.weights * sources.irradiance[number, band.waves])
+            of_band[number, pairs] = SQUARE_M * draw_ghosts(meshes, lens.blades, frame.centre_px, px_per_mm, levels)
+        return of_band, levels
+
+    def join(wave):
+        parts = [[level[np.flatnonzero(band.waves == wave)[0]] for level in levels]
+                 for (band, _), (_, levels) in zip(bands, found, strict=True) if wave in band.waves]
+        irradiance[wave] = _together([sum(planes) for planes in zip(*parts, strict=True)])
 
     with thread_pool() as pool:
-        list(pool.map(draw, range(len(nm))))
+        found = list(pool.map(draw, *zip(*bands, strict=True)))
+        list(pool.map(join, range(len(nm))))
+    for (band, _), (of_band, _) in zip(bands, found, strict=True):
+        light[..., band.waves] += of_band
     return Ghosts(irradiance, nm, sources.names, lens.pairs + 1, light,
                   np.where(drawn[..., None], 0, estimates).sum(axis=1))
 
@@ -120,38 +132,31 @@ def direct_light(prescription: Prescription, sources: Sources, opening: Opening)
     """
     nm, none = sources.wavelengths_nm, np.array([[-1, -1]])
     lens = ghost_lens(system_of(prescription), opening, nm)
-    coated, light_mm2 = lens.coated(nm), np.zeros((len(sources), len(nm)))
+    bands, light_mm2 = list(zip(bands_of(nm), lens.coated(nm), strict=True)), np.zeros((len(sources), len(nm)))
     for number in np.flatnonzero(enters(lens, sources)):
         beam, _ = beam_of(lens, sources.directions[number], float(sources.distance_mm[number]))
-        light_mm2[number] = [direct_light_mm2(lens, each, beam) for each in coated]
+        for band, coated in bands:
+            light_mm2[number, band.waves] += band.weights * direct_light_mm2(lens, coated, beam)
     return SQUARE_M * sources.irradiance * light_mm2 * lens.glass_transmittance(nm, none)
 
 
-def _surveys(lens, frame, coated, sources, share):
+def _surveys(lens, frame, bands, sources, share):
     """The survey of each source whose light enters the lens, by number."""
-    few = [coated[number] for number in _few(len(coated))]
-
     def surveyed(number):
         beam, azimuth_rad = beam_of(lens, sources.directions[number], float(sources.distance_mm[number]))
-        return survey(lens, frame, few, beam, azimuth_rad, sources.radius_rad[number], share)
+        return survey(lens, frame, bands, beam, azimuth_rad, sources.radius_rad[number], share)
 
     numbers = [int(number) for number in np.flatnonzero(enters(lens, sources))]
     with thread_pool() as pool:
         return dict(zip(numbers, pool.map(surveyed, numbers), strict=True))
 
 
-def _few(count):
-    """The first, the middle and the last of `count` wavelengths."""
-    return sorted({0, count // 2, count - 1})
-
-
 def _estimates(lens, sources, surveys):
     """Light of ghosts from the surveys: array (source, pair, wavelength)."""
     nm = sources.wavelengths_nm
-    few, estimates = nm[_few(len(nm))], np.zeros((len(sources), len(lens.pairs), len(nm)))
+    estimates = np.zeros((len(sources), len(lens.pairs), len(nm)))
     for number, found in surveys.items():
-        weights = np.stack([np.interp(nm, few, unit) for unit in np.eye(len(few))])
-        estimates[number] = found.light_mm2 @ weights * sources.irradiance[number]
+        estimates[number] = found.light_mm2 * sources.irradiance[number]
     return SQUARE_M * estimates * lens.glass_transmittance(nm, lens.pairs)
 
 
@@ -171,9 +176,9 @@ def _fine_rays(lens, coated, nm, found, chosen, side):
     """
     pairs = lens.pairs[found.bright[chosen]]
     rays = trace_ghosts(lens, coated, found.beam, pairs, found.limits_mm[chosen], side)
-    rays[:, 2] *= lens.glass_transmittance(np.array([nm]), pairs)[:, :, None]
-    around = np.pad(rays[:, 3], ((0, 0), (1, 1), (1, 1)), "reflect")
-    rays[:, 3] -= (np.diff(around[:, 1:-1], 2, axis=2) + np.diff(around[:, :, 1:-1], 2, axis=1)) / 12
+    rays[:, LIGHT:] *= lens.glass_transmittance(nm, pairs)[:, :, None, None]
+    around = np.pad(rays[:, LIMIT], ((0, 0), (1, 1), (1, 1)), "reflect")
+    rays[:, LIMIT] -= (np.diff(around[:, 1:-1], 2, axis=2) + np.diff(around[:, :, 1:-1], 2, axis=1)) / 12
     boxes, _ = boxes_of(lens, found.limits_mm[chosen], side)
     return rays, boxes[:, 1] * boxes[:, 3]
 
@@ -197,11 +202,11 @@ def _level_count(shape_px):
 
 
 def _together(levels):
-    """The sum of pictures of different resolution, without their rims. Each is enlarged by Chaikin's subdivision, which
+    """The sum of pictures, arrays (row, column), of different resolution, without their rims. Each is enlarged by Chaikin's subdivision, which
     tends to quadratic B-splines and keeps the light."""
-    total = levels[-1][0]
+    total = levels[-1]
     for level in levels[-2::-1]:
-        total = level[0] + _doubled(total, level.shape[1:])
+        total = level + _doubled(total, level.shape)
     return total[RIM:-RIM, RIM:-RIM]
 
 

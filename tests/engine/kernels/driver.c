@@ -843,12 +843,14 @@ static void try_tracing(void)
 /* Ghosts: rays reflected at two surfaces, one by one; and the light of meshes that nothing blocks, which must be that of
    their triangles. */
 
-typedef struct { double at[3], along[3], light, limit, stop[2 * LF_CROSSINGS]; int crossings; } ghost_ray;
+typedef struct { double at[3], along[3], light[LF_GHOST_WAVES], limit, stop[2 * LF_CROSSINGS]; int crossings; } ghost_ray;
 
-static double linear(const double *table, int64_t steps, double place)
+/* Between values of a table that are `apart` numbers apart. */
+static double linear(const double *table, int64_t apart, int64_t steps, double place)
 {
     const int64_t step = (int64_t)fmin(fmax(place, 0), (double)steps - 1);
-    return table[step] + (fmin(fmax(place, 0), (double)steps) - (double)step) * (table[step + 1] - table[step]);
+    const double *here = table + step * apart;
+    return here[0] + (fmin(fmax(place, 0), (double)steps) - (double)step) * (here[apart] - here[0]);
 }
 
 static void ghost_meets(const lf_system *s, const lf_beam *b, int64_t n, int reflecting, double before, double behind, ghost_ray *r)
@@ -869,15 +871,19 @@ static void ghost_meets(const lf_system *s, const lf_beam *b, int64_t n, int ref
     } else r->limit = fmax(r->limit, square);
     for (int k = 0; k < 2; k++) r->limit = fmax(r->limit, pow(r->at[k] * b->per_half_width[2 * n + k], 2));
     change_frame(s, n, -1, r->at, back);
-    const double share = linear(b->reflectances + n * (b->steps + 1), b->steps, before * before * (1 - cosine * cosine) * b->steps_per_unit);
-    r->light *= reflecting ? share : 1 - share;
+    for (int64_t w = 0; w < b->waves; w++) {
+        const double share = linear(b->reflectances + n * (b->steps + 1) * LF_GHOST_WAVES + w, LF_GHOST_WAVES, b->steps,
+                                    before * before * (1 - cosine * cosine) * b->steps_per_unit);
+        r->light[w] *= reflecting ? share : 1 - share;
+    }
     for (int k = 0; reflecting && k < 3; k++) r->along[k] = back[k];
 }
 
 static void plain_ghost(const lf_system *s, const lf_beam *b, int64_t near, int64_t far, double across, double up, double *out)
 {
     const int64_t size = 3 + s->even_terms + s->odd_terms;
-    ghost_ray r = {{0}, {0}, 1, 0, {0}, 0};
+    ghost_ray r = {{0}, {0}, {0}, 0, {0}, 0};
+    for (int64_t w = 0; w < b->waves; w++) r.light[w] = 1;
     for (int k = 0; k < 3; k++) r.at[k] = across * b->across[k] + up * b->up[k], r.along[k] = b->along[k];
     for (int64_t n = 0; n < far; n++) ghost_meets(s, b, n, 0, s->indices[n], s->indices[n + 1], &r), r.at[2] -= s->shapes[n * size + 2];
     ghost_meets(s, b, far, 1, s->indices[far], s->indices[far], &r);
@@ -891,15 +897,17 @@ static void plain_ghost(const lf_system *s, const lf_beam *b, int64_t near, int6
     }
     change_frame(s, s->surfaces, 1, r.at, r.along);
     for (int k = 0; k < 2; k++) out[k] = r.at[k] - r.at[2] / r.along[2] * r.along[k];
-    out[2] = r.light, out[3] = r.limit;
-    for (int k = 0; k < 2 * LF_CROSSINGS; k++) out[4 + k] = r.stop[k < 2 * r.crossings ? k : k % 2 + 2 * (r.crossings - 1)];
+    out[2] = r.limit;
+    for (int64_t w = 0; w < b->waves; w++) out[LF_GHOST_QUANTITIES + w] = r.light[w];
+    for (int k = 0; k < 2 * LF_CROSSINGS; k++) out[3 + k] = r.stop[k < 2 * r.crossings ? k : k % 2 + 2 * (r.crossings - 1)];
 }
 
 static void try_ghost_rays(void)
 {
-    const int64_t surfaces = 3 + below(4), even = below(3), size = 3 + even, steps = 5, side = 2 + below(5), rays = side * side;
-    double *shapes = ROOM(double, surfaces * size), *poses = ROOM(double, 12 * (surfaces + 1)), *tables = ROOM(double, surfaces * (steps + 1));
-    double indices[16], per_mm[16], per_half_width[32], truth[LF_GHOST_QUANTITIES], box[4] = {-2 * unit(), 3 * unit() / (double)side, -2 * unit(), 3 * unit() / (double)side};
+    const int64_t surfaces = 3 + below(4), even = below(3), size = 3 + even, steps = 5, side = 2 + below(5), rays = side * side, waves = 1 + below(LF_GHOST_WAVES);
+    const int64_t quantities = LF_GHOST_QUANTITIES + waves, first_light = LF_GHOST_QUANTITIES * rays;
+    double *shapes = ROOM(double, surfaces * size), *poses = ROOM(double, 12 * (surfaces + 1)), *tables = ROOM(double, surfaces * (steps + 1) * LF_GHOST_WAVES);
+    double indices[16], per_mm[16], per_half_width[32], truth[LF_GHOST_QUANTITIES + LF_GHOST_WAVES], box[4] = {-2 * unit(), 3 * unit() / (double)side, -2 * unit(), 3 * unit() / (double)side};
     for (int64_t n = 0; n < surfaces; n++) {
         shapes[n * size] = 0.02 * (2 * unit() - 1), shapes[n * size + 1] = 2 * unit() - 1.5, shapes[n * size + 2] = 2 + 3 * unit();
         for (int64_t k = 3; k < size; k++) shapes[n * size + k] = 1e-5 * (2 * unit() - 1);
@@ -907,23 +915,23 @@ static void try_ghost_rays(void)
         const int64_t rectangular = below(2);
         for (int64_t k = 2 * n; k < 2 * n + 2; k++) per_half_width[k] = rectangular ? 0.1 + 0.1 * unit() : 0;
     }
-    for (int64_t n = 0; n < surfaces * (steps + 1); n++) tables[n] = unit();
+    for (int64_t n = 0; n < surfaces * (steps + 1) * LF_GHOST_WAVES; n++) tables[n] = unit();
     for (int64_t n = 0; n <= surfaces; n++) indices[n] = n % 2 ? 1.5 + 0.3 * unit() : 1, displace(poses + 12 * n);
     const lf_system s = {shapes, indices, surfaces, below(surfaces), even, 0, 0, 0, below(2) ? poses : 0, 0};
     const int64_t far = 1 + below(surfaces - 1), pair[2] = {below(far), far}, wrong[2] = {far, far};
     const double slope = 0.2 * (2 * unit() - 1), c = sqrt(1 - slope * slope);
-    lf_beam b = {tables, per_mm, per_half_width, pair, box, {1, 0, 0}, {0, c, -slope}, {0, slope, c}, {0, 0, 0}, INFINITY, 2, INFINITY, steps, 1, side, side, 0};
+    lf_beam b = {tables, per_mm, per_half_width, pair, box, {1, 0, 0}, {0, c, -slope}, {0, slope, c}, {0, 0, 0}, INFINITY, 2, INFINITY, steps, waves, 1, side, side, 0};
     for (int v = 0; runs(v); v++) {
-        double *out = ROOM(double, LF_GHOST_QUANTITIES * rays);
+        double *out = ROOM(double, quantities * rays);
         b.surfaces = wrong;
         expect(lf_ghost_rays(v, &s, &b, out) == LF_BAD_SIZE, "ghosts took surfaces that cannot be");
         b.surfaces = pair;
         expect(!lf_ghost_rays(v, &s, &b, out), "ghosts refused their sizes");
-        for (int64_t k = 0; k < LF_GHOST_QUANTITIES * rays; k++)
+        for (int64_t k = 0; k < quantities * rays; k++)
             if (out[k] == out[k]) take_bits(v, out + k, 8); /* the signs of lost rays' NaN differ */
         for (int64_t ray = 0; ray < rays; ray++) {
             plain_ghost(&s, &b, pair[0], pair[1], box[0] + (double)(ray % side) * box[1], box[2] + (double)(ray / side) * box[3], truth);
-            for (int64_t k = 0; k < LF_GHOST_QUANTITIES && out[2 * rays + ray] == out[2 * rays + ray]; k++)
+            for (int64_t k = 0; k < quantities && out[first_light + ray] == out[first_light + ray]; k++)
                 take_deviation(v, 13, fabs(out[k * rays + ray] - truth[k]), 1e4 * DOUBLE * 50);
         }
         free(out);
@@ -934,42 +942,46 @@ static void try_ghost_rays(void)
 static void try_ghost_light(void)
 {
     const int64_t side = 2 + below(6), mesh = side * side, rows = 40 + below(30), columns = 40 + below(30), levels = 1 + below(3);
+    const int64_t waves = 1 + below(LF_GHOST_WAVES), quantities = LF_GHOST_QUANTITIES + waves, last = quantities - 1;
     static const float normals[6] = {1, 0, -0.5f, 0.866f, -0.5f, -0.866f};
     const int tame = below(3) > 0;
-    double *rays = ROOM(double, LF_GHOST_QUANTITIES * mesh), cell = unit(), pixels = 100 + 4000 * unit(), blur = 0, sum = 0;
+    double *rays = ROOM(double, quantities * mesh), cell = unit(), pixels = 100 + 4000 * unit(), blur = 0, sum = 0;
     for (int64_t n = 0; n < mesh; n++) {
         rays[n] = 8 * ((double)(n % side) / (double)(side - 1) - 0.5) + (tame ? 0.3 : 9) * (unit() - 0.5);
         rays[mesh + n] = 8 * ((double)(n / side) / (double)(side - 1) - 0.5) + (tame ? 0.3 : 9) * (unit() - 0.5);
-        rays[2 * mesh + n] = unit(), rays[3 * mesh + n] = 0.2;
-        for (int k = 4; !tame && k < LF_GHOST_QUANTITIES; k++) rays[k * mesh + n] = 3 * (unit() - 0.5);
-        if (!tame && !below(9)) rays[below(4) * mesh + n] = below(2) ? NAN : 1e300;
+        rays[2 * mesh + n] = 0.2;
+        for (int64_t w = LF_GHOST_QUANTITIES; w < quantities; w++) rays[w * mesh + n] = unit();
+        for (int k = 3; !tame && k < LF_GHOST_QUANTITIES; k++) rays[k * mesh + n] = 3 * (unit() - 0.5);
+        if (!tame && !below(9)) rays[below(3) * mesh + n] = below(2) ? NAN : 1e300;
+        if (!tame && !below(9)) rays[LF_GHOST_QUANTITIES * mesh + n] = NAN;
     }
     for (int64_t n = 0; n < mesh; n++)
         if (n % side < side - 1 && n / side < side - 1) { /* its two triangles */
-            const double *a = rays + 2 * mesh + n;
+            const double *a = rays + last * mesh + n;
             const int left = 2 * (n % side) < side - 1;
             sum += (a[0] + a[1] + a[side] + a[side + 1] + (left ? a[1] + a[side] : a[0] + a[side + 1])) / 6 * cell;
         }
     const int64_t crossings = tame ? 0 : below(LF_CROSSINGS + 1);
-    lf_meshes m = {rays, &crossings, &cell, &pixels, &blur, normals, 1, side, side, 3, !tame && below(2), 0.5f, 0, 1, 1,
-                   0.6, 0.8, 1, (double)rows / 2, (double)columns / 2, 3};
+    lf_meshes m = {rays, &crossings, &cell, &pixels, &blur, normals, 1, waves, side, side, 3, !tame && below(2), 0.5f, 0, 1, 1,
+                   0.6, 0.8, {1, 1, 1, 1, 1, 1, 1, 1}, (double)rows / 2, (double)columns / 2, 3};
     for (int v = 0; runs(v); v++) {
         lf_picture pictures[3];
-        double light, *work = ROOM(double, lf_ghost_work(side, 2 * side));
+        double light[LF_GHOST_WAVES], *work = ROOM(double, lf_ghost_work(side, 2 * side));
         for (int64_t k = 0; k < levels; k++) {
             const int64_t high = ((rows - 1) >> k) + 1 + 2 * LF_GHOST_RIM, wide = ((columns - 1) >> k) + 1 + 2 * LF_GHOST_RIM;
-            pictures[k] = (lf_picture){ROOM(float, high * (wide + 8)), 1, high, wide, 0, wide + 8};
+            pictures[k] = (lf_picture){ROOM(float, waves * high * (wide + 8)), waves, high, wide, high * (wide + 8), wide + 8};
         }
-        expect(lf_ghost_light(v, &m, pictures, 0, &light, work) == LF_BAD_SIZE, "ghosts took no pictures");
-        expect(!lf_ghost_light(v, &m, pictures, levels, &light, work), "ghosts refused their pictures");
-        if (light == light) take_bits(v, &light, 8); /* the signs of NaN differ */
+        expect(lf_ghost_light(v, &m, pictures, 0, light, work) == LF_BAD_SIZE, "ghosts took no pictures");
+        expect(!lf_ghost_light(v, &m, pictures, levels, light, work), "ghosts refused their pictures");
+        for (int64_t w = 0; w < waves; w++)
+            if (light[w] == light[w]) take_bits(v, light + w, 8); /* the signs of NaN differ */
         for (int64_t k = 0; k < levels; k++) {
             const float *values = pictures[k].values;
-            for (int64_t n = 0; n < pictures[k].rows * pictures[k].row_step; n++)
+            for (int64_t n = 0; n < waves * pictures[k].plane_step; n++)
                 if (values[n] == values[n]) take_bits(v, values + n, 4);
             free(pictures[k].values);
         }
-        if (tame) take_deviation(v, 14, fabs(light - sum), 0.1 * sum); /* pixels of an uneven light */
+        if (tame) take_deviation(v, 14, fabs(light[waves - 1] - sum), 0.1 * sum); /* pixels of an uneven light */
         free(work);
     }
     free(rays);

@@ -12,6 +12,7 @@ from lensfield.engine.depth.cast import cast
 from lensfield.engine.image.layers import Layer, LayeredRadiance
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.inspection.screen import check_prescription
+from lensfield.engine.kernels.ghost_meshes import LIMIT
 from lensfield.engine.kernels.library import available
 from lensfield.engine.lens.iris import opening
 from lensfield.engine.prescription.mirrors import mirrored
@@ -139,8 +140,8 @@ def test_ghosts_end_at_rectangles(loops):
         up, across = np.meshgrid(np.linspace(-1.2, 1.2, 7), np.linspace(-1.0, 1.0, 7), indexing="ij")
         start = np.tensordot(beam.axes[:2].T, np.stack([across, up]), 1)
         hit = start[:2] - start[2] / beam.axes[2, 2] * beam.axes[2, :2].reshape(2, 1, 1)
-        np.testing.assert_allclose(direct[3], np.max((hit / np.reshape(HALVES_MM, (2, 1, 1)))**2, axis=0), rtol=1e-9)
-        assert np.all(reflected[3] >= direct[3] * (1 - 1e-9)) and place in lens.rectangles
+        np.testing.assert_allclose(direct[LIMIT], np.max((hit / np.reshape(HALVES_MM, (2, 1, 1)))**2, axis=0), rtol=1e-9)
+        assert np.all(reflected[LIMIT] >= direct[LIMIT] * (1 - 1e-9)) and place in lens.rectangles
 
 
 def test_rays_from_the_sensor_aim_at_a_rectangle():

@@ -17,6 +17,7 @@ import numpy as np
 from fresnel import fresnel
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.image.sources import Sources
+from lensfield.engine.kernels.ghost_meshes import LIGHT
 from lensfield.engine.kernels.ghosts import Beam
 from lensfield.engine.lens.iris import Iris, opening_within
 from lensfield.engine.library import prescription_of
@@ -211,8 +212,8 @@ def compared_rays(case):
     apart_mm = ours[:, :2] - (theirs[:, :2] - view_of(lens.system).origin_mm[:, None])
     return RayDifference(int(both.sum()), int((passes != arrives).sum()), int((both & ~sure).sum()),
                          np.hypot(*np.moveaxis(apart_mm, 1, 0))[both].max(),
-                         np.abs(ours[:, 2] / theirs[:, 2] - 1)[sure].max(),
-                         np.abs(ours_bare[:, 2] / fluxes - 1)[sure].max())
+                         np.abs(ours[:, LIGHT] / theirs[:, 2] - 1)[sure].max(),
+                         np.abs(ours_bare[:, LIGHT] / fluxes - 1)[sure].max())
 
 
 def rays_within(lens, limits_mm):
