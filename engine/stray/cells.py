@@ -12,6 +12,8 @@ from .arrivals import CELL_PX, Arrivals
 FAR_NODES = 12  # along each side of the frame, for light from far beyond it
 MEAN_CELLS = 8  # from a point: closer cells receive the mean of their pixels
 
+Spreads = Sequence[tuple[np.ndarray, Callable]]
+
 
 class Cells:
     """The cells of a picture. Light is interpolated between their corners.
@@ -88,7 +90,7 @@ class FineCells(Cells):
             self.add_to(plane, self.interpolated(self.corners[index]) + fine)
 
 
-def spread_in_cells(frame: PixelGrid, light: Arrivals, share: np.ndarray, spread: Callable,
+def spread_in_cells(frame: PixelGrid, light: Arrivals, spreads: Spreads,
                     discs: Sequence[tuple[float, ArrayLike]] = ((0.0, 1.0),)) -> np.ndarray:
     """The irradiance that light spreads over a frame, at the corners of its cells of CELL_PX pixels.
 
@@ -98,10 +100,8 @@ def spread_in_cells(frame: PixelGrid, light: Arrivals, share: np.ndarray, spread
     ----------
     frame : PixelGrid
     light : Arrivals
-    share : array (wavelength, spot), or one that broadcasts to it
-        Of each spot's light.
-    spread : callable (right_px, up_px) -> array
-        The share of a point's light that falls on pixels at these distances; smooth over a cell except near 0.
+    spreads : sequence of (array (wavelength,), callable (right_px, up_px) -> array)
+        Factors, and shares of a point's light that fall on pixels at these distances; smooth over a cell except near 0.
     discs : sequence of (radius_px, part)
         Discs over which parts of each spot's light, array (spot,), are spread first.
 
@@ -114,36 +114,44 @@ def spread_in_cells(frame: PixelGrid, light: Arrivals, share: np.ndarray, spread
     wide = [n + 2 * margin for n, margin in zip(shape, margins, strict=True)]
     reach = [n + margin - 1 for n, margin in zip(shape, margins, strict=True)]
     size = [scipy.fft.next_fast_len(2 * n + 1, real=True) for n in reach]
-    kernel = np.zeros(size)
-    kernel[:2 * reach[0] + 1, :2 * reach[1] + 1] = _kernel(reach, spread)
-    transformed = scipy.fft.rfft2(np.roll(kernel, [-n for n in reach], axis=(0, 1)))
-    factors = [transformed * _disc(radius_px / CELL_PX, size) for radius_px, _ in discs]
+    kernels = [(factors, _transformed(reach, size, spread)) for factors, spread in spreads]
+    blurs = [_disc(radius_px / CELL_PX, size) if radius_px else 1.0 for radius_px, _ in discs]
     inside = tuple(slice(margin, margin + n) for n, margin in zip(shape, margins, strict=True))
     result = np.empty((len(light.light), *shape))
-    for index, each in enumerate(light.light * share):
+    for index, each in enumerate(light.light):
         rows, columns = ((at + 0.5) / CELL_PX + margin for at, margin in zip(
             frame.index_of(light.x_mm[index], light.y_mm[index]), margins, strict=True))
-        spectrum = sum(factor * scipy.fft.rfft2(_shared_out(each * part, rows, columns, wide), size)
-                       for factor, (_, part) in zip(factors, discs, strict=True))
-        result[index] = scipy.fft.irfft2(spectrum, size)[inside]
+        shared = _shared_out([each * part for _, part in discs], rows, columns, wide)
+        spectrum = sum(blur * plane for blur, plane in zip(blurs, scipy.fft.rfft2(shared, size), strict=True))
+        kernel = sum(factors[index] * transformed for factors, transformed in kernels)
+        result[index] = scipy.fft.irfft2(spectrum * kernel, size)[inside]
     return np.maximum(result, 0)
 
 
-def spread_from_afar(frame: PixelGrid, light: Arrivals, share: np.ndarray, spread: Callable) -> np.ndarray:
+def spread_from_afar(frame: PixelGrid, light: Arrivals, spreads: Spreads) -> np.ndarray:
     """As `spread_in_cells`, of light farther from the frame, which is smooth over all of it."""
     shape = [-(-n // CELL_PX) + 1 for n in frame.shape_px]
     corners = [np.arange(n) * CELL_PX - 0.5 for n in shape]
     nodes = [np.linspace(-0.5, each[-1], FAR_NODES) for each in corners]
     result = np.zeros((len(light.light), *shape))
-    for index, each in enumerate(light.light * share):
+    for index, each in enumerate(light.light):
         rows, columns = frame.index_of(light.x_mm[index], light.y_mm[index])
         away = [np.abs((at + 0.5) / CELL_PX - (n - 1) / 2) >= (n - 1) / 2 + -(-n // 2)
                 for at, n in zip((rows, columns), shape, strict=True)]
-        values = sum((each[spot] * spread(nodes[1] - columns[spot], rows[spot] - nodes[0][:, None])
-                      for spot in np.flatnonzero((away[0] | away[1]) & (each > 0))), np.zeros((FAR_NODES, FAR_NODES)))
-        if values.any():
+        spots = np.flatnonzero((away[0] | away[1]) & (each > 0))
+        if spots.size:
+            right, up = nodes[1] - columns[spots, None, None], rows[spots, None, None] - nodes[0][:, None]
+            values = sum(factors[index] * np.tensordot(each[spots], spread(right, up), 1)
+                         for factors, spread in spreads)
             result[index] = scipy.interpolate.RectBivariateSpline(*nodes, values)(*corners)
     return result
+
+
+def _transformed(reach, size, spread):
+    """The transform of `_kernel`, around the first cell."""
+    kernel = np.zeros(size)
+    kernel[:2 * reach[0] + 1, :2 * reach[1] + 1] = _kernel(reach, spread)
+    return scipy.fft.rfft2(np.roll(kernel, [-n for n in reach], axis=(0, 1)))
 
 
 def _kernel(reach, spread):
@@ -164,14 +172,17 @@ def _disc(radius, size):
     return 2 * scipy.special.j1(turns) / turns
 
 
-def _shared_out(light, rows, columns, shape):
-    """Light at places shared out among the four points around each: array of this shape."""
-    first = np.floor([rows, columns]).astype(int)
-    (down, right), plane = np.array([rows, columns]) - first, np.zeros(np.prod(shape))
+def _shared_out(lights, rows, columns, shape):
+    """Lights at places shared out among the four points around each: array of this shape for each."""
+    near = (rows > -1) & (rows < shape[0]) & (columns > -1) & (columns < shape[1])
+    places, lights = np.array([rows[near], columns[near]]), [light[near] for light in lights]
+    first = np.floor(places).astype(int)
+    down, right = places - first
+    step = shape[1] + 2  # with a rim of points
+    index, planes = (first[0] + 1) * step + first[1] + 1, np.zeros((len(lights), (shape[0] + 2) * step))
     for row, row_share in ((0, 1 - down), (1, down)):
         for column, column_share in ((0, 1 - right), (1, right)):
-            at = first[0] + row, first[1] + column
-            inside = (at[0] >= 0) & (at[0] < shape[0]) & (at[1] >= 0) & (at[1] < shape[1])
-            plane += np.bincount(np.ravel_multi_index((at[0][inside], at[1][inside]), shape),
-                                 (light * row_share * column_share)[inside], plane.size)
-    return plane.reshape(shape)
+            share, at = row_share * column_share, index + row * step + column
+            for plane, light in zip(planes, lights, strict=True):
+                plane += np.bincount(at, light * share, plane.size)
+    return planes.reshape(-1, shape[0] + 2, step)[:, 1:-1, 1:-1]

@@ -119,7 +119,7 @@ class _Cells:
             yield np.broadcast_arrays(*np.ogrid[first:min(first + step, rows), :columns])
 
     def _merged(self, planes):
-        for axis in (-2, -1):
+        for axis in (-2, -1) if self._size > 1 else ():
             planes = np.add.reduceat(planes, range(0, planes.shape[axis], self._size), axis=axis)
         return planes
 
@@ -139,7 +139,7 @@ class _Part:
 
     def sum(self, planes):
         """Sums of planes (..., row, column) over the part."""
-        return np.sum(planes[(..., *self.place)] * self.share, axis=(-2, -1))
+        return np.einsum("...rc,rc->...", planes[(..., *self.place)], self.share)
 
 
 def _parts(moments, cells_sr):

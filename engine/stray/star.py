@@ -200,7 +200,7 @@ def _coarse_stars(lens, edges, frame, light, discs):
     def spread(right, up):
         return sum(edge.exact(right, up) for edge in spikes)
 
-    return spread_in_cells(frame, light, 1 / numbers[:, None], spread, discs)
+    return spread_in_cells(frame, light, [(1 / numbers, spread)], discs)
 
 
 def _add_star(cells, lens, edges, frame, light):

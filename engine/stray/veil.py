@@ -229,7 +229,7 @@ def add_veil(cube: np.ndarray, frame: PixelGrid, light: Arrivals, veil: Veil) ->
         `Veil.share`, by which the lens image must be dimmed.
     """
     shares, pitch_mm = veil.share(light.wavelengths_nm), frame.pitch_um * 1e-3
-    corners = np.zeros(())
+    spreads = []
     for power, lobes in groupby(veil.lobes, lambda lobe: lobe.power):
         same = list(lobes)
 
@@ -237,8 +237,7 @@ def add_veil(cube: np.ndarray, frame: PixelGrid, light: Arrivals, veil: Veil) ->
             distance_mm = pitch_mm * np.hypot(right, up)
             return pitch_mm**2 * sum(lobe.spread(distance_mm) for lobe in same)
 
-        relative = (light.wavelengths_nm / veil.reference_nm) ** power
-        for spreading in (spread_in_cells, spread_from_afar):
-            corners = corners + spreading(frame, light, relative[:, None], spread)
+        spreads.append(((light.wavelengths_nm / veil.reference_nm) ** power, spread))
+    corners = spread_in_cells(frame, light, spreads) + spread_from_afar(frame, light, spreads)
     Cells(frame.shape_px).add_corners(cube, corners)
     return shares
