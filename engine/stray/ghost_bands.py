@@ -27,6 +27,21 @@ class Band:
     weights: np.ndarray
 
 
+def sample_of(wavelengths_nm: np.ndarray) -> Band:
+    """One band with the paths of the middle one of the wavelengths, for up to MOST_WAVES of them at even steps."""
+    count = len(wavelengths_nm)
+    waves = np.unique(np.linspace(0, count - 1, MOST_WAVES).round().astype(int))
+    return Band(count // 2, waves, np.ones(waves.size))
+
+
+def halves_of(wavelengths_nm: np.ndarray) -> list[Band]:
+    """Bands with the paths of the first wavelength, for the lower half of all, and of the last one, for the others."""
+    count = len(wavelengths_nm)
+    lower, upper = np.split(np.arange(count), [count // 2])
+    return [band for traced, waves in ((0, lower), (count - 1, upper))
+            for band in _divided(traced, waves, np.ones(waves.size))]
+
+
 def bands_of(wavelengths_nm: np.ndarray) -> list[Band]:
     """The bands of wavelengths, with paths at even steps of 1 / wavelength^2, which dispersion follows."""
     place = -np.asarray(wavelengths_nm, dtype=float) ** -2.0
@@ -38,6 +53,11 @@ def bands_of(wavelengths_nm: np.ndarray) -> list[Band]:
     for number, unit in zip(traced, np.eye(traced.size), strict=True):
         weights = np.interp(place, place[traced], unit)
         near = np.flatnonzero(weights)
-        bands += [Band(int(number), waves, weights[waves])
-                  for waves in (near[start:start + MOST_WAVES] for start in range(0, near.size, MOST_WAVES))]
+        bands += _divided(int(number), near, weights[near])
     return bands
+
+
+def _divided(traced, waves, weights):
+    """Bands of at most MOST_WAVES of these wavelengths each."""
+    parts = (slice(start, start + MOST_WAVES) for start in range(0, waves.size, MOST_WAVES))
+    return [Band(traced, waves[part], weights[part]) for part in parts]

@@ -14,11 +14,33 @@ from ..prescription.system import System
 from ..rays.fields import view_of
 from ..rays.trace import traced_surfaces
 from ..rays.view import View
-from .ghost_bands import bands_of
+from .ghost_bands import Band
 
 INVARIANT_STEPS = 128  # for each unit of (n sin)^2, over which reflectances are interpolated
 OUTLINE_RADII, OUTLINE_AZIMUTHS = 5, 32  # points of the first surface
 STEEPEST = 0.02  # cosine of the angle to the axis of the lens, beyond which no light enters
+
+
+@dataclass(frozen=True, eq=False)
+class Coatings:
+    """What the surfaces of a lens do to light of several wavelengths.
+
+    Attributes
+    ----------
+    indices : array (surface + 1, wavelength)
+        Refractive indices.
+    reflectances : array (surface, step, wavelength)
+        As in `Coated`.
+    """
+
+    indices: np.ndarray
+    reflectances: np.ndarray
+
+    def of(self, band: Band) -> Coated:
+        """What they do to the light of a band."""
+        reflectances = np.zeros((*self.reflectances.shape[:2], MOST_WAVES))
+        reflectances[..., :band.waves.size] = self.reflectances[..., band.waves]
+        return Coated(self.indices[:, band.traced], band.waves.size, reflectances, INVARIANT_STEPS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,17 +81,12 @@ class GhostLens:
         near, far = pairs.T
         return 1 + 2 * ((near < stop) & (stop < far)) + ((stop == near) | (stop == far))
 
-    def coated(self, wavelengths_nm: np.ndarray) -> list[Coated]:
-        """The surfaces for each of `bands_of` these wavelengths."""
+    def coatings(self, wavelengths_nm: np.ndarray) -> Coatings:
+        """What the surfaces do to light of these wavelengths."""
         indices = self.system.indices_at(wavelengths_nm)
         steps = int(np.ceil(INVARIANT_STEPS * indices.max() ** 2))
-        shares = self.system.reflectances(wavelengths_nm, np.arange(steps + 1) / INVARIANT_STEPS)
-        coated = []
-        for band in bands_of(wavelengths_nm):
-            reflectances = np.zeros((len(shares), steps + 1, MOST_WAVES))
-            reflectances[..., :band.waves.size] = np.moveaxis(shares[:, band.waves], 1, -1)
-            coated.append(Coated(indices[:, band.traced], band.waves.size, reflectances, INVARIANT_STEPS))
-        return coated
+        invariants = np.arange(steps + 1) / INVARIANT_STEPS
+        return Coatings(indices, np.moveaxis(self.system.reflectances(wavelengths_nm, invariants), 1, -1))
 
     def glass_transmittance(self, wavelengths_nm: np.ndarray, pairs: np.ndarray) -> np.ndarray:
         """T of the glass that the light of each pair passes, along the axis: array (pair, wavelength)."""

@@ -20,57 +20,74 @@ TILT_RAD = 1e-4  # for derivatives with respect to a source's direction
 
 
 @dataclass(frozen=True, eq=False)
-class Survey:
-    """Ghosts of one source.
+class Search:
+    """Where the light of one source's ghosts enters, from few rays at one wavelength.
 
     Attributes
     ----------
     beam : Beam
     azimuth_rad : float
         Angle by which to turn the rays.
-    light_mm2 : array (pair, wavelength)
-        Light of each of the lens's pairs on the sensor's frame, over irradiance in front of the lens.
+    limits_mm : array (pair, 4)
+        Left, right, lower and upper limit of the light's cross section that may pass, of each of the lens's pairs.
+    light_mm2 : array (pair, wave)
+        Light on the sensor's frame, over irradiance in front of the lens.
+    """
+
+    beam: Beam
+    azimuth_rad: float
+    limits_mm: np.ndarray
+    light_mm2: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Survey:
+    """Ghosts of one source.
+
+    Attributes
+    ----------
+    beam, azimuth_rad
+        As in `Search`.
     bright : int array (bright pair,)
-        Pairs except the faintest ones.
+        The pairs that are surveyed.
+    light_mm2 : array (bright pair, wavelength)
+        As in `Search`, at all wavelengths.
     limits_mm : array (bright pair, 4)
-        Left, right, lower and upper limit of the light's cross section that may pass.
+        As in `Search`, for all wavelengths.
     speed_mm : array (bright pair,)
         How far the light moves on the sensor with the source's direction, in mm per radian.
     """
 
     beam: Beam
     azimuth_rad: float
-    light_mm2: np.ndarray
     bright: np.ndarray
+    light_mm2: np.ndarray
     limits_mm: np.ndarray
     speed_mm: np.ndarray
 
 
-def survey(lens: GhostLens, grid: PixelGrid, bands: list[tuple[Band, Coated]], beam: Beam, azimuth_rad: float,
-           radius_rad: float, share: float) -> Survey:
-    """Search the light of all pairs in the middle one of the bands; and then, except for the faintest pairs with this
-    share of the light, in all of them."""
-    pairs, middle, coated = lens.pairs, len(bands) // 2, [each for _, each in bands]
-    everywhere_mm = np.tile(entrance_mm(lens, beam), (len(pairs), 1))
-    first = FIRST if lens.radial else FIRST_CROOKED
-    closer_mm, rays = _searched(lens, coated[middle], beam, pairs, everywhere_mm, first)
-    of_middle_mm2 = _light_mm2(lens, grid, rays, everywhere_mm, azimuth_rad).mean(axis=1)
-    light_mm2 = np.repeat(of_middle_mm2[:, None], 1 + max(band.waves[-1] for band, _ in bands), axis=1)
-    bright = np.flatnonzero(brightest(of_middle_mm2, share))
-    closer_mm = closer_mm[bright]
+def search(lens: GhostLens, grid: PixelGrid, coated: Coated, beam: Beam, azimuth_rad: float) -> Search:
+    """Search the light of all pairs."""
+    everywhere_mm = np.tile(entrance_mm(lens, beam), (len(lens.pairs), 1))
+    limits_mm, rays = _searched(lens, coated, beam, lens.pairs, everywhere_mm, FIRST if lens.radial else FIRST_CROOKED)
+    return Search(beam, azimuth_rad, limits_mm, _light_mm2(lens, grid, rays, everywhere_mm, azimuth_rad))
+
+
+def survey(lens: GhostLens, grid: PixelGrid, bands: list[tuple[Band, Coated]], found: Search, bright: np.ndarray,
+           radius_rad: float) -> Survey:
+    """Search the light of some pairs again, closer, with the paths of each band."""
+    pairs, beam, limits_mm = lens.pairs[bright], found.beam, found.limits_mm[bright]
+    (_, coated), waves = bands[-1], sum(band.waves.size for band, _ in bands)
     if not lens.radial:
-        wide_mm = _widened(lens, closer_mm, 0.5)
-        closer_mm, _ = _searched(lens, coated[middle], beam, pairs[bright], wide_mm, AGAIN_CROOKED)
-    found = [_searched(lens, each, beam, pairs[bright], closer_mm, NEXT) for each in coated]
-    light_mm2[bright] = 0
-    for (band, _), (_, rays) in zip(bands, found, strict=True):
-        light_mm2[np.ix_(bright, band.waves)] += band.weights * _light_mm2(lens, grid, rays, closer_mm, azimuth_rad)
-    speed_mm = np.zeros(len(bright))
-    if radius_rad > 0:
-        speed_mm = _speed_mm(lens, coated[middle], beam, pairs[bright], closer_mm, found[middle][1])
-    ends = np.stack([limits_mm for limits_mm, _ in found])
-    limits_mm = np.where([True, False, True, False], ends.min(axis=0), ends.max(axis=0))
-    return Survey(beam, azimuth_rad, light_mm2, bright, _widened(lens, limits_mm, MARGIN / (NEXT - 1)), speed_mm)
+        limits_mm, _ = _searched(lens, coated, beam, pairs, _widened(lens, limits_mm, 0.5), AGAIN_CROOKED)
+    light_mm2, closer = np.zeros((len(pairs), waves)), []
+    for band, each in bands:
+        closer_mm, rays = _searched(lens, each, beam, pairs, limits_mm, NEXT)
+        light_mm2[:, band.waves] = _light_mm2(lens, grid, rays, limits_mm, found.azimuth_rad)
+        closer.append(closer_mm)
+    speed_mm = _speed_mm(lens, coated, beam, pairs, limits_mm, rays) if radius_rad > 0 else np.zeros(len(pairs))
+    ends_mm = np.where([True, False, True, False], np.min(closer, axis=0), np.max(closer, axis=0))
+    return Survey(beam, found.azimuth_rad, bright, light_mm2, _widened(lens, ends_mm, MARGIN / (NEXT - 1)), speed_mm)
 
 
 def brightest(light: np.ndarray, share: float) -> np.ndarray:
@@ -172,11 +189,12 @@ def _summed(rays, weights):
 
 
 def _speed_mm(lens, coated, beam, pairs, limits_mm, rays):
-    """`Survey.speed_mm`: the root mean square over rays and directions."""
+    """`Survey.speed_mm`: the root mean square over every second one of the rays, and over directions."""
+    rays = rays[:, :, ::2, ::2]
     lit = open_square(lens, rays) < 1
     squares = []
     for axis in (0, 1):
-        moved = trace_ghosts(lens, coated, _tilted(beam, axis), pairs, limits_mm, NEXT)
+        moved = trace_ghosts(lens, coated, _tilted(beam, axis), pairs, limits_mm, (NEXT + 1) // 2)
         square = np.nan_to_num(np.sum((moved[:, :2] - rays[:, :2])**2, axis=1)) / TILT_RAD**2
         squares.append(np.where(lit, square, 0).sum(axis=(1, 2)) / np.maximum(lit.sum(axis=(1, 2)), 1))
     return np.sqrt(np.mean(squares, axis=0))

@@ -21,14 +21,16 @@ from ..lens.iris import Opening
 from ..prescription.prescription import Prescription
 from ..prescription.system import system_of
 from ..runtime.threads import thread_pool
-from .ghost_bands import bands_of
+from .ghost_bands import bands_of, halves_of, sample_of
 from .ghost_beams import beam_of, enters, ghost_lens
 from .ghost_rays import boxes_of, trace_ghosts
-from .ghost_survey import brightest, direct_light_mm2, survey
+from .ghost_survey import brightest, direct_light_mm2, search, survey
 
 SHARE = 0.01  # of the light that may be neglected
 PIXELS, LEAST_PIXELS, MOST_PIXELS = 6000.0, 1500.0, 300000.0  # of a ghost: on average, and limits
-RAYS = ((81, 5000.0), (21, 3000.0), (13, 0.0))  # across, and up: of ghosts with more than so many pixels
+RAYS = ((81, 0.1), (57, 0.03), (41, 0.008), (29, 0.002), (19, 0.0004), (13, 0.0))
+"""Across, and up: of ghosts with more than this share of all their light. The error of a mesh falls with the square of
+its rays, so that of all together is least if they rise with the fourth root of the light."""
 SMALLEST_LEVEL_PX = 6  # the height of the coarsest level
 OF_DIAMETER = 0.388  # pixels of this part of a disc's diameter blur a point as it does: their kernel has its variance
 SQUARE_M = 1e-6  # a square mm
@@ -85,12 +87,12 @@ def ghosts(prescription: Prescription, sources: Sources, grid: PixelGrid, openin
     """
     frame, nm = grid.frame(), sources.wavelengths_nm
     lens = ghost_lens(system_of(prescription), opening, nm)
-    bands = list(zip(bands_of(nm), lens.coated(nm), strict=True))
-    surveys = _surveys(lens, frame, bands, sources, share / 2)
-    estimates = _estimates(lens, sources, surveys)
+    coatings = lens.coatings(nm)
+    bands, halves = ([(band, coatings.of(band)) for band in each] for each in (bands_of(nm), halves_of(nm)))
+    surveys, estimates = _surveyed(lens, frame, coatings.of(sample_of(nm)), halves, sources, share / 2)
     drawn = _drawn(surveys, estimates, share / 2)
-    pixels = _pixels(np.where(drawn, estimates.sum(axis=2), 0))
-    by_rays = list(_by_rays(drawn, pixels))
+    of_drawn = np.where(drawn, estimates.sum(axis=2), 0)
+    pixels, by_rays = _pixels(of_drawn), list(_by_rays(of_drawn))
     irradiance = np.empty((len(nm), *frame.shape_px), np.float32)
     light = np.where(drawn[..., None], np.zeros(len(nm)), np.nan)
     px_per_mm = 1e3 / frame.pitch_um
@@ -132,7 +134,8 @@ def direct_light(prescription: Prescription, sources: Sources, opening: Opening)
     """
     nm, none = sources.wavelengths_nm, np.array([[-1, -1]])
     lens = ghost_lens(system_of(prescription), opening, nm)
-    bands, light_mm2 = list(zip(bands_of(nm), lens.coated(nm), strict=True)), np.zeros((len(sources), len(nm)))
+    light_mm2, coatings = np.zeros((len(sources), len(nm))), lens.coatings(nm)
+    bands = [(band, coatings.of(band)) for band in bands_of(nm)]
     for number in np.flatnonzero(enters(lens, sources)):
         beam, _ = beam_of(lens, sources.directions[number], float(sources.distance_mm[number]))
         for band, coated in bands:
@@ -140,24 +143,32 @@ def direct_light(prescription: Prescription, sources: Sources, opening: Opening)
     return SQUARE_M * sources.irradiance * light_mm2 * lens.glass_transmittance(nm, none)
 
 
-def _surveys(lens, frame, bands, sources, share):
-    """The survey of each source whose light enters the lens, by number."""
+def _surveyed(lens, frame, sample, halves, sources, share):
+    """The surveys of sources by their numbers, except of the faintest ghosts up to this share of the light; and the
+    light of ghosts from few rays: array (source, pair, wavelength)."""
+    nm = sources.wavelengths_nm
+    light, passing = np.zeros((len(sources), len(lens.pairs), len(nm))), lens.glass_transmittance(nm, lens.pairs)
+
+    def searched(number):
+        return search(lens, frame, sample, *beam_of(lens, sources.directions[number],
+                                                    float(sources.distance_mm[number])))
+
     def surveyed(number):
-        beam, azimuth_rad = beam_of(lens, sources.directions[number], float(sources.distance_mm[number]))
-        return survey(lens, frame, bands, beam, azimuth_rad, sources.radius_rad[number], share)
+        pairs = np.flatnonzero(bright[number])
+        return survey(lens, frame, halves, searches[number], pairs, sources.radius_rad[number])
 
     numbers = [int(number) for number in np.flatnonzero(enters(lens, sources))]
     with thread_pool() as pool:
-        return dict(zip(numbers, pool.map(surveyed, numbers), strict=True))
-
-
-def _estimates(lens, sources, surveys):
-    """Light of ghosts from the surveys: array (source, pair, wavelength)."""
-    nm = sources.wavelengths_nm
-    estimates = np.zeros((len(sources), len(lens.pairs), len(nm)))
+        searches = dict(zip(numbers, pool.map(searched, numbers), strict=True))
+        for number, found in searches.items():
+            mean_mm2 = found.light_mm2.mean(axis=1, keepdims=True)
+            light[number] = SQUARE_M * mean_mm2 * passing * sources.irradiance[number]
+        bright = brightest(light.sum(axis=2), share)
+        numbers = [number for number in numbers if bright[number].any()]
+        surveys = dict(zip(numbers, pool.map(surveyed, numbers), strict=True))
     for number, found in surveys.items():
-        estimates[number] = found.light_mm2 * sources.irradiance[number]
-    return SQUARE_M * estimates * lens.glass_transmittance(nm, lens.pairs)
+        light[number, found.bright] = SQUARE_M * found.light_mm2 * passing[found.bright] * sources.irradiance[number]
+    return surveys, light
 
 
 def _drawn(surveys, estimates, share):
@@ -183,12 +194,12 @@ def _fine_rays(lens, coated, nm, found, chosen, side):
     return rays, boxes[:, 1] * boxes[:, 3]
 
 
-def _by_rays(drawn, pixels):
-    """Pairs of a number of rays and the ghosts, (source, pair), that have so many."""
+def _by_rays(light):
+    """Pairs of a number of rays and the ghosts, (source, pair), that have so many, from their light."""
     most = np.inf
-    for side, more_than in RAYS:
-        yield side, drawn & (pixels > more_than) & (pixels <= most)
-        most = more_than
+    for side, share in RAYS:
+        yield side, (light > share * light.sum()) & (light <= most)
+        most = share * light.sum()
 
 
 def _pixels(light):
@@ -202,8 +213,8 @@ def _level_count(shape_px):
 
 
 def _together(levels):
-    """The sum of pictures, arrays (row, column), of different resolution, without their rims. Each is enlarged by Chaikin's subdivision, which
-    tends to quadratic B-splines and keeps the light."""
+    """The sum of pictures, arrays (row, column), of different resolution, without their rims. Each is enlarged by
+    Chaikin's subdivision, which tends to quadratic B-splines and keeps the light."""
     total = levels[-1]
     for level in levels[-2::-1]:
         total = level + _doubled(total, level.shape)

@@ -928,7 +928,7 @@ static void try_ghost_rays(void)
         b.surfaces = pair;
         expect(!lf_ghost_rays(v, &s, &b, out), "ghosts refused their sizes");
         for (int64_t k = 0; k < quantities * rays; k++)
-            if (out[k] == out[k]) take_bits(v, out + k, 8); /* the signs of lost rays' NaN differ */
+            if (out[first_light + k % rays] == out[first_light + k % rays]) take_bits(v, out + k, 8); /* of rays that are not lost */
         for (int64_t ray = 0; ray < rays; ray++) {
             plain_ghost(&s, &b, pair[0], pair[1], box[0] + (double)(ray % side) * box[1], box[2] + (double)(ray / side) * box[3], truth);
             for (int64_t k = 0; k < quantities && out[first_light + ray] == out[first_light + ray]; k++)

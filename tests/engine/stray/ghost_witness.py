@@ -27,6 +27,7 @@ from lensfield.engine.prescription.system import system_of
 from lensfield.engine.prescription.tolerances import Copy
 from lensfield.engine.rays.fields import view_of
 from lensfield.engine.rays.rings import Rings, turned
+from lensfield.engine.stray.ghost_bands import sample_of
 from lensfield.engine.stray.ghost_beams import INVARIANT_STEPS, ghost_lens
 from lensfield.engine.stray.ghost_rays import boxes_of, trace_ghosts
 from lensfield.engine.stray.ghost_survey import open_square
@@ -191,13 +192,17 @@ def opened(system):
     return ghost_lens(system, opening_within(Iris(0), np.inf), np.array([NM]))
 
 
+def coated(lens):
+    return lens.coatings(np.array([NM])).of(sample_of(np.array([NM])))
+
+
 def compared_rays(case):
     """Differences ray by ray, of all pairs and of light that is not reflected."""
     lens, bare = (opened(system_of(lens_of(case, bare))) for bare in (False, True))
     optic, plane = optic_of(lens.system.prescription)
     beam, pairs = beam_of_lamp(lens.system, case), np.vstack([lens.pairs, [[-1, -1]]])
     limits_mm = WIDE / lens.openings.per_semi_aperture[0] * np.tile([-1.0, 1.0, -1.0, 1.0], (len(pairs), 1))
-    ours, ours_bare = (trace_ghosts(each, each.coated(np.array([NM]))[0], beam, pairs, limits_mm, FEW)
+    ours, ours_bare = (trace_ghosts(each, coated(each), beam, pairs, limits_mm, FEW)
                        for each in (lens, bare))
     rays = lamp_rays(beam, *rays_within(lens, limits_mm))
     paths = [path_of(pair, len(optic.items)) for pair in pairs]
