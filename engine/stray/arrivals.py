@@ -98,12 +98,13 @@ def _centroids(cube, starts):
     """Mean row and column of each cell's light, the cell's middle without any, and the variance around it in px^2."""
     light = np.maximum(sum(plane.astype(np.float64) for plane in cube), 0)
     sums = _sums(light, starts)
-    axes = np.ogrid[tuple(map(slice, light.shape))]
     dark, places, variance = sums <= 0, [], 1 / 6
-    for axis in axes:
-        middle = _sums(np.broadcast_to(axis, light.shape), starts) / _sums(np.ones_like(light), starts)
-        mean, square = (np.divide(_sums(light * axis**power, starts), sums, out=middle**power, where=~dark)
-                        for power in (1, 2))
+    for axis, (start, size, index) in enumerate(zip(starts, light.shape, np.ogrid[tuple(map(slice, light.shape))],
+                                                    strict=True)):
+        strips = np.add.reduceat(light, starts[1 - axis], axis=1 - axis)
+        middle = np.expand_dims(start + (np.diff(start, append=size) - 1) / 2, 1 - axis)
+        mean, square = (np.divide(np.add.reduceat(strips * index**power, start, axis=axis), sums, where=~dark,
+                                  out=np.broadcast_to(middle**power, sums.shape).copy()) for power in (1, 2))
         places.append(mean)
         variance = variance + np.maximum(square - mean**2, 0)
     return places, variance / 2

@@ -28,9 +28,9 @@ class Band:
 
 
 def sample_of(wavelengths_nm: np.ndarray) -> Band:
-    """One band with the paths of the middle one of the wavelengths, for up to MOST_WAVES of them at even steps."""
+    """One band with the paths of the middle one of the wavelengths, for this and the first and the last one."""
     count = len(wavelengths_nm)
-    waves = np.unique(np.linspace(0, count - 1, MOST_WAVES).round().astype(int))
+    waves = np.unique([0, count // 2, count - 1])
     return Band(count // 2, waves, np.ones(waves.size))
 
 

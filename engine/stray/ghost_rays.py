@@ -18,9 +18,9 @@ def trace_ghosts(lens: GhostLens, coated: Coated, beam: Beam, pairs: np.ndarray,
         rays = ghost_rays(lens.surfaces, coated, lens.openings, beam, pairs, boxes, shape, farthest)
     else:
         with np.errstate(all="ignore"):
-            rays = [_traced(lens, coated, beam, pair, box, shape, farthest)
-                    for pair, box in zip(pairs, boxes, strict=True)]
-        rays = np.reshape(rays, (len(pairs), LIGHT + coated.waves, *shape))
+            traced = [_traced(lens, coated, beam, pair, box, shape, farthest)
+                      for pair, box in zip(pairs, boxes, strict=True)]
+        rays = np.reshape(traced, (len(pairs), LIGHT + coated.waves, *shape))
     rays[:, :2] -= lens.view.origin_mm[:, None, None]
     return rays
 

@@ -69,8 +69,9 @@ class Survey:
 def search(lens: GhostLens, grid: PixelGrid, coated: Coated, beam: Beam, azimuth_rad: float) -> Search:
     """Search the light of all pairs."""
     everywhere_mm = np.tile(entrance_mm(lens, beam), (len(lens.pairs), 1))
-    limits_mm, rays = _searched(lens, coated, beam, lens.pairs, everywhere_mm, FIRST if lens.radial else FIRST_CROOKED)
-    return Search(beam, azimuth_rad, limits_mm, _light_mm2(lens, grid, rays, everywhere_mm, azimuth_rad))
+    limits_mm, rays, lit = _searched(lens, coated, beam, lens.pairs, everywhere_mm,
+                                     FIRST if lens.radial else FIRST_CROOKED)
+    return Search(beam, azimuth_rad, limits_mm, _light_mm2(lens, grid, rays, lit, azimuth_rad))
 
 
 def survey(lens: GhostLens, grid: PixelGrid, bands: list[tuple[Band, Coated]], found: Search, bright: np.ndarray,
@@ -79,11 +80,11 @@ def survey(lens: GhostLens, grid: PixelGrid, bands: list[tuple[Band, Coated]], f
     pairs, beam, limits_mm = lens.pairs[bright], found.beam, found.limits_mm[bright]
     (_, coated), waves = bands[-1], sum(band.waves.size for band, _ in bands)
     if not lens.radial:
-        limits_mm, _ = _searched(lens, coated, beam, pairs, _widened(lens, limits_mm, 0.5), AGAIN_CROOKED)
+        limits_mm, *_ = _searched(lens, coated, beam, pairs, _widened(lens, limits_mm, 0.5), AGAIN_CROOKED)
     light_mm2, closer = np.zeros((len(pairs), waves)), []
     for band, each in bands:
-        closer_mm, rays = _searched(lens, each, beam, pairs, limits_mm, NEXT)
-        light_mm2[:, band.waves] = _light_mm2(lens, grid, rays, limits_mm, found.azimuth_rad)
+        closer_mm, rays, lit = _searched(lens, each, beam, pairs, limits_mm, NEXT)
+        light_mm2[:, band.waves] = _light_mm2(lens, grid, rays, lit, found.azimuth_rad)
         closer.append(closer_mm)
     speed_mm = _speed_mm(lens, coated, beam, pairs, limits_mm, rays) if radius_rad > 0 else np.zeros(len(pairs))
     ends_mm = np.where([True, False, True, False], np.min(closer, axis=0), np.max(closer, axis=0))
@@ -122,14 +123,14 @@ def cells_mm2(lens: GhostLens, boxes: np.ndarray, shape: tuple[int, int]) -> np.
 def direct_light_mm2(lens: GhostLens, coated: Coated, beam: Beam) -> np.ndarray:
     """Light that reaches the sensor's plane without reflection, over irradiance in front of the lens: array (wave,)."""
     limits_mm, none = entrance_mm(lens, beam)[None], np.array([[-1, -1]])
-    limits_mm, _ = _searched(lens, coated, beam, none, limits_mm, FIRST)
+    limits_mm, *_ = _searched(lens, coated, beam, none, limits_mm, FIRST)
     rays = trace_ghosts(lens, coated, beam, none, limits_mm, DIRECT, LEAST_SQUARE)
     boxes, shape = boxes_of(lens, limits_mm, DIRECT)
     return _summed(rays, lit_share(open_square(lens, rays)) * cells_mm2(lens, boxes, shape))[0]
 
 
 def _searched(lens, coated, beam, pairs, limits_mm, side):
-    """Closer limits, with a cell more on each side, and the rays."""
+    """Closer limits, with a cell more on each side; rays; and the cross section around each that passes, in mm^2."""
     boxes, shape = boxes_of(lens, limits_mm, side)
     rays = trace_ghosts(lens, coated, beam, pairs, limits_mm, side, LEAST_SQUARE)
     square = open_square(lens, rays)
@@ -138,7 +139,7 @@ def _searched(lens, coated, beam, pairs, limits_mm, side):
         first, step = boxes[:, 2 * axis], boxes[:, 2 * axis + 1]
         start, end = _span(square.min(axis=axis + 1))
         closer += [first + step * np.clip(place, 0, count - 1) for place in (start - 1, end + 1)]
-    return np.stack(closer, axis=1), rays
+    return np.stack(closer, axis=1), rays, lit_share(square) * cells_mm2(lens, boxes, shape)
 
 
 def _span(square):
@@ -170,9 +171,8 @@ def _widened(lens, limits_mm, share):
     return np.stack([left if lens.radial else left - across, right + across, lower - up, upper + up], axis=1)
 
 
-def _light_mm2(lens, grid, rays, limits_mm, azimuth_rad):
+def _light_mm2(lens, grid, rays, lit_mm2, azimuth_rad):
     """Light on the frame over irradiance: array (pair, wave)."""
-    boxes, shape = boxes_of(lens, limits_mm, rays.shape[2])
     cosine, sine = np.cos(azimuth_rad), np.sin(azimuth_rad)
     left, lower, right, upper = grid.edges_mm
     halves = [(rays[:, 0], 0.5), (-rays[:, 0], 0.5)] if lens.radial else [(rays[:, 0], 1.0)]
@@ -180,7 +180,7 @@ def _light_mm2(lens, grid, rays, limits_mm, azimuth_rad):
     for x, part in halves:
         across, up = x * cosine - rays[:, 1] * sine, x * sine + rays[:, 1] * cosine
         on_frame = on_frame + part * ((across > left) & (across < right) & (up > lower) & (up < upper))
-    return _summed(rays, on_frame * lit_share(open_square(lens, rays)) * cells_mm2(lens, boxes, shape))
+    return _summed(rays, on_frame * lit_mm2)
 
 
 def _summed(rays, weights):
