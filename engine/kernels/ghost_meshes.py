@@ -39,8 +39,8 @@ class Meshes:
         Whether the first column is the middle, and the other half is the mirror image.
     azimuth_rad : float
         Angle by which the rays are turned, from the right upwards.
-    irradiance : array (wave,)
-        W m^-2 nm^-1 of the light in front of the lens.
+    irradiance : array (pair, wave)
+        W m^-2 nm^-1 of the light in front of the lens, without what glass absorbs.
     """
 
     rays: np.ndarray

@@ -160,15 +160,15 @@ def draw_ghosts(meshes: Meshes, blades: Blades, centre_px: tuple[float, float], 
     rays = np.ascontiguousarray(meshes.rays, np.float64)
     pairs, quantities, rows, columns = rays.shape
     waves = quantities - LIGHT
-    irradiance = np.zeros(MOST_WAVES)
-    irradiance[:waves] = meshes.irradiance
+    irradiance = np.ascontiguousarray(meshes.irradiance, np.float64)
     crossings = np.ascontiguousarray(meshes.crossings, np.int64)
     per_pair = [np.ascontiguousarray(each, np.float64) for each in (meshes.cells_mm2, meshes.pixels, meshes.blur)]
     normals = np.ascontiguousarray(blades.normals, np.float32)
     request = MESHES(address(rays, np.float64), address(crossings, np.int64, (pairs,)),
-                     *(address(each, np.float64, (pairs,)) for each in per_pair), normals.ctypes.data, pairs, waves,
+                     *(address(each, np.float64, (pairs,)) for each in per_pair),
+                     address(irradiance, np.float64, (pairs, waves)), normals.ctypes.data, pairs, waves,
                      rows, columns, len(normals), meshes.mirrored, *blades.shape, blades.reach,
-                     np.cos(meshes.azimuth_rad), np.sin(meshes.azimuth_rad), tuple(irradiance), *centre_px, px_per_mm)
+                     np.cos(meshes.azimuth_rad), np.sin(meshes.azimuth_rad), *centre_px, px_per_mm)
     full = 2 * columns - 1 if meshes.mirrored else columns
     light, work = np.zeros((pairs, waves)), np.empty(loops.lf_ghost_work(rows, full))
     pictures = (PICTURE * len(levels))(*(picture(level) for level in levels))

@@ -208,11 +208,11 @@ typedef struct { /* grids of rays behind the lens */
     const double *cells;     /* (pair): cross section of the light in a cell, in mm^2 */
     const double *pixels;    /* (pair): the number to spend */
     const double *blur;      /* (pair): the least area of a pixel, in pixels of the first level */
+    const double *irradiance; /* (pair, wavelength): of the light */
     const float *normals;    /* (blade, 2): of an iris, as in lf_cast_of */
     int64_t pairs, waves, rows, columns, blades, mirrored; /* mirrored: column 0 is the middle of a mesh with mirrored halves */
     float blade_margin, blade_bend, blade_slope, reach; /* reach: of the opening, in semi-apertures */
     double cosine, sine;     /* of the light's azimuth, by which rays are turned */
-    double irradiance[LF_GHOST_WAVES]; /* of the light */
     double centre_row, centre_column, px_per_mm; /* of the first level, without its rim */
 } lf_meshes;
 

@@ -42,7 +42,7 @@ def numpy_draw_ghosts(meshes: Meshes, blades: Blades, centre_px: tuple[float, fl
                 scale = 0.5**number
                 canvas = _Canvas(blades, levels[number], int(meshes.crossings[pair]), part, scale,
                                  (frame_px[0] * scale, frame_px[1] * scale),
-                                 meshes.cells_mm2[pair] / 2 * meshes.irradiance * (px_per_mm * scale)**2)
+                                 meshes.cells_mm2[pair] / 2 * meshes.irradiance[pair] * (px_per_mm * scale)**2)
                 drawn = sum(_drawn(canvas, place[:, *each], values[:, *each].astype(float), lit[:, *each].astype(float),
                                    own[:, *each].mean(axis=1)) for each in corners)
                 light[pair] += drawn / (canvas.scale * px_per_mm)**2
@@ -52,7 +52,9 @@ def numpy_draw_ghosts(meshes: Meshes, blades: Blades, centre_px: tuple[float, fl
 def _laid_out(meshes, pair, centre_px, px_per_mm):
     """Places x, y in pixels, (2, row, column); values, (quantity, row, column): limit and positions in the stop; and
     light, (wave, row, column), below 0 for lost rays."""
-    rays = meshes.rays[pair]
+    rays = meshes.rays[pair].copy()
+    around = np.pad(rays[LIMIT], 1, "reflect")
+    rays[LIMIT] -= (np.diff(around[1:-1], 2, axis=1) + np.diff(around[:, 1:-1], 2, axis=0)) / 12
     if meshes.mirrored:
         left = rays[:, :, :0:-1].copy()
         left[[0, *range(STOP, LIGHT, 2)]] *= -1
@@ -89,7 +91,7 @@ def _irradiated(meshes, pair, blades, place, values, own, triangles, px_per_mm, 
         limit, stop = values[0][each], values[1][each]**2 + values[2][each]**2
         if np.any((limit < 1) & (stop < blades.reach**2) & (x > 0) & (x < frame_px[1]) & (y > 0) & (y < frame_px[0])):
             lit += area
-    per_px2 = meshes.irradiance[:, None, None] * px_per_mm**2
+    per_px2 = meshes.irradiance[pair, :, None, None] * px_per_mm**2
     return lit, (light / np.where(areas > 0, areas, 1) * per_px2).astype(np.float32)
 
 

@@ -1,6 +1,7 @@
 """Light of small sources in front of a lens: its direction, and its cross section that the first surface lets in."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from .ghost_bands import Band
 
 INVARIANT_STEPS = 128  # for each unit of (n sin)^2, over which reflectances are interpolated
 OUTLINE_RADII, OUTLINE_AZIMUTHS = 5, 32  # points of the first surface
+MOST_COATINGS = 4  # in memory, for the next frames
 STEEPEST = 0.02  # cosine of the angle to the axis of the lens, beyond which no light enters
 
 
@@ -81,18 +83,19 @@ class GhostLens:
         near, far = pairs.T
         return 1 + 2 * ((near < stop) & (stop < far)) + ((stop == near) | (stop == far))
 
-    def coatings(self, wavelengths_nm: np.ndarray) -> Coatings:
-        """What the surfaces do to light of these wavelengths."""
-        indices = self.system.indices_at(wavelengths_nm)
-        steps = int(np.ceil(INVARIANT_STEPS * indices.max() ** 2))
-        invariants = np.arange(steps + 1) / INVARIANT_STEPS
-        return Coatings(indices, np.moveaxis(self.system.reflectances(wavelengths_nm, invariants), 1, -1))
-
     def glass_transmittance(self, wavelengths_nm: np.ndarray, pairs: np.ndarray) -> np.ndarray:
         """T of the glass that the light of each pair passes, along the axis: array (pair, wavelength)."""
         gaps = np.arange(len(self.system.glasses))
         times = 1 + 2 * ((gaps >= pairs[:, :1]) & (gaps < pairs[:, 1:]))
         return np.exp(-times @ self.system.optical_depths(wavelengths_nm))
+
+
+@lru_cache(maxsize=MOST_COATINGS)
+def coatings_of(system: System, wavelengths_nm: tuple[float, ...]) -> Coatings:
+    """What the surfaces of a lens do to light of these wavelengths."""
+    indices = system.indices_at(wavelengths_nm)
+    invariants = np.arange(int(np.ceil(INVARIANT_STEPS * indices.max() ** 2)) + 1) / INVARIANT_STEPS
+    return Coatings(indices, np.moveaxis(system.reflectances(wavelengths_nm, invariants), 1, -1))
 
 
 def ghost_lens(system: System, opening: Opening, wavelengths_nm: np.ndarray) -> GhostLens:

@@ -5,7 +5,8 @@ to the nearer one, and on to the sensor, and carry what Fresnel's law or the coa
 between them are drawn as triangles, whose light is spread over their area (M. Hullin, E. Eisemann, H.-P. Seidel and
 S. Lee, "Physically-based real-time lens flare rendering", 2011). Positions in the stop and heights on the surfaces are
 interpolated between the rays, so that blades and rims cut ghosts at every pixel. Large and faint ghosts are drawn in
-larger pixels, and enlarged; the brightest ones have more rays than others.
+larger pixels, and enlarged; the brightest ones have more rays than others. Rays take the paths of four wavelengths, and
+carry the light of those around each, because coatings change much more with the wavelength than paths do.
 """
 
 from dataclasses import dataclass
@@ -15,20 +16,20 @@ import numpy as np
 
 from ..image.pixel_grid import PixelGrid
 from ..image.sources import Sources
-from ..kernels.ghost_meshes import LIGHT, LIMIT, Meshes
+from ..kernels.ghost_meshes import Meshes
 from ..kernels.ghosts import RIM, draw_ghosts, ghost_levels
 from ..lens.iris import Opening
 from ..prescription.prescription import Prescription
 from ..prescription.system import system_of
 from ..runtime.threads import thread_pool
 from .ghost_bands import bands_of, halves_of, sample_of
-from .ghost_beams import beam_of, enters, ghost_lens
+from .ghost_beams import beam_of, coatings_of, enters, ghost_lens
 from .ghost_rays import boxes_of, trace_ghosts
 from .ghost_survey import brightest, direct_light_mm2, search, survey
 
 SHARE = 0.01  # of the light that may be neglected
 PIXELS, LEAST_PIXELS, MOST_PIXELS = 6000.0, 1500.0, 300000.0  # of a ghost: on average, and limits
-RAYS = ((81, 0.1), (57, 0.03), (41, 0.008), (29, 0.002), (19, 0.0004), (13, 0.0))
+RAYS = ((81, 0.05), (57, 0.02), (41, 0.01), (29, 0.004), (21, 0.001), (13, 0.0))
 """Across, and up: of ghosts with more than this share of all their light. The error of a mesh falls with the square of
 its rays, so that of all together is least if they rise with the fourth root of the light."""
 SMALLEST_LEVEL_PX = 6  # the height of the coarsest level
@@ -87,7 +88,7 @@ def ghosts(prescription: Prescription, sources: Sources, grid: PixelGrid, openin
     """
     frame, nm = grid.frame(), sources.wavelengths_nm
     lens = ghost_lens(system_of(prescription), opening, nm)
-    coatings = lens.coatings(nm)
+    coatings = coatings_of(lens.system, tuple(nm))
     bands, halves = ([(band, coatings.of(band)) for band in each] for each in (bands_of(nm), halves_of(nm)))
     surveys, estimates = _surveyed(lens, frame, coatings.of(sample_of(nm)), halves, sources, share / 2)
     drawn = _drawn(surveys, estimates, share / 2)
@@ -95,7 +96,7 @@ def ghosts(prescription: Prescription, sources: Sources, grid: PixelGrid, openin
     pixels, by_rays = _pixels(of_drawn), list(_by_rays(of_drawn))
     irradiance = np.empty((len(nm), *frame.shape_px), np.float32)
     light = np.where(drawn[..., None], np.zeros(len(nm)), np.nan)
-    px_per_mm = 1e3 / frame.pitch_um
+    px_per_mm, passing = 1e3 / frame.pitch_um, lens.glass_transmittance(nm, lens.pairs)
 
     def draw(band, coated):
         levels = ghost_levels(band.waves.size, frame.shape_px, _level_count(frame.shape_px))
@@ -105,11 +106,11 @@ def ghosts(prescription: Prescription, sources: Sources, grid: PixelGrid, openin
             pairs = found.bright[chosen]
             if not pairs.size:
                 continue
-            rays, cells_mm2 = _fine_rays(lens, coated, nm[band.waves], found, chosen, side)
+            rays, cells_mm2 = _fine_rays(lens, coated, found, chosen, side)
             diameters_px = 2 * sources.radius_rad[number] * px_per_mm * found.speed_mm[chosen]
             meshes = Meshes(rays, lens.crossings(lens.pairs[pairs]), cells_mm2, pixels[number, pairs],
                             (OF_DIAMETER * diameters_px)**2, lens.radial, found.azimuth_rad,
-                            band.weights * sources.irradiance[number, band.waves])
+                            band.weights * (sources.irradiance[number] * passing[pairs])[:, band.waves])
             of_band[number, pairs] = SQUARE_M * draw_ghosts(meshes, lens.blades, frame.centre_px, px_per_mm, levels)
         return of_band, levels
 
@@ -134,7 +135,7 @@ def direct_light(prescription: Prescription, sources: Sources, opening: Opening)
     """
     nm, none = sources.wavelengths_nm, np.array([[-1, -1]])
     lens = ghost_lens(system_of(prescription), opening, nm)
-    light_mm2, coatings = np.zeros((len(sources), len(nm))), lens.coatings(nm)
+    light_mm2, coatings = np.zeros((len(sources), len(nm))), coatings_of(lens.system, tuple(nm))
     bands = [(band, coatings.of(band)) for band in bands_of(nm)]
     for number in np.flatnonzero(enters(lens, sources)):
         beam, _ = beam_of(lens, sources.directions[number], float(sources.distance_mm[number]))
@@ -179,18 +180,11 @@ def _drawn(surveys, estimates, share):
     return brightest(light, share)
 
 
-def _fine_rays(lens, coated, nm, found, chosen, side):
-    """The rays of some of the surveyed ghosts, and the cross section of their cells.
-
-    Linear interpolation overestimates a convex quantity, on average by a twelfth of its second differences: the limits
-    are smaller by this.
-    """
-    pairs = lens.pairs[found.bright[chosen]]
-    rays = trace_ghosts(lens, coated, found.beam, pairs, found.limits_mm[chosen], side)
-    rays[:, LIGHT:] *= lens.glass_transmittance(nm, pairs)[:, :, None, None]
-    around = np.pad(rays[:, LIMIT], ((0, 0), (1, 1), (1, 1)), "reflect")
-    rays[:, LIMIT] -= (np.diff(around[:, 1:-1], 2, axis=2) + np.diff(around[:, :, 1:-1], 2, axis=1)) / 12
-    boxes, _ = boxes_of(lens, found.limits_mm[chosen], side)
+def _fine_rays(lens, coated, found, chosen, side):
+    """The rays of some of the surveyed ghosts, and the cross section of their cells."""
+    pairs, limits_mm = lens.pairs[found.bright[chosen]], found.limits_mm[chosen]
+    rays = trace_ghosts(lens, coated, found.beam, pairs, limits_mm, side)
+    boxes, _ = boxes_of(lens, limits_mm, side)
     return rays, boxes[:, 1] * boxes[:, 3]
 
 

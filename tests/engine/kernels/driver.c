@@ -962,8 +962,9 @@ static void try_ghost_light(void)
             sum += (a[0] + a[1] + a[side] + a[side + 1] + (left ? a[1] + a[side] : a[0] + a[side + 1])) / 6 * cell;
         }
     const int64_t crossings = tame ? 0 : below(LF_CROSSINGS + 1);
-    lf_meshes m = {rays, &crossings, &cell, &pixels, &blur, normals, 1, waves, side, side, 3, !tame && below(2), 0.5f, 0, 1, 1,
-                   0.6, 0.8, {1, 1, 1, 1, 1, 1, 1, 1}, (double)rows / 2, (double)columns / 2, 3};
+    const double irradiance[LF_GHOST_WAVES] = {1, 1, 1, 1, 1, 1, 1, 1};
+    lf_meshes m = {rays, &crossings, &cell, &pixels, &blur, irradiance, normals, 1, waves, side, side, 3, !tame && below(2), 0.5f, 0, 1, 1,
+                   0.6, 0.8, (double)rows / 2, (double)columns / 2, 3};
     for (int v = 0; runs(v); v++) {
         lf_picture pictures[3];
         double light[LF_GHOST_WAVES], *work = ROOM(double, lf_ghost_work(side, 2 * side));

@@ -25,7 +25,7 @@ from lensfield.engine.rays.from_sensor import lens_from_sensor
 from lensfield.engine.rays.grid_rays import grid_ray_table
 from lensfield.engine.rays.trace import trace_both_ways
 from lensfield.engine.stray.ghost_bands import sample_of
-from lensfield.engine.stray.ghost_beams import beam_of, ghost_lens
+from lensfield.engine.stray.ghost_beams import beam_of, coatings_of, ghost_lens
 from lensfield.engine.stray.ghost_rays import trace_ghosts
 from loops import using
 
@@ -135,7 +135,7 @@ def test_ghosts_end_at_rectangles(loops):
                             np.array([NM]))
         beam, _ = beam_of(ghosts, np.array([0.02, -0.03, 1.0]) / np.sqrt(1.0013), np.inf)
         limits_mm = np.array([[-1.0, 1.0, -1.2, 1.2]] * 2)
-        coated = ghosts.coatings(np.array([NM])).of(sample_of(np.array([NM])))
+        coated = coatings_of(system, (NM,)).of(sample_of(np.array([NM])))
         with using(loops):
             direct, reflected = trace_ghosts(ghosts, coated, beam, np.array([[-1, -1], ghosts.pairs[0]]), limits_mm, 7)
         up, across = np.meshgrid(np.linspace(-1.2, 1.2, 7), np.linspace(-1.0, 1.0, 7), indexing="ij")

@@ -28,7 +28,7 @@ from lensfield.engine.prescription.tolerances import Copy
 from lensfield.engine.rays.fields import view_of
 from lensfield.engine.rays.rings import Rings, turned
 from lensfield.engine.stray.ghost_bands import sample_of
-from lensfield.engine.stray.ghost_beams import INVARIANT_STEPS, ghost_lens
+from lensfield.engine.stray.ghost_beams import INVARIANT_STEPS, coatings_of, ghost_lens
 from lensfield.engine.stray.ghost_rays import boxes_of, trace_ghosts
 from lensfield.engine.stray.ghost_survey import open_square
 from lensfield.engine.stray.ghosts import ghosts
@@ -193,7 +193,7 @@ def opened(system):
 
 
 def coated(lens):
-    return lens.coatings(np.array([NM])).of(sample_of(np.array([NM])))
+    return coatings_of(lens.system, (NM,)).of(sample_of(np.array([NM])))
 
 
 def compared_rays(case):

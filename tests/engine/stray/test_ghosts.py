@@ -11,6 +11,7 @@ from fresnel import fresnel
 from lensfield.engine.bake.bake import bake
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.image.sources import Sources
+from lensfield.engine.kernels.ghosts import MOST_WAVES
 from lensfield.engine.kernels.library import NUMPY, available
 from lensfield.engine.lens.iris import Iris, opening_within
 from lensfield.engine.library import prescription_of
@@ -19,6 +20,7 @@ from lensfield.engine.prescription.system import system_of
 from lensfield.engine.rays.rings import Rings, turned
 from lensfield.engine.rays.transmission import coating_transmittance
 from lensfield.engine.runtime import threads
+from lensfield.engine.stray.ghost_bands import bands_of, halves_of
 from lensfield.engine.stray.ghost_table import ghost_table
 from lensfield.engine.stray.ghosts import direct_light, ghosts
 from loops import using
@@ -259,6 +261,28 @@ def test_all_loops_and_any_threads_draw_the_same_ghosts():
         by_numpy = drawn((1, 2), (450.0,))
     assert np.mean(expected > 0) > 0.5
     np.testing.assert_allclose(by_numpy, expected, rtol=1e-4, atol=1e-5 * expected.max())
+
+
+@pytest.mark.parametrize("count", [1, 2, 5, 12, 40])
+def test_bands_share_all_light_of_every_wavelength(count):
+    bands, total = bands_of(np.linspace(400, 700, count)), np.zeros(count)
+    for band in bands:
+        assert band.waves.size <= MOST_WAVES and band.traced in band.waves
+        total[band.waves] += band.weights
+    np.testing.assert_allclose(total, 1)
+    assert sorted({number for band in halves_of(np.arange(count)) for number in band.waves}) == list(range(count))
+
+
+def test_light_of_all_wavelengths_along_the_paths_of_four():
+    """Each wavelength as if it were the only one, with coatings that change with it."""
+    lens, nm = turned(replace(prescription_of("nikkor-28mm"), coating="multi"), Rings()).prescription, (
+        400.0, 425.0, 450.0, 500.0, 550.0, 600.0, 650.0, 700.0)
+    grid = PixelGrid((120, 180), 200.0)
+    together = ghosts(lens, source(9.0, 4.0, nm=nm), grid, ROUND, share=0.0)
+    for number in (1, 3, 5):
+        alone = ghosts(lens, source(9.0, 4.0, nm=nm[number:number + 1]), grid, ROUND, share=0.0).irradiance[0]
+        assert together.irradiance[number].sum() == pytest.approx(alone.sum(), rel=0.01)
+        assert np.abs(together.irradiance[number] - alone).sum() < 0.05 * alone.sum()
 
 
 def test_a_lens_without_coatings_has_no_ghosts():
