@@ -174,15 +174,15 @@ def _disc(radius, size):
 
 def _shared_out(lights, rows, columns, shape):
     """Lights at places shared out among the four points around each: array of this shape for each."""
-    near = (rows > -1) & (rows < shape[0]) & (columns > -1) & (columns < shape[1])
-    places, lights = np.array([rows[near], columns[near]]), [light[near] for light in lights]
-    first = np.floor(places).astype(int)
-    down, right = places - first
+    first = np.floor([rows, columns]).astype(int)
+    down, right = np.array([rows, columns]) - first
     step = shape[1] + 2  # with a rim of points
     index, planes = (first[0] + 1) * step + first[1] + 1, np.zeros((len(lights), (shape[0] + 2) * step))
-    for row, row_share in ((0, 1 - down), (1, down)):
-        for column, column_share in ((0, 1 - right), (1, right)):
-            share, at = row_share * column_share, index + row * step + column
-            for plane, light in zip(planes, lights, strict=True):
-                plane += np.bincount(at, light * share, plane.size)
+    near = (rows > -1) & (rows < shape[0]) & (columns > -1) & (columns < shape[1])
+    for plane, light in zip(planes, lights, strict=True):
+        spots = np.flatnonzero((light != 0) & near)
+        for row, row_share in ((0, 1 - down[spots]), (1, down[spots])):
+            for column, column_share in ((0, 1 - right[spots]), (1, right[spots])):
+                plane += np.bincount(index[spots] + row * step + column, light[spots] * row_share * column_share,
+                                     plane.size)
     return planes.reshape(-1, shape[0] + 2, step)[:, 1:-1, 1:-1]

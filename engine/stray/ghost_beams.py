@@ -1,7 +1,7 @@
 """Light of small sources in front of a lens: its direction, and its cross section that the first surface lets in."""
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -67,7 +67,7 @@ class GhostLens:
     openings: Openings
     pairs: np.ndarray
 
-    @property
+    @cached_property
     def radial(self) -> bool:
         """Whether sources may be turned into one meridional plane."""
         return self.system.prescription.radial

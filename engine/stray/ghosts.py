@@ -10,6 +10,7 @@ carry the light of those around each, because coatings change much more with the
 """
 
 from dataclasses import dataclass
+from functools import reduce
 from itertools import product
 
 import numpy as np
@@ -117,7 +118,7 @@ def ghosts(prescription: Prescription, sources: Sources, grid: PixelGrid, openin
     def join(wave):
         parts = [[level[np.flatnonzero(band.waves == wave)[0]] for level in levels]
                  for (band, _), (_, levels) in zip(bands, found, strict=True) if wave in band.waves]
-        irradiance[wave] = _together([sum(planes) for planes in zip(*parts, strict=True)])
+        irradiance[wave] = _together([reduce(np.add, planes) for planes in zip(*parts, strict=True)])
 
     with thread_pool() as pool:
         found = list(pool.map(draw, *zip(*bands, strict=True)))

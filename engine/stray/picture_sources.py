@@ -48,8 +48,8 @@ def picture_sources(radiance: SpectralImage, focal_mm: float, layers: LayeredRad
     """
     grid = replace(radiance.grid, focal_mm=radiance.focal_mm or radiance.grid.focal_mm or focal_mm)
     widths, visible = widths_nm(radiance.wavelengths_nm), layers_within(layers, radiance) if layers else radiance
-    light = composed(visible, lambda cube, _: np.tensordot(widths, cube, axes=1))
-    nearness = composed(visible, lambda cube, depth_mm: np.tensordot(widths, cube, axes=1) / depth_mm
+    light = composed(visible, lambda cube, _: np.einsum("w,wrc->rc", widths, cube))
+    nearness = composed(visible, lambda cube, depth_mm: np.einsum("w,wrc->rc", widths, cube) / depth_mm
                         ) if layers else np.zeros_like(light)
     cells = _Cells(grid)
     moments = cells.moments(light, nearness)
