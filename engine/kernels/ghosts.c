@@ -511,7 +511,10 @@ int OF_VARIANT(lf_ghost_light)(const lf_meshes *m, const lf_picture *levels, int
         for (int k = 0; k < 2; k++) {
             const float part = k ? coarser : 1 - coarser;
             if (!(part > 0)) continue;
-            canvas c = {m, levels + level + k, (int)m->crossings[pair], part, scale / (1 + k), 0, 0, all(0), {all(0)}};
+            canvas c;
+            c.mesh = m, c.out = levels + level + k, c.crossings = (int)m->crossings[pair], c.part = part;
+            c.scale = scale / (1 + k);
+            for (int w = 0; w < LF_GHOST_WAVES; w++) c.sums[w] = all(0);
             c.frame_rows = (double)(levels->rows - 2 * LF_GHOST_RIM) * c.scale;
             c.frame_columns = (double)(levels->columns - 2 * LF_GHOST_RIM) * c.scale;
             const double px2_per_mm2 = c.scale * c.scale * m->px_per_mm * m->px_per_mm;
