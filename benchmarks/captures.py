@@ -32,7 +32,8 @@ from lensfield.engine.spectral.wavelength_choice import SpectralOptions, sensor_
 CYCLES, OWN = "Cycles", ""  # in place of the labels of steps, for renders and for the generator's own work
 CORNELL, SCENES = "cornell", (str(SCENE), "cornell")
 LENS, GRID_SIDE = "edmund-54852", 708  # squares: a million triangles
-STANDARD = SpectralOptions()
+STANDARD, DEFAULTS = SpectralOptions(), Options()
+SAME_PATHS = Options(detail="off")  # in parts of pixels, light takes other paths, so that noise would be compared
 MEANS_PX = 4  # averages over blocks keep noise out of the colours
 
 BLOCK_PX = 16
@@ -108,11 +109,11 @@ def scene(*, quick=False) -> Iterator[str]:
     yield full_frame(8 if quick else 64)
 
 
-def frame_timed(scene, wavelengths_nm, spectral=STANDARD):
+def frame_timed(scene, wavelengths_nm, spectral=STANDARD, options=DEFAULTS):
     """Render a scene; returns the seconds of each Cycles pass and of the rest, the report, and the radiance."""
     with tempfile.TemporaryDirectory() as folder:
         job = job_of_frame(scene, scene.frame_current, lens=LENS, wavelengths_nm=wavelengths_nm, output_folder=folder,
-                           options=Options(), spectral=spectral, view="lens", unfit="refuse", denoise="off",
+                           options=options, spectral=spectral, view="lens", unfit="refuse", denoise="off",
                            to_compositor=False)
         result, spent = timed(render_steps(scene, job), time.perf_counter)
         passes = [seconds for label, seconds in spent if label == CYCLES]
@@ -180,7 +181,7 @@ def tiers():
                            ("standard", SpectralOptions()), ("colour error 2", SpectralOptions(colour_error=2)),
                            ("colour error 0.1", SpectralOptions(colour_error=0.1)),
                            ("sensor error 0.002", SpectralOptions(sensor_error=0.002))):
-        passes, _, report, light = frame_timed(sample_scene(192, 144, 64), wavelengths_nm, spectral)
+        passes, _, report, light = frame_timed(sample_scene(192, 144, 64), wavelengths_nm, spectral, SAME_PATHS)
         blocks = block_means(light)
         truth = blocks if truth is None else truth
         colour, sensor = colour_errors(truth, blocks, wavelengths_nm), sensor_error(truth, blocks, wavelengths_nm)
@@ -225,9 +226,9 @@ def noise(scenes=SCENES, *, seeds: int = 3, size: str = "96x72", samples: int = 
     """What few samples cost and leave: noise and bias of captures with a control variate, and their seconds.
 
     A line for each scene, FILE.blend or cornell. Each seed is rendered plainly by Cycles, captured in *Standard*, and
-    captured again with all samples in each pass, always with the camera's view. The reference has `reference` times as
-    many samples. Scenes without a camera or without light get one. Costs need a larger picture than noise (320x240),
-    because small renders mostly synchronise the scene; the bias needs 48 seeds.
+    captured again with all samples in each pass, always with the camera's view and without detail. The reference has
+    `reference` times as many samples. Scenes without a camera or without light get one. Costs need a larger picture
+    than noise (320x240), because small renders mostly synchronise the scene; the bias needs 48 seeds.
     """
     addon.register()
     yield f"{size} px, {samples} samples, {seeds} seeds, {lens}\n{NOISE_LEGEND}\n"
@@ -257,7 +258,8 @@ class Captures:
             if whole:
                 changes.enter_context(patch.object(radiance, "shares_noise", lambda *_: False))
             job = job_of_frame(scene, scene.frame_current, lens=self.lens, output_folder=Path(folder), view="camera",
-                               depth="off", unfit="render", denoise="on" if self.denoise else "off")
+                               depth="off", unfit="render", denoise="on" if self.denoise else "off",
+                               options=SAME_PATHS)
             result = Result.of(scene, Path(folder), job.frame)
             capture, spent = timed(radiance.capture(scene, job, result, 1.0))
         picture = capture.radiance.frame()
