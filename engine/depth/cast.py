@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..field.field_map import CaptureView, FieldMap, field_map
-from ..image.detail import merged, split_by_detail
+from ..image.detail import split_by_detail
 from ..image.layers import LayeredRadiance, Radiance
 from ..kernels.cast_tiles import cast_tiles
 from ..kernels.casting import TOGETHER, Casting
@@ -155,8 +155,9 @@ def _cast(layers, layered, lens, rays, most_rays, most_of_lamps, stop, times, pr
         faint = [FAINT * float(abs(plane.mean(dtype=np.float64))) for plane in sharp]
         for completed in caster.cast(layers, sensor, meetings, group, wavelengths_nm[group], faint, blurred, clear):
             progress((first + completed * len(sharp)) / count)
-        if meetings.in_parts:
-            caster.cast_in_parts(layers, sensor, meetings.in_parts, group, wavelengths_nm, faint, known, blurred, clear)
+        if meetings.through_parts:
+            caster.cast_through_parts(layers, sensor, meetings.through_parts, group, wavelengths_nm, faint, known,
+                                      blurred, clear)
         progress(group.stop / count)
         for number, nm in enumerate(wavelengths_nm[group]):
             if times > 1:
@@ -177,8 +178,8 @@ class _Caster:
     focal_mm: float
     stop: Opening
 
-    def cast(self, layers, sensor, meetings, group, wavelengths_nm, faint, blurred, clear, times=1):
-        """Write the tiles with rays, in pixels that are divided into `times` x `times`; yield the completed fraction.
+    def cast(self, layers, sensor, meetings, group, wavelengths_nm, faint, blurred, clear):
+        """Write the tiles with rays; yield the completed fraction.
 
         `group` are the wavelengths among those of the layers.
         """
@@ -187,30 +188,31 @@ class _Caster:
             return
         packed = self.field.pixel_rays(self.rays, sensor).packed(wavelengths_nm, self.focal_mm, counts.tolist(),
                                                                  self.stop.reach)
-        yield from self._cast(packed, layers, sensor.centre_px, meetings, counts, group, faint, blurred, clear, times)
+        yield from self._cast(packed, layers, sensor.centre_px, meetings, counts, group, faint, blurred, clear)
 
-    def cast_in_parts(self, layers, sensor, meetings, group, wavelengths_nm, faint, times, blurred, clear):
-        """Write the tiles with rays as means of the parts of pixels, which are cast."""
-        counts, fine = np.unique(meetings.counts[meetings.counts > 0]), sensor.finer(times)
-        pixel_rays, together = self.field.pixel_rays(self.rays, fine), max(1, TOGETHER // times)
+    def cast_through_parts(self, layers, sensor, meetings, group, wavelengths_nm, faint, times, blurred, clear):
+        """Write the tiles with rays that look up layers in `times` x `times` parts of the capture's pixels. They come
+        from all quarters of a pixel, so that their mean is one over its area."""
+        counts, together = np.unique(meetings.counts[meetings.counts > 0]), max(1, TOGETHER // times)
+        pixel_rays = self.field.pixel_rays(self.rays, sensor.finer(times))
         for first in range(group.start, group.stop, together):
             some = slice(first, min(first + together, group.stop))
             nm, planes = wavelengths_nm[some], slice(some.start - group.start, some.stop - group.start)
-            packed = pixel_rays.packed(nm, self.focal_mm, counts.tolist(), self.stop.reach)
+            packed = pixel_rays.packed(nm, self.focal_mm, counts.tolist(), self.stop.reach).from_quarters(times)
             for area in areas_of(meetings):
                 kinds, near, region = area.met(layers)
                 place = area.place(sensor.shape_px)
-                grid = sensor.part(place).finer(times)
+                grid = sensor.part(place)
                 parts = [layer.in_parts(region, times, some, nm) for layer in near]
-                planes_of_parts = [np.full((len(nm), *grid.shape_px), value, np.float32) for value in (0, 1)]
+                of_area = [np.full((len(nm), *grid.shape_px), value, np.float32) for value in (0, 1)]
                 for _ in self._cast(packed, parts, grid.centre_px, kinds, counts, slice(len(nm)), faint[planes],
-                                    *planes_of_parts, times):
+                                    *of_area):
                     pass
                 lit = area.pixels(sensor.shape_px)
-                for to, of_parts in zip((blurred, clear), planes_of_parts, strict=True):
-                    np.copyto(to[planes, *place], merged(of_parts, times), where=lit)
+                for to, cast_planes in zip((blurred, clear), of_area, strict=True):
+                    np.copyto(to[planes, *place], cast_planes, where=lit)
 
-    def _cast(self, packed, layers, centre_px, meetings, counts, group, faint, blurred, clear, times):
+    def _cast(self, packed, layers, centre_px, meetings, counts, group, faint, blurred, clear):
         capture = layers[0].capture
         per_focal = capture.pitch_um * 1e-3 / self.focal_mm
         levels = [np.unique(of_layer).tolist() for of_layer in np.moveaxis(meetings.kinds["level"], -1, 0)]
@@ -220,7 +222,7 @@ class _Caster:
             capture.projection.shrinkage_table, self.stop.iris.directions, self.stop.shape,
             self.stop.reach * cell_size(8), layer_arrays(layers, self.lens, group, levels, scale),
             tuple(scale * each for each in faint), meetings.kinds, _first_eights(counts, meetings.counts),
-            meetings.counts // 8, meetings.steps, TILE_PX * times)
+            meetings.counts // 8, meetings.steps, TILE_PX)
         yield from cast_tiles(casting, blurred, clear)
         if scale != 1:
             blurred /= np.float32(scale)
@@ -260,12 +262,13 @@ def casting_bytes(layered: Radiance, lens: Lens, most_of_lamps: int) -> float:
 
 
 def _parts_values(layered, rays):
-    """Values in memory while the tiles of an area are cast in the parts of pixels."""
+    """Values in memory while the rays of an area's tiles look up parts of pixels."""
     together, (rows, columns) = max(1, TOGETHER // layered.detail_times), layered.grid.shape_px
-    share = min(1.0, (AREA_ROWS * TILE_PX + 4 * BESIDE_PX) / rows) * layered.detail_times**2
+    share = min(1.0, (AREA_ROWS * TILE_PX + 4 * BESIDE_PX) / rows)
     layers_px = sum(layer.alpha.size for layer in layered.layers)
     planes = LEVELS_PX * (together + 1) + LAYER_PLANES + 2 * together
-    return rays + share * (planes * layers_px + (COVER_PLANES + 2 * together) * rows * columns)
+    in_parts = layered.detail_times**2 * (planes * layers_px + COVER_PLANES * rows * columns)
+    return 2 * rays + share * (in_parts + 2 * together * rows * columns)
 
 
 def _sharp_shares(layers, shape_px):

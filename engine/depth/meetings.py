@@ -18,10 +18,10 @@ from .prepared_layer import PreparedLayer
 
 TILE_PX, BLOCK_PX = 16, 8
 LAMP_PX = 4  # side of the squares whose light counts as a lamp: wider things have rims as soft as they are wide
-QUANTITIES = {True: 7, False: 9}  # with extremes in the lookup: on a plane, and in a panorama
+QUANTITIES = {True: 8, False: 10}  # with extremes in the lookup: on a plane, and in a panorama
 COUNTS = np.array(RAY_COUNTS)  # of rays
-FINEST_PX, FINEST_PARTS = 0.5, 0.35  # smallest useful side of a ray's cell in a blur: in pixels; if these are divided,
-# in their parts: the rays of lamps with sharp cores are closer together than a cell's
+FINEST_PX, FINEST_OF_PARTS_PX = 0.5, 0.14  # smallest useful side of a ray's cell in a blur; and if the light of the
+# parts of pixels is known: the rays of lamps with sharp cores are closer together than a cell's
 RAYS_PER_PX = 4  # of a blur, at most, for light without lamps
 OVERLAP = 1.75  # side of a look-up in distances between rays: aberrations stretch the rays' pattern, and narrower
 # look-ups show it in the discs of lamps
@@ -32,10 +32,10 @@ SMOOTH = 1.75  # least side of a tile's look-ups, in these distances: pixels bet
 STEP = 0.05  # at the rim of a lamp's disc, relative to the light around it, from which the number of rays increases
 OPAQUE = 0.998
 EVEN_SHARE = 2e-3  # largest difference of focus shares in a tile whose rays all have the mean of both
-AREA_ROWS = 8  # of tiles that are cast in parts together, for which layers are divided into parts
+AREA_ROWS = 8  # of tiles that are cast together, for which layers are divided into parts
 BESIDE_PX = 96  # pixels around what the rays of such tiles reach: for the pixels of levels
-RISE = 1.0  # of a lamp's disc above the light around it, relative to this, from which its tiles are cast in parts
-NARROW_PX = 12.0  # largest blur of such a lamp: pixels misplace 0.04 of the light of a disc this wide
+SLIGHT_PX, NARROW_PX = 3.0, 12.0  # largest blur of tiles whose rays look up parts of pixels: of any light; and of lamps
+RISE = 1.0  # whose discs rise this much above the light around. Pixels misplace 0.04 of a disc as wide as NARROW_PX
 STEPS_PX = (0.25, 1.0, 4.0)  # largest differences in blur for 0, 1 and 2 steps of the search; 3 beyond
 
 
@@ -44,16 +44,16 @@ class Meetings:
     """Arrays (tile row, tile column, layer) of MEETING, and (tile row, tile column) of the number of rays of a pixel
     and of the distance between the pixels that are cast.
 
-    `in_parts` are the meetings of the tiles that are cast in the parts of pixels, None without any: these have no rays
-    here. `bounds_px` are the top, bottom, left and right that rays reach in each layer: array (layer, 4, tile row,
-    tile column).
+    `through_parts` are the meetings of the tiles whose rays look up layers in the parts of pixels, None without any:
+    these have no rays here. `bounds_px` are the top, bottom, left and right that rays reach in each layer: array
+    (layer, 4, tile row, tile column).
     """
 
     kinds: np.ndarray
     counts: np.ndarray
     steps: np.ndarray
     bounds_px: np.ndarray
-    in_parts: "Meetings | None" = None
+    through_parts: "Meetings | None" = None
 
 
 def plan_meetings(layers: list[PreparedLayer], rays: RaySample, sensor: PixelGrid,
@@ -103,25 +103,25 @@ def plan_meetings(layers: list[PreparedLayer], rays: RaySample, sensor: PixelGri
         even += np.where(met, look.mean_light, 0)
         uncovered &= ~met | (look.clearest < OPAQUE)
         focus_behind &= ~met | (look.clearest * look.dullest < OPAQUE)
-    needed, lit_beyond, small = np.zeros((2, *shape)), np.zeros(shape, bool), np.zeros(shape, bool)
+    needed, lit_beyond, narrow = np.zeros((2, *shape)), np.zeros(shape, bool), np.zeros(shape, bool)
     for blur in reversed(blurs):
         matters = blur.met & ((blur.look.blurred > 0) | (blur.look.dullest < 1) & lit_beyond)
-        small |= matters & blur.small(even) & (parts > 1)
+        narrow |= matters & blur.narrow(even) & (parts > 1)
         for of_size, size in zip(needed, (1, parts), strict=True):
             np.maximum(of_size, np.where(matters, blur.rays(even, most_rays, size), 0), out=of_size)
-        lit_beyond |= blur.met & (blur.look.brightest > 0)
-    whole, in_parts = (_meetings(meetings, blurs, bounds, np.where(where, of_size, 0), most_of_lamps, size)
-                       for where, of_size, size in zip((~small, small), needed, (1, parts), strict=True))
-    return replace(whole, in_parts=in_parts if small.any() else None)
+        lit_beyond |= blur.met & (blur.look.lit > 0)
+    whole, through_parts = (_meetings(meetings, blurs, bounds, np.where(where, of_size, 0), most_of_lamps, size)
+                            for where, of_size, size in zip((~narrow, narrow), needed, (1, parts), strict=True))
+    return replace(whole, through_parts=through_parts if narrow.any() else None)
 
 
 def _meetings(kinds, blurs, bounds_px, needed, most_of_lamps, parts):
-    """Meetings of tiles that need these numbers of rays, in pixels that are divided into `parts` x `parts`."""
+    """Meetings of tiles that need these numbers of rays, which look up `parts` x `parts` parts of pixels."""
     counts = COUNTS[np.minimum(np.searchsorted(COUNTS, needed), np.searchsorted(COUNTS, most_of_lamps, "right") - 1)]
     counts, kinds, narrowest_px = np.where(needed > 0, counts, 0), kinds.copy(), np.full(needed.shape, np.inf)
     for here, blur in zip(np.moveaxis(kinds, -1, 0), blurs, strict=True):
-        side_px = parts * blur.side_px(np.maximum(counts, 1), parts)
-        here["level"], here["cells"] = blur.level(side_px)
+        side_px = blur.side_px(np.maximum(counts, 1), parts)
+        here["level"], here["cells"] = blur.level(parts * side_px)
         narrowest_px = np.where(blur.met, np.minimum(narrowest_px, np.where(here["focused"], 0, side_px)), narrowest_px)
     return Meetings(kinds, counts, STEPS[np.searchsorted(STEPS[1:] * SMOOTH, narrowest_px, "right")], bounds_px)
 
@@ -182,7 +182,7 @@ def around_px(area_px: np.ndarray) -> np.ndarray:
 
 
 def _finest_px(parts):
-    return FINEST_PX if parts == 1 else FINEST_PARTS / parts
+    return FINEST_PX if parts == 1 else FINEST_OF_PARTS_PX
 
 
 def _look_up_px(area_px, counts, parts=1):
@@ -209,8 +209,8 @@ class _Blur:
 
         A lamp's disc rises above the light around it by its light over the disc's area. Its rim is as soft as a ray's
         cell is wide. The error of this softness, relative to the light around, shall not exceed the error of a
-        disc that rises by STEP and is gathered by `most_rays` rays. No blur requires
-        cells smaller than FINEST_PX or, in pixels that are divided into `parts` x `parts`, FINEST_PARTS.
+        disc that rises by STEP and is gathered by `most_rays` rays. No blur requires cells smaller than FINEST_PX, or
+        FINEST_OF_PARTS_PX if rays look up `parts` x `parts` parts of pixels.
         """
         finest_px = _finest_px(parts)
         areas = [np.maximum(self.reach.area_px(nearness), finest_px**2)
@@ -221,11 +221,11 @@ class _Blur:
         lamps = np.minimum((lamp / area) ** 2, area / finest_px**2)
         return np.maximum(lamps, np.minimum(most_rays, RAYS_PER_PX * parts**2 * largest))
 
-    def small(self, even):
-        """Whether a lamp's disc rises above light of this mean, and is so small that the capture's pixels soften it."""
+    def narrow(self, even):
+        """Whether the capture's pixels soften the blur noticeably, next to light of this mean."""
         area_px = np.minimum.reduce([self.reach.area_px(each) for each in (self.least, self.most)])
         rises = self.look.excess > RISE * even * np.maximum(area_px, FINEST_PX**2)
-        return rises & (area_px < np.pi / 4 * NARROW_PX**2)
+        return area_px < np.pi / 4 * np.where(rises, NARROW_PX, SLIGHT_PX) ** 2
 
     def side_px(self, counts, parts):
         """Side of the squares that this number of rays look up."""
@@ -256,8 +256,9 @@ class _Look:
     dullest: np.ndarray  # focus share
     sharpest: np.ndarray
     clearest: np.ndarray  # alpha
-    brightest: np.ndarray  # mean absolute light of a square of LAMP_PX, averaged over three wavelengths
-    blurred: np.ndarray  # absolute light of a pixel out of focus
+    brightest: np.ndarray  # absolute light of a square of LAMP_PX out of focus, averaged over it and three wavelengths
+    lit: np.ndarray  # absolute light of a pixel
+    blurred: np.ndarray  # the same out of focus
     mean_light: np.ndarray  # over the region, also where the layer ends
 
     @property
@@ -277,8 +278,9 @@ class _Blocks:
         extremes = [np.where(covered, each, lowest) for plane in ranges for each in (plane, -plane)]
         light = _light(layer.layer.cube)
         means = _in_blocks(light, 0).mean(axis=(1, 3))
-        brightest = _largest_in_blocks(_means_of_squares(light), 0)
-        planes = -alpha, light * (1 - share), *extremes
+        blurred = light * (1 - np.maximum(share, 0))
+        brightest = _largest_in_blocks(_means_of_squares(blurred), 0)
+        planes = light, blurred, -alpha, *extremes
         blocks = np.stack([brightest, *(_largest_in_blocks(plane, lowest) for plane in planes)])
         self._goes_on, self._shape = layer.goes_on, alpha.shape
         self._levels = _over_powers_of_two(blocks)
@@ -297,7 +299,7 @@ class _Blocks:
                            - np.maximum(first, 0 if on_before else -np.inf)) / BLOCK_PX
         top, bottom, left, right = ends
         tall, wide = (np.log2(last - first + 1).astype(int) for first, last in ((top, bottom), (left, right)))
-        brightest, minus_clearest, blurred, *extremes = np.maximum.reduce([
+        brightest, lit, blurred, minus_clearest, *extremes = np.maximum.reduce([
             self._levels[tall, wide, :, row, column] for row in (top, bottom + 1 - 2**tall)
             for column in (left, right + 1 - 2**wide)]).transpose(2, 0, 1)
         sums = (self._sums[bottom + 1, right + 1] - self._sums[top, right + 1] - self._sums[bottom + 1, left]
@@ -308,7 +310,7 @@ class _Blocks:
         nearest, farthest = of_panorama or (most, least)
         mean_light = sums / np.maximum(blocks, (bottom + 1 - top) * (right + 1 - left))
         return _Look(met, least, most, farthest, nearest, dullest, sharpest, np.where(contained, -minus_clearest, 0),
-                     brightest.astype(float), blurred, mean_light)
+                     brightest.astype(float), lit, blurred, mean_light)
 
 
 def _light(cube):

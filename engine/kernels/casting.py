@@ -1,6 +1,6 @@
 """What `cast` takes: rays of pixels, and layers of a capture."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -68,6 +68,15 @@ class HeightRays:
     values: np.ndarray
     heights_per_px: float
 
+    def from_quarters(self, times: int) -> "HeightRays":
+        """The rays of pixels that are `times` as large, a fourth of them from the middle of each quarter, which turns
+        with the pixel. The places where they arrive stay in the same pixels."""
+        out = self.values[:, :, STOP::QUANTITIES].mean(axis=(1, 2, 3), dtype=float)
+        outwards = np.gradient(out) * self.heights_per_px
+        around = np.append(outwards[0], out[1:] / np.arange(1, len(out)) * self.heights_per_px)
+        return replace(self, values=_from_quarters(self.values, times, outwards, around),
+                       heights_per_px=times * self.heights_per_px)
+
     @property
     def eights(self) -> np.ndarray:
         """The values as array (node, eight, 2 + 6 wavelengths, 8)."""
@@ -109,6 +118,14 @@ class MeshRays:
     nodes_per_px: tuple[float, float]
     first: tuple[float, float]
     mirrored: tuple[bool, bool]
+
+    def from_quarters(self, times: int) -> "MeshRays":
+        """As for `HeightRays`; quarters do not turn."""
+        up, right = self.nodes_per_px
+        chief = self.chief_px[::self.finer, ::self.finer].mean(axis=2, dtype=float)
+        across, upwards = np.gradient(chief[..., 0], axis=1) * right, np.gradient(chief[..., 1], axis=0) * up
+        return replace(self, values=_from_quarters(self.values, times, across, upwards),
+                       nodes_per_px=(times * up, times * right))
 
     @property
     def eights(self) -> np.ndarray:
@@ -196,3 +213,15 @@ class Casting:
 def rays_shape(nodes: int, eights: int, wavelengths: int) -> tuple[int, ...]:
     """The shape of the values of rays at a number of nodes."""
     return nodes, eights, STOP + QUANTITIES * wavelengths, 8
+
+
+def _from_quarters(values, times, *magnifications):
+    """Rays whose positions at infinity are moved, in every four, to the middles of a pixel's quarters.
+
+    `magnifications` are these positions' changes, for both directions, with the place on the sensor: arrays (node...).
+    """
+    moved, lanes = values.copy(), np.arange(8)
+    for axis, (half, magnification) in enumerate(zip((lanes % 2, lanes // 2 % 2), magnifications, strict=True)):
+        quarter = times * magnification[..., None] * (half / 2 - 0.25)
+        moved[..., STOP + axis::QUANTITIES, :] += quarter[..., None, None, :].astype(np.float32)
+    return moved
