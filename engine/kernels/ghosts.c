@@ -74,28 +74,6 @@ static void onwards(const lf_system *s, const lf_beam *b, int64_t first, int64_t
     }
 }
 
-/* To the image plane, from a place relative to the first vertex; reflected at `far`, and then at `near`, unless `far` is
-   below 0. */
-static APART void through(const lf_system *s, const lf_beam *b, int64_t near, int64_t far, passage *p)
-{
-    int64_t next = 0;
-    if (far >= 0) {
-        onwards(s, b, 0, far, p);
-        if (p->lives) meet(s, b, far, 1, -1, s->indices[far], s->indices[far], p);
-        for (int64_t n = far - 1; n >= near && p->lives; n--) {
-            p->ray.position.z += shape_of(s, n)[2];
-            const int last = n == near;
-            meet(s, b, n, last, last ? 1 : -1, s->indices[n + 1], s->indices[last ? n + 1 : n], p);
-        }
-        p->ray.position.z -= shape_of(s, near)[2];
-        next = near + 1;
-    }
-    onwards(s, b, next, s->surfaces, p);
-    ray *r = &p->ray;
-    enter(s, s->surfaces, r);
-    r->position = moved(r->position, -r->position.z / r->direction.z, r->direction);
-}
-
 /* Starts rays at places of the beam's cross section through the first vertex. */
 static APART void started(const lf_beam *b, doubles across, doubles up, passage *p)
 {
@@ -114,33 +92,92 @@ static APART void started(const lf_beam *b, doubles across, doubles up, passage 
     r->direction = (triple){from.x / length, from.y / length, from.z / length};
 }
 
+/* On through the surfaces from `first` to the image plane, from a place relative to `first`; stores what arrives there of
+   the rays from number `start`. */
+static APART void arrive(const lf_system *s, const lf_beam *b, int64_t pair, int64_t start, int64_t first, passage *p,
+                         double *out)
+{
+    onwards(s, b, first, s->surfaces, p);
+    ray *r = &p->ray;
+    enter(s, s->surfaces, r);
+    r->position = moved(r->position, -r->position.z / r->direction.z, r->direction);
+    const int64_t rays = b->rows * b->columns, count = rays - start;
+    double *to = out + pair * (LF_GHOST_QUANTITIES + b->waves) * rays + start;
+    stored(to, count, r->position.x), stored(to + rays, count, r->position.y), stored(to + 2 * rays, count, p->limit);
+    for (int k = 0; k < LF_CROSSINGS; k++) {
+        const int last = k < p->crossings ? k : p->crossings > 0 ? p->crossings - 1 : 0;
+        stored(to + (3 + 2 * k) * rays, count, p->stop_x[last]), stored(to + (4 + 2 * k) * rays, count, p->stop_y[last]);
+    }
+    for (int64_t w = 0; w < b->waves; w++)
+        for (int k = 0; k < RAYS && k < count; k++)
+            to[(LF_GHOST_QUANTITIES + w) * rays + k] = p->alive[k] ? p->light[k][w] : __builtin_nan("");
+}
+
+/* From a place relative to the vertex behind `near`, reflected at `near`, and on to the image plane. */
+static APART void reflected_again(const lf_system *s, const lf_beam *b, int64_t pair, int64_t start, const passage *back,
+                                  double *out)
+{
+    const int64_t near = b->surfaces[2 * pair];
+    passage p = *back;
+    p.ray.position.z += shape_of(s, near)[2];
+    if (p.lives) meet(s, b, near, 1, 1, s->indices[near + 1], s->indices[near + 1], &p);
+    p.ray.position.z -= shape_of(s, near)[2];
+    arrive(s, b, pair, start, near + 1, &p, out);
+}
+
+/* Reflected at the far surface of a pair; then the pairs with the same one, in turn, up to the first whose near surface is
+   not in front of the last one's, or up to `end`. They share the way back. Returns the number of the next pair. */
+static APART int64_t reflected(const lf_system *s, const lf_beam *b, int64_t pair, int64_t end, int64_t start,
+                               const passage *there, double *out)
+{
+    const int64_t far = b->surfaces[2 * pair + 1];
+    passage p = *there;
+    if (p.lives) meet(s, b, far, 1, -1, s->indices[far], s->indices[far], &p);
+    int64_t at = far; /* the last surface that was met */
+    for (; pair < end && b->surfaces[2 * pair + 1] == far && b->surfaces[2 * pair] < at; pair++) {
+        for (; at - 1 > b->surfaces[2 * pair]; at--) {
+            p.ray.position.z += shape_of(s, at - 1)[2];
+            if (p.lives) meet(s, b, at - 1, 0, -1, s->indices[at], s->indices[at - 1], &p);
+        }
+        reflected_again(s, b, pair, start, &p, out);
+    }
+    return pair;
+}
+
+/* The paths of pairs from one box, by rays from number `start`. Pairs share the way to the far surface, as long as it is
+   not in front of the last one's. */
+static APART void traced(const lf_system *s, const lf_beam *b, int64_t pair, int64_t end, int64_t start, double *out)
+{
+    const int64_t rays = b->rows * b->columns;
+    const double *box = b->boxes + 4 * pair;
+    doubles across, up;
+    for (int k = 0; k < RAYS; k++) {
+        const int64_t n = start + k < rays ? start + k : rays - 1;
+        across[k] = box[0] + (double)(n % b->columns) * box[1], up[k] = box[2] + (double)(n / b->columns) * box[3];
+    }
+    while (pair < end) {
+        passage p;
+        started(b, across, up, &p);
+        if (b->surfaces[2 * pair + 1] < 0) {
+            arrive(s, b, pair++, start, 0, &p, out);
+            continue;
+        }
+        for (int64_t at = 0; pair < end && b->surfaces[2 * pair + 1] >= at;) {
+            const int64_t far = b->surfaces[2 * pair + 1];
+            onwards(s, b, at, far, &p);
+            pair = reflected(s, b, pair, end, start, &p, out), at = far;
+        }
+    }
+}
+
+static int same_box(const double *a, const double *b) { return a[0] == b[0] && a[1] == b[1] && a[2] == b[2] && a[3] == b[3]; }
+
 lf_ghost_rays_loop OF_VARIANT(lf_ghost_rays);
 int OF_VARIANT(lf_ghost_rays)(const lf_system *s, const lf_beam *b, double *out)
 {
-    const int64_t rays = b->rows * b->columns;
-    for (int64_t pair = 0; pair < b->pairs; pair++) {
-        const double *box = b->boxes + 4 * pair;
-        for (int64_t first = 0; first < rays; first += RAYS) {
-            const int64_t count = rays - first;
-            doubles across, up;
-            for (int k = 0; k < RAYS; k++) {
-                const int64_t n = k < count ? first + k : rays - 1;
-                across[k] = box[0] + (double)(n % b->columns) * box[1], up[k] = box[2] + (double)(n / b->columns) * box[3];
-            }
-            passage p;
-            started(b, across, up, &p);
-            through(s, b, b->surfaces[2 * pair], b->surfaces[2 * pair + 1], &p);
-            double *to = out + pair * (LF_GHOST_QUANTITIES + b->waves) * rays + first;
-            stored(to, count, p.ray.position.x), stored(to + rays, count, p.ray.position.y);
-            stored(to + 2 * rays, count, p.limit);
-            for (int k = 0; k < LF_CROSSINGS; k++) {
-                const int last = k < p.crossings ? k : p.crossings > 0 ? p.crossings - 1 : 0;
-                stored(to + (3 + 2 * k) * rays, count, p.stop_x[last]), stored(to + (4 + 2 * k) * rays, count, p.stop_y[last]);
-            }
-            for (int64_t w = 0; w < b->waves; w++)
-                for (int k = 0; k < RAYS && k < count; k++)
-                    to[(LF_GHOST_QUANTITIES + w) * rays + k] = p.alive[k] ? p.light[k][w] : __builtin_nan("");
-        }
+    for (int64_t pair = 0, end; pair < b->pairs; pair = end) {
+        for (end = pair + 1; end < b->pairs && same_box(b->boxes + 4 * pair, b->boxes + 4 * end);) end++;
+        for (int64_t start = 0; start < b->rows * b->columns; start += RAYS) traced(s, b, pair, end, start, out);
     }
     return 0;
 }

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from .visible_light import composed, layers_within
 CELL_PX = 8
 LEAST_COSINE = 0.05  # of the angle between a source and the axis: others land as far away as this
 DISC = 1 / 16  # variance along an axis of a disc of diameter 1
+MOST_GRIDS = 2  # in memory: of the picture, and of the chart for a glare index
 STEP = 1e-4  # of the focal length: for the derivatives of the distortion
 
 
@@ -68,7 +70,7 @@ def arrivals(radiance: SpectralImage, lens: Lens, beyond: Sources | None = None,
     Arrivals
     """
     grid, nm = radiance.grid, np.asarray(radiance.wavelengths_nm, dtype=float)
-    starts = [np.arange(0, n, CELL_PX) for n in grid.shape_px]
+    starts = _starts(grid)
     (rows, columns), variance = _centroids(radiance.cube, starts)
     in_focus = focus_in_capture(lens, grid, rows, columns)
     ideal_mm = from_capture(*grid.position_mm(rows, columns), lens, grid)
@@ -76,13 +78,14 @@ def arrivals(radiance: SpectralImage, lens: Lens, beyond: Sources | None = None,
         nearness, square = _nearness(layers_within(layers, radiance), starts, in_focus)
         ideal_mm, blur = _out_of_focus(lens, grid, ideal_mm, nearness, square, in_focus)
         variance = variance + blur
-    parts = [_of_picture(lens, one, plane, grid, starts, ideal_mm)
-             for one, plane in zip(nm, radiance.cube, strict=True)]
+    fields = fields_in_cells(lens, tuple(nm.tolist()), grid)
+    parts = [_landed(lens, field, ideal_mm, _sums(plane, starts) * growth)
+             for (field, growth), plane in zip(fields, radiance.cube, strict=True)]
     radius_px = 2 * np.sqrt(variance).ravel()
     if beyond is not None and len(beyond):
         ideal_mm, variance = _places_of_sources(lens, beyond, grid)
-        sources = [_of_sources(lens, one, beyond, beyond.irradiance[:, index], ideal_mm, grid)
-                   for index, one in enumerate(nm)]
+        sources = [_of_sources(lens, field, beyond, beyond.irradiance[:, index], ideal_mm, grid)
+                   for index, (field, _) in enumerate(fields)]
         parts = [np.concatenate(pair, axis=1) for pair in zip(parts, sources, strict=True)]
         radius_px = np.append(radius_px, 2 * np.sqrt(variance))
     x_mm, y_mm, light = np.stack(parts, axis=1)
@@ -151,18 +154,30 @@ def _crossing_focus(lens, ideal_mm, nearness, in_focus):
     return x_mm * (1 + behind_mm * in_focus) / np.maximum(1 + behind_mm * nearness, LEAST_COSINE), y_mm
 
 
-def _of_picture(lens, wavelength_nm, plane, grid, starts, ideal_mm):
-    """x_mm, y_mm and light of the cells of a plane of radiance: array (3, cell)."""
+def _starts(grid):
+    """The first rows, and the first columns, of the cells of a picture."""
+    return [np.arange(0, n, CELL_PX) for n in grid.shape_px]
+
+
+@lru_cache(maxsize=MOST_GRIDS)
+def fields_in_cells(lens: Lens, wavelengths_nm: tuple[float, ...], grid: PixelGrid
+                    ) -> list[tuple[MonochromaticField, np.ndarray]]:
+    """For each wavelength, the lens's field, and how much larger the cells of a picture are on the sensor: array (row,
+    column)."""
+    x_mm, y_mm = grid.position_mm(*np.meshgrid(*(start + (np.diff(start, append=n) - 1) / 2
+                                                 for start, n in zip(_starts(grid), grid.shape_px, strict=True)),
+                                               indexing="ij"))
+    return [_with_growth(lens, nm, grid, x_mm, y_mm) for nm in wavelengths_nm]
+
+
+def _with_growth(lens, wavelength_nm, grid, x_mm, y_mm):
     field = field_map(lens).at_wavelength(wavelength_nm)
 
     def landing_mm(x_mm, y_mm):
         return field.landing_mm(*from_capture(x_mm, y_mm, lens, grid))
 
-    x_mm, y_mm = (np.broadcast_to(each, ideal_mm[0].shape) for each in grid.position_mm(
-        *np.meshgrid(*(start + (np.diff(start, append=n) - 1) / 2
-                       for start, n in zip(starts, grid.shape_px, strict=True)), indexing="ij")))
-    light = _sums(plane, starts) * _growth(landing_mm, x_mm, y_mm, STEP * lens.capture_focal_length_mm)
-    return _landed(lens, field, ideal_mm, light)
+    x_mm, y_mm = np.broadcast_arrays(x_mm, y_mm)
+    return field, _growth(landing_mm, x_mm, y_mm, STEP * lens.capture_focal_length_mm)
 
 
 def _growth(landing_mm: Callable, x_mm, y_mm, step_mm):
@@ -183,16 +198,15 @@ def _places_of_sources(lens, sources: Sources, grid):
     return np.stack(ideal_mm), radius_px**2 / 4 + blur
 
 
-def _of_sources(lens, wavelength_nm, sources: Sources, irradiance, ideal_mm, grid: PixelGrid):
-    """As `_of_picture`, of sources with this irradiance at the entrance pupil: array (3, source).
+def _of_sources(lens, field, sources: Sources, irradiance, ideal_mm, grid: PixelGrid):
+    """As `_landed`, of sources with this irradiance at the entrance pupil: array (3, source).
 
     A source of the radiance L and the solid angle w covers the area f^2 w / cos^3 of the ideal image, and its
     irradiance at the pupil is L w. Beyond the lens data, the pupil's area as seen from the source is that of the last
     known place.
     """
-    fields = field_map(lens)
-    field, focal_mm = fields.at_wavelength(wavelength_nm), lens.capture_focal_length_mm
-    known_mm = ideal_mm * np.minimum(1, fields.extent_mm / np.maximum(np.hypot(*ideal_mm), np.finfo(float).tiny))
+    focal_mm, extent_mm = lens.capture_focal_length_mm, field_map(lens).extent_mm
+    known_mm = ideal_mm * np.minimum(1, extent_mm / np.maximum(np.hypot(*ideal_mm), np.finfo(float).tiny))
     cosine = 1 / np.sqrt(1 + np.sum(np.square(known_mm / focal_mm * [[lens.squeeze], [1]]), axis=0))
     growth = _growth(field.landing_mm, known_mm[0], known_mm[1], STEP * focal_mm)
     area = focal_mm**2 / lens.squeeze / cosine**4 * growth / (grid.pitch_um * 1e-3) ** 2
@@ -201,6 +215,8 @@ def _of_sources(lens, wavelength_nm, sources: Sources, irradiance, ideal_mm, gri
 
 
 def _landed(lens, field: MonochromaticField, ideal_mm, light):
+    """x_mm, y_mm and light of spots, from their places in the ideal image and their light without the lens's losses:
+    array (3, spot)."""
     x_mm, y_mm = field.landing_mm(*ideal_mm)
     known = np.isfinite(x_mm) & np.isfinite(y_mm)
     x_mm, y_mm = np.where(known, x_mm, 0), np.where(known, y_mm, 0)

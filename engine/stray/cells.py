@@ -1,6 +1,8 @@
 """Pictures that are smooth except in a few places, in cells of several pixels."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Protocol
 
 import numpy as np
 import scipy
@@ -12,7 +14,19 @@ from .arrivals import CELL_PX, Arrivals
 FAR_NODES = 12  # along each side of the frame, for light from far beyond it
 MEAN_CELLS = 8  # from a point: closer cells receive the mean of their pixels
 
-Spreads = Sequence[tuple[np.ndarray, Callable]]
+MOST_TRANSFORMS = 4  # in memory: for the next frames, and if they are computed before the light is known
+
+
+class Spread(Protocol):
+    """How a point spreads its light: a value, which compares and hashes by its contents."""
+
+    def __call__(self, right_px: np.ndarray, up_px: np.ndarray) -> np.ndarray:
+        """The share that falls on pixels at these distances from the point: smooth over a cell except near 0."""
+
+    def __hash__(self) -> int: ...
+
+
+Spreads = Sequence[tuple[np.ndarray, Spread]]
 
 
 class Cells:
@@ -100,8 +114,8 @@ def spread_in_cells(frame: PixelGrid, light: Arrivals, spreads: Spreads,
     ----------
     frame : PixelGrid
     light : Arrivals
-    spreads : sequence of (array (wavelength,), callable (right_px, up_px) -> array)
-        Factors, and shares of a point's light that fall on pixels at these distances; smooth over a cell except near 0.
+    spreads : sequence of (array (wavelength,), Spread)
+        With factors.
     discs : sequence of (radius_px, part)
         Discs over which parts of each spot's light, array (spot,), are spread first.
 
@@ -109,12 +123,9 @@ def spread_in_cells(frame: PixelGrid, light: Arrivals, spreads: Spreads,
     -------
     array (wavelength, row, column)
     """
-    shape = [-(-n // CELL_PX) + 1 for n in frame.shape_px]
-    margins = [-(-n // 2) for n in shape]
+    shape, margins, size = _spaces(frame.shape_px)
     wide = [n + 2 * margin for n, margin in zip(shape, margins, strict=True)]
-    reach = [n + margin - 1 for n, margin in zip(shape, margins, strict=True)]
-    size = [scipy.fft.next_fast_len(2 * n + 1, real=True) for n in reach]
-    kernels = [(factors, _transformed(reach, size, spread)) for factors, spread in spreads]
+    kernels = [(factors, transformed(frame.shape_px, spread)) for factors, spread in spreads]
     blurs = [_disc(radius_px / CELL_PX, size) if radius_px else 1.0 for radius_px, _ in discs]
     inside = tuple(slice(margin, margin + n) for n, margin in zip(shape, margins, strict=True))
     result = np.empty((len(light.light), *shape))
@@ -123,7 +134,7 @@ def spread_in_cells(frame: PixelGrid, light: Arrivals, spreads: Spreads,
             frame.index_of(light.x_mm[index], light.y_mm[index]), margins, strict=True))
         shared = _shared_out([each * part for _, part in discs], rows, columns, wide)
         spectrum = sum(blur * plane for blur, plane in zip(blurs, scipy.fft.rfft2(shared, size), strict=True))
-        kernel = sum(factors[index] * transformed for factors, transformed in kernels)
+        kernel = sum(factors[index] * one for factors, one in kernels)
         result[index] = scipy.fft.irfft2(spectrum * kernel, size)[inside]
     return np.maximum(result, 0)
 
@@ -147,8 +158,20 @@ def spread_from_afar(frame: PixelGrid, light: Arrivals, spreads: Spreads) -> np.
     return result
 
 
-def _transformed(reach, size, spread):
-    """The transform of `_kernel`, around the first cell."""
+def _spaces(frame_px):
+    """Corners of the cells of a frame; those beyond each edge whose light counts; and the size of the transforms: rows
+    and columns of each."""
+    shape = [-(-n // CELL_PX) + 1 for n in frame_px]
+    margins = [-(-n // 2) for n in shape]
+    size = [scipy.fft.next_fast_len(2 * (n + margin) - 1, real=True) for n, margin in zip(shape, margins, strict=True)]
+    return shape, margins, size
+
+
+@lru_cache(maxsize=MOST_TRANSFORMS)
+def transformed(frame_px: tuple[int, int], spread: Spread) -> np.ndarray:
+    """The transform of a point's light in the cells of a frame, around the first cell."""
+    shape, margins, size = _spaces(frame_px)
+    reach = [n + margin - 1 for n, margin in zip(shape, margins, strict=True)]
     kernel = np.zeros(size)
     kernel[:2 * reach[0] + 1, :2 * reach[1] + 1] = _kernel(reach, spread)
     return scipy.fft.rfft2(np.roll(kernel, [-n for n in reach], axis=(0, 1)))

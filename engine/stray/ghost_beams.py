@@ -57,7 +57,8 @@ class GhostLens:
     opening : Opening
     openings : Openings
     pairs : int array (pair, 2)
-        Surfaces that reflect, the one nearer to the object first.
+        Surfaces that reflect, the one nearer to the object first; in the order in which light passes them, so that the
+        loops trace parts of paths for several pairs at once.
     """
 
     system: System
@@ -101,7 +102,8 @@ def coatings_of(system: System, wavelengths_nm: tuple[float, ...]) -> Coatings:
 def ghost_lens(system: System, opening: Opening, wavelengths_nm: np.ndarray) -> GhostLens:
     """Prepare a lens; its pairs are of surfaces that reflect at any of the wavelengths."""
     reflecting = np.flatnonzero(system.reflectances(wavelengths_nm, [0.0]).max(axis=(1, 2)) > 0)
-    near, far = np.triu_indices(len(reflecting), 1)
+    far, near = np.tril_indices(len(reflecting), -1)
+    near = far - 1 - near
     return GhostLens(system, view_of(system), traced_surfaces(system.prescription), opening,
                      _openings(system), np.stack([reflecting[near], reflecting[far]], axis=1))
 
@@ -136,15 +138,17 @@ def beam_of(lens: GhostLens, direction: np.ndarray, distance_mm: float) -> tuple
     return Beam(np.stack([across, np.cross(along, across), along]), source_mm, distance_mm), azimuth_rad
 
 
-def enters(lens: GhostLens, sources: Sources) -> np.ndarray:
-    """Whether the light of each source can enter the lens: bool array (source,)."""
-    return (sources.directions @ lens.view.axes)[:, 2] > STEEPEST
+def beams_of(lens: GhostLens, sources: Sources) -> dict[int, tuple[Beam, float]]:
+    """The results of `beam_of` by the numbers of sources, for those whose light can enter the lens."""
+    entering = np.flatnonzero((sources.directions @ lens.view.axes)[:, 2] > STEEPEST)
+    return {int(number): beam_of(lens, sources.directions[number], float(sources.distance_mm[number]))
+            for number in entering}
 
 
 def entrance_mm(lens: GhostLens, beam: Beam) -> np.ndarray:
     """Limits of the cross section of the light that meets the first surface: left, right, lower, upper."""
     surface = lens.system.prescription.surfaces[0]
-    radius_mm = _front_radius_mm(lens) * np.linspace(0, 1, OUTLINE_RADII)[:, None]
+    radius_mm = front_radius_mm(lens) * np.linspace(0, 1, OUTLINE_RADII)[:, None]
     azimuth = 2 * np.pi * np.arange(OUTLINE_AZIMUTHS) / OUTLINE_AZIMUTHS
     x, y = radius_mm * np.cos(azimuth), radius_mm * np.sin(azimuth)
     points = np.stack([x, y, sag_and_gradient(surface, x, y)[0]]).reshape(3, -1)
@@ -156,14 +160,14 @@ def entrance_mm(lens: GhostLens, beam: Beam) -> np.ndarray:
     return np.array([0.0 if lens.radial else across.min(), across.max(), up.min(), up.max()])
 
 
-def _front_radius_mm(lens):
+def front_radius_mm(lens: GhostLens) -> float:
     """Semi-aperture of the first surface, or what the field's light needs there if it is unlimited."""
     system = lens.system
     if system.prescription.stop_index == 0:
-        return system.stop_semi_aperture_mm * lens.opening.reach
+        return float(system.stop_semi_aperture_mm * lens.opening.reach)
     halves_mm = system.prescription.surfaces[0].half_widths_mm
-    widest_mm = min(system.semi_apertures_mm[0], np.hypot(*halves_mm) if halves_mm else np.inf)
+    widest_mm = min(system.semi_apertures_mm[0], np.hypot(halves_mm[0], halves_mm[1]) if halves_mm else np.inf)
     if np.isfinite(widest_mm):
-        return widest_mm
-    return (abs(system.marginal_heights_mm[0]) * lens.opening.reach
-            + abs(system.entrance_pupil_mm * system.last_height_mm / system.efl_mm))
+        return float(widest_mm)
+    return float(abs(system.marginal_heights_mm[0]) * lens.opening.reach
+                 + abs(system.entrance_pupil_mm * system.last_height_mm / system.efl_mm))

@@ -30,8 +30,8 @@ class Search:
         Angle by which to turn the rays.
     limits_mm : array (pair, 4)
         Left, right, lower and upper limit of the light's cross section that may pass, of each of the lens's pairs.
-    light_mm2 : array (pair, wave)
-        Light on the sensor's frame, over irradiance in front of the lens.
+    light_mm2 : array (pair,)
+        Light on the sensor's frame, over irradiance in front of the lens: the mean of few wavelengths.
     """
 
     beam: Beam
@@ -51,7 +51,7 @@ class Survey:
     bright : int array (bright pair,)
         The pairs that are surveyed.
     light_mm2 : array (bright pair, wavelength)
-        As in `Search`, at all wavelengths.
+        As in `Search`, at each wavelength.
     limits_mm : array (bright pair, 4)
         As in `Search`, for all wavelengths.
     speed_mm : array (bright pair,)
@@ -68,10 +68,15 @@ class Survey:
 
 def search(lens: GhostLens, grid: PixelGrid, coated: Coated, beam: Beam, azimuth_rad: float) -> Search:
     """Search the light of all pairs."""
+    limits_mm, rays, lit_mm2 = trace_everywhere(lens, coated, beam)
+    return Search(beam, azimuth_rad, limits_mm, _light_mm2(lens, grid, rays, lit_mm2, azimuth_rad).mean(axis=1))
+
+
+def trace_everywhere(lens: GhostLens, coated: Coated, beam: Beam) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Trace the light of all pairs from everywhere on the first surface: limits as in `Search`; rays as from
+    `trace_ghosts`; and the cross section around each ray that passes, in mm^2: array (pair, row, column)."""
     everywhere_mm = np.tile(entrance_mm(lens, beam), (len(lens.pairs), 1))
-    limits_mm, rays, lit = _searched(lens, coated, beam, lens.pairs, everywhere_mm,
-                                     FIRST if lens.radial else FIRST_CROOKED)
-    return Search(beam, azimuth_rad, limits_mm, _light_mm2(lens, grid, rays, lit, azimuth_rad))
+    return _searched(lens, coated, beam, lens.pairs, everywhere_mm, FIRST if lens.radial else FIRST_CROOKED)
 
 
 def survey(lens: GhostLens, grid: PixelGrid, bands: list[tuple[Band, Coated]], found: Search, bright: np.ndarray,
@@ -173,14 +178,19 @@ def _widened(lens, limits_mm, share):
 
 def _light_mm2(lens, grid, rays, lit_mm2, azimuth_rad):
     """Light on the frame over irradiance: array (pair, wave)."""
+    return _summed(rays, on_frame(lens, grid, rays[:, 0], rays[:, 1], azimuth_rad) * lit_mm2)
+
+
+def on_frame(lens: GhostLens, grid: PixelGrid, x_mm: np.ndarray, y_mm: np.ndarray, azimuth_rad: float) -> np.ndarray:
+    """The share of the light at places, to be turned by an azimuth, that is on the frame: 0 or 1, or the mean with the
+    mirror image's."""
     cosine, sine = np.cos(azimuth_rad), np.sin(azimuth_rad)
     left, lower, right, upper = grid.edges_mm
-    halves = [(rays[:, 0], 0.5), (-rays[:, 0], 0.5)] if lens.radial else [(rays[:, 0], 1.0)]
-    on_frame = 0.0
-    for x, part in halves:
-        across, up = x * cosine - rays[:, 1] * sine, x * sine + rays[:, 1] * cosine
-        on_frame = on_frame + part * ((across > left) & (across < right) & (up > lower) & (up < upper))
-    return _summed(rays, on_frame * lit_mm2)
+    share = np.zeros_like(x_mm)
+    for x, part in [(x_mm, 0.5), (-x_mm, 0.5)] if lens.radial else [(x_mm, 1.0)]:
+        across, up = x * cosine - y_mm * sine, x * sine + y_mm * cosine
+        share = share + part * ((across > left) & (across < right) & (up > lower) & (up < upper))
+    return share
 
 
 def _summed(rays, weights):

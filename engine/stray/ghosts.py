@@ -23,10 +23,11 @@ from ..lens.iris import Opening
 from ..prescription.prescription import Prescription
 from ..prescription.system import system_of
 from ..runtime.threads import thread_pool
-from .ghost_bands import bands_of, halves_of, sample_of
-from .ghost_beams import beam_of, coatings_of, enters, ghost_lens
+from .ghost_bands import bands_of, halves_of
+from .ghost_beams import beams_of, coatings_of, ghost_lens
+from .ghost_nodes import ghost_nodes
 from .ghost_rays import boxes_of, trace_ghosts
-from .ghost_survey import brightest, direct_light_mm2, search, survey
+from .ghost_survey import brightest, direct_light_mm2, survey
 
 SHARE = 0.01  # of the light that may be neglected
 PIXELS, LEAST_PIXELS, MOST_PIXELS = 6000.0, 1500.0, 300000.0  # of a ghost: on average, and limits
@@ -88,10 +89,10 @@ def ghosts(prescription: Prescription, sources: Sources, grid: PixelGrid, openin
         A wavelength outside the range of a glass or of a coating.
     """
     frame, nm = grid.frame(), sources.wavelengths_nm
-    lens = ghost_lens(system_of(prescription), opening, nm)
-    coatings = coatings_of(lens.system, tuple(nm))
+    nodes = ghost_nodes(system_of(prescription), opening, tuple(nm))
+    lens, coatings = nodes.lens, coatings_of(nodes.lens.system, tuple(nm))
     bands, halves = ([(band, coatings.of(band)) for band in each] for each in (bands_of(nm), halves_of(nm)))
-    surveys, estimates = _surveyed(lens, frame, coatings.of(sample_of(nm)), halves, sources, share / 2)
+    surveys, estimates = _surveyed(nodes, frame, halves, sources, share / 2)
     drawn = _drawn(surveys, estimates, share / 2)
     of_drawn = np.where(drawn, estimates.sum(axis=2), 0)
     pixels, by_rays = _pixels(of_drawn), list(_by_rays(of_drawn))
@@ -138,35 +139,28 @@ def direct_light(prescription: Prescription, sources: Sources, opening: Opening)
     lens = ghost_lens(system_of(prescription), opening, nm)
     light_mm2, coatings = np.zeros((len(sources), len(nm))), coatings_of(lens.system, tuple(nm))
     bands = [(band, coatings.of(band)) for band in bands_of(nm)]
-    for number in np.flatnonzero(enters(lens, sources)):
-        beam, _ = beam_of(lens, sources.directions[number], float(sources.distance_mm[number]))
+    for number, (beam, _) in beams_of(lens, sources).items():
         for band, coated in bands:
             light_mm2[number, band.waves] += band.weights * direct_light_mm2(lens, coated, beam)
     return SQUARE_M * sources.irradiance * light_mm2 * lens.glass_transmittance(nm, none)
 
 
-def _surveyed(lens, frame, sample, halves, sources, share):
+def _surveyed(nodes, frame, halves, sources, share):
     """The surveys of sources by their numbers, except of the faintest ghosts up to this share of the light; and the
     light of ghosts from few rays: array (source, pair, wavelength)."""
-    nm = sources.wavelengths_nm
+    lens, nm = nodes.lens, sources.wavelengths_nm
     light, passing = np.zeros((len(sources), len(lens.pairs), len(nm))), lens.glass_transmittance(nm, lens.pairs)
-
-    def searched(number):
-        return search(lens, frame, sample, *beam_of(lens, sources.directions[number],
-                                                    float(sources.distance_mm[number])))
 
     def surveyed(number):
         pairs = np.flatnonzero(bright[number])
         return survey(lens, frame, halves, searches[number], pairs, sources.radius_rad[number])
 
-    numbers = [int(number) for number in np.flatnonzero(enters(lens, sources))]
     with thread_pool() as pool:
-        searches = dict(zip(numbers, pool.map(searched, numbers), strict=True))
+        searches = nodes.searches(sources, frame, pool)
         for number, found in searches.items():
-            mean_mm2 = found.light_mm2.mean(axis=1, keepdims=True)
-            light[number] = SQUARE_M * mean_mm2 * passing * sources.irradiance[number]
+            light[number] = SQUARE_M * found.light_mm2[:, None] * passing * sources.irradiance[number]
         bright = brightest(light.sum(axis=2), share)
-        numbers = [number for number in numbers if bright[number].any()]
+        numbers = [number for number in searches if bright[number].any()]
         surveys = dict(zip(numbers, pool.map(surveyed, numbers), strict=True))
     for number, found in surveys.items():
         light[number, found.bright] = SQUARE_M * found.light_mm2 * passing[found.bright] * sources.irradiance[number]

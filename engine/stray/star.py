@@ -14,6 +14,7 @@ the blur's variance instead: its spikes are as wide, and none begins in the midd
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -22,7 +23,7 @@ from ..image.pixel_grid import PixelGrid
 from ..lens import Lens
 from ..lens.iris import Opening
 from .arrivals import CELL_PX, Arrivals
-from .cells import FineCells, spread_in_cells
+from .cells import FineCells, spread_in_cells, transformed
 
 MOST_SPOTS = 40  # with spikes as fine as the pixels
 HIGHLIGHT = 16  # times the light of a typical spot: others have coarse spikes
@@ -192,15 +193,37 @@ def _together(light, share, spots, pitch_mm):
 def _coarse_stars(lens, edges, frame, light, discs):
     """The stars of parts of all spots, as in `spread_in_cells`, at the corners of cells: array (wavelength, row,
     column)."""
-    numbers = _wave_numbers(lens, light.wavelengths_nm) * frame.pitch_um * 1e-3
+    return spread_in_cells(frame, light, [_coarse_spread(lens, edges, frame, light.wavelengths_nm)], discs)
+
+
+def prepare_stars(lens: Lens, opening: Opening, frame: PixelGrid, wavelengths_nm: np.ndarray) -> None:
+    """Compute what `add_stars` needs for any light."""
+    _, spread = _coarse_spread(lens, edges_of(opening, lens.central_obstruction), frame, wavelengths_nm)
+    transformed(frame.shape_px, spread)
+
+
+def _coarse_spread(lens, edges, frame, wavelengths_nm):
+    """Factors (wavelength,) and the Spread of stars at the corners of cells: by the middle one of the wavelengths."""
+    numbers = _wave_numbers(lens, wavelengths_nm) * frame.pitch_um * 1e-3
     middle = numbers.size // 2
-    window_px = _window_mm(lens, light.wavelengths_nm)[middle] / (frame.pitch_um * 1e-3)
-    spikes = [_Spikes(edge, numbers[middle], window_px, CELL_PX) for edge in edges]
+    window_px = _window_mm(lens, wavelengths_nm)[middle] / (frame.pitch_um * 1e-3)
+    return 1 / numbers, _CoarseStar(tuple(edges), float(numbers[middle]), float(window_px))
 
-    def spread(right, up):
-        return sum(edge.exact(right, up) for edge in spikes)
 
-    return spread_in_cells(frame, light, [(1 / numbers, spread)], discs)
+@dataclass(frozen=True)
+class _CoarseStar:
+    """The Spread of edges around spots as large as a cell; the other attributes are as for `_Spikes`."""
+
+    edges: tuple[Edge, ...]
+    number: float
+    window_px: float
+
+    def __call__(self, right_px, up_px):
+        return sum(spikes.exact(right_px, up_px) for spikes in self._spikes)
+
+    @cached_property
+    def _spikes(self):
+        return [_Spikes(edge, self.number, self.window_px, CELL_PX) for edge in self.edges]
 
 
 def _add_star(cells, lens, edges, frame, light):

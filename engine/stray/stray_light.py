@@ -1,14 +1,15 @@
 """Stray light on the sensor's frame: ghosts, veil and star together, and what is left out of them."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
 from ..image.irradiance import irradiance_per_radiance
 from ..image.layers import LayeredRadiance
 from ..image.nonfinite import clamp_fireflies, count_nonfinite
+from ..image.pixel_grid import PixelGrid
 from ..image.sources import Sources
 from ..image.spectral_image import SpectralImage
 from ..lens import Lens
@@ -16,16 +17,18 @@ from ..lens.entrance_pupil import entrance_pupil_area_mm2
 from ..lens.iris import Iris, Opening, opening
 from ..prescription.system import system_of
 from ..runtime.scratch import zeros_stored_like
-from .arrivals import Arrivals, arrivals
+from .arrivals import Arrivals, arrivals, fields_in_cells
+from .ghost_nodes import GhostNodes, ghost_nodes
 from .ghosts import ghosts
 from .merging import merged_sources
 from .options import AUTO, GHOSTS, STAR, VEIL, StrayOptions
 from .picture_sources import picture_sources
-from .star import add_stars, star_share
-from .veil import Veil, add_veil, veil_of, veil_with_index
+from .star import add_stars, prepare_stars, star_share
+from .veil import Veil, add_veil, prepare_veil, veil_of, veil_with_index
 
 MOST_SOURCES = 32  # of ghosts
 MOST_PAIRS = 10
+MOST_VEILS = 4  # in memory, for the next frames
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,18 +99,35 @@ def stray_light(radiance: SpectralImage, lens: Lens, options: StrayOptions, accu
     considered = options.parts(accuracy)
     if not considered:
         return None
-    scene = _Scene(_finite(radiance), lens, options, opening(iris, lens), layers, outside)
-    word = no_ghosts(lens, scene.wavelengths_nm) if GHOSTS in considered else ""
-    predicted = {part: float(_PARTS[part].share(scene)) for part in considered if part != GHOSTS or not word}
+    optics = _Optics(lens, radiance.grid, tuple(map(float, radiance.wavelengths_nm)), options, opening(iris, lens))
+    scene = _Scene(_finite(radiance), optics, layers, outside)
+    word = no_ghosts(lens, radiance.wavelengths_nm) if GHOSTS in considered else ""
+    predicted = {part: scene.share(_PARTS[part].share(optics)) for part in considered if part != GHOSTS or not word}
     wanted = [part for part in predicted if options.stray_light != AUTO or predicted[part] > accuracy]
     left_out = {part: share for part, share in predicted.items() if part not in wanted}
-    result = StrayLight(None, np.ones(len(scene.wavelengths_nm)), predicted=left_out, words=(word,) if word else ())
+    result = StrayLight(None, np.ones(len(radiance.wavelengths_nm)), predicted=left_out, words=(word,) if word else ())
     if wanted:
-        shape = len(scene.wavelengths_nm), *radiance.frame_px
+        shape = len(radiance.wavelengths_nm), *radiance.frame_px
         result = replace(result, cube=zeros_stored_like(radiance.light, shape))
     for part in wanted:
         result = _with_part(result, part, scene)
     return result
+
+
+def prepare_stray_light(grid: PixelGrid, wavelengths_nm: tuple[float, ...], lens: Lens, options: StrayOptions,
+                        accuracy: float, *, outside: Sources | None = None, iris: Iris | None = None
+                        ) -> Iterator[None]:
+    """Compute, step by step, what `stray_light` needs for any light in pictures of these pixels.
+
+    The results are in caches. Without sources outside, parts that "auto" leaves out for white light are not prepared.
+    """
+    optics = _Optics(lens, grid, wavelengths_nm, options, opening(iris, lens))
+    for part in options.parts(accuracy):
+        if part == GHOSTS and no_ghosts(lens, np.array(wavelengths_nm)):
+            continue
+        yield
+        if outside or options.stray_light != AUTO or _PARTS[part].share(optics).mean() > accuracy:
+            yield from _PARTS[part].prepare(optics, outside)
 
 
 def _finite(radiance):
@@ -124,19 +144,51 @@ def _with_part(result, part, scene):
 
 
 @dataclass(frozen=True, eq=False)
+class _Optics:
+    """What stray light depends on, apart from the light."""
+
+    lens: Lens
+    grid: PixelGrid
+    wavelengths_nm: tuple[float, ...]
+    options: StrayOptions
+    opening: Opening
+
+    @property
+    def veil(self) -> Veil:
+        return _veil(self.lens, self.grid.frame(), self.options)
+
+    @property
+    def ghost_nodes(self) -> GhostNodes:
+        assert self.lens.prescription is not None  # as `no_ghosts` finds
+        return ghost_nodes(system_of(self.lens.prescription), self.opening, self.wavelengths_nm)
+
+    @property
+    def farthest_rad(self) -> float:
+        """Angle to the axis at the picture's farthest corner."""
+        radius_mm = self.grid.farthest_px * self.grid.pitch_um * 1e-3
+        focal_mm = self.grid.focal_mm or self.lens.capture_focal_length_mm
+        return float(self.grid.projection.angle_rad(np.array(radius_mm / focal_mm)))
+
+
+@lru_cache(maxsize=MOST_VEILS)
+def _veil(lens, frame, options):
+    if options.glare_index:
+        return veil_with_index(lens, frame, options.cleanliness, options.glare_index / 100)
+    return veil_of(lens, options.cleanliness)
+
+
+@dataclass(frozen=True, eq=False)
 class _Scene:
     """What stray light depends on."""
 
     radiance: SpectralImage
-    lens: Lens
-    options: StrayOptions
-    opening: Opening
+    optics: _Optics
     layers: LayeredRadiance | None
     outside: Sources | None
 
     @property
-    def wavelengths_nm(self):
-        return self.radiance.wavelengths_nm
+    def lens(self):
+        return self.optics.lens
 
     @cached_property
     def inside_light(self):
@@ -159,15 +211,8 @@ class _Scene:
         return arrivals(self.radiance, self.lens, self.outside, self.layers)
 
     @cached_property
-    def veil(self) -> Veil:
-        options, frame = self.options, self.radiance.grid.frame()
-        if options.glare_index:
-            return veil_with_index(self.lens, frame, options.cleanliness, options.glare_index / 100)
-        return veil_of(self.lens, options.cleanliness)
-
-    @cached_property
     def _transmittance(self):
-        return np.array([self.lens.at_wavelength(nm).transmittance for nm in self.wavelengths_nm])
+        return np.array([self.lens.at_wavelength(nm).transmittance for nm in self.optics.wavelengths_nm])
 
     @property
     def _pixel_mm2(self):
@@ -176,7 +221,7 @@ class _Scene:
     def share(self, of_each):
         """Shares (wavelength,) of all light, as a share of the frame's own; infinite in a black one."""
         with np.errstate(over="ignore"):
-            return np.dot(of_each, self.all_light) / max(self.inside_light.sum(), np.finfo(float).tiny)
+            return float(np.dot(of_each, self.all_light) / max(self.inside_light.sum(), np.finfo(float).tiny))
 
     def as_sum(self, watts):
         """Light on the sensor in W/nm as a sum over pixels."""
@@ -200,8 +245,12 @@ def _pairs_share(lens, wavelengths_nm):
     return (reflected.sum(axis=0) ** 2 - (reflected**2).sum(axis=0)) / 2
 
 
-def _ghosts_share(scene):
-    return scene.share(_pairs_share(scene.lens, scene.wavelengths_nm))
+def _ghosts_share(optics):
+    return _pairs_share(optics.lens, optics.wavelengths_nm)
+
+
+def _prepare_ghosts(optics, outside):
+    yield from optics.ghost_nodes.prepare(optics.farthest_rad, outside)
 
 
 def _add_ghosts(result, scene):
@@ -211,7 +260,8 @@ def _add_ghosts(result, scene):
     sources = merged_sources(sources, MOST_SOURCES)
     if not len(sources):
         return result
-    found = ghosts(scene.lens.prescription, sources, scene.radiance.grid, scene.opening, scene.options.neglected)
+    found = ghosts(scene.lens.prescription, sources, scene.radiance.grid, scene.optics.opening,
+                   scene.optics.options.neglected)
     for plane, more in zip(result.cube, found.irradiance, strict=True):
         plane += more
     light = np.nansum(found.light, axis=(0, 2))
@@ -221,29 +271,53 @@ def _add_ghosts(result, scene):
     return replace(result, sources=len(sources), pairs=pairs, neglected=scene.as_sum(found.neglected.sum()))
 
 
-def _veil_share(scene):
-    return scene.share(scene.veil.share(scene.wavelengths_nm))
+def _veil_share(optics):
+    return optics.veil.share(optics.wavelengths_nm)
+
+
+def _prepare_veil(optics, _):
+    prepare_veil(optics.grid.frame(), optics.veil)
+    yield
+    fields_in_cells(optics.lens, optics.wavelengths_nm, optics.grid)
 
 
 def _add_veil(result, scene):
-    lost = add_veil(result.cube, scene.radiance.grid.frame(), scene.arrivals, scene.veil)
+    lost = add_veil(result.cube, scene.radiance.grid.frame(), scene.arrivals, scene.optics.veil)
     return replace(result, remaining=result.remaining - lost)
 
 
-def _star_share(scene):
-    return scene.share(star_share(scene.lens, scene.opening, scene.wavelengths_nm))
+def _star_share(optics):
+    return star_share(optics.lens, optics.opening, np.array(optics.wavelengths_nm))
+
+
+def _prepare_star(optics, _):
+    prepare_stars(optics.lens, optics.opening, optics.grid.frame(), np.array(optics.wavelengths_nm))
+    yield
+    fields_in_cells(optics.lens, optics.wavelengths_nm, optics.grid)
 
 
 def _add_star(result, scene):
-    lost = add_stars(result.cube, scene.lens, scene.opening, scene.radiance.grid.frame(), scene.arrivals)
+    lost = add_stars(result.cube, scene.lens, scene.optics.opening, scene.radiance.grid.frame(), scene.arrivals)
     return replace(result, remaining=result.remaining - lost)
 
 
 @dataclass(frozen=True)
 class _Part:
+    """A kind of stray light.
+
+    Attributes
+    ----------
+    share : callable (_Optics) -> array (wavelength,)
+        Its share of a point's light, predicted.
+    prepare : callable (_Optics, Sources or None) -> iterator
+        Steps that compute what it needs for any light.
+    add : callable (StrayLight, _Scene) -> StrayLight
+    """
+
     share: Callable
+    prepare: Callable
     add: Callable
 
 
-_PARTS = {GHOSTS: _Part(_ghosts_share, _add_ghosts), VEIL: _Part(_veil_share, _add_veil),
-          STAR: _Part(_star_share, _add_star)}
+_PARTS = {GHOSTS: _Part(_ghosts_share, _prepare_ghosts, _add_ghosts),
+          VEIL: _Part(_veil_share, _prepare_veil, _add_veil), STAR: _Part(_star_share, _prepare_star, _add_star)}

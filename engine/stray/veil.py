@@ -25,7 +25,7 @@ from ..rays.focus import build_system
 from ..runtime.errors import InputError
 from ..runtime.memory import MemoryBudget
 from .arrivals import Arrivals, arrivals
-from .cells import Cells, spread_from_afar, spread_in_cells
+from .cells import Cells, spread_from_afar, spread_in_cells, transformed
 
 ROUGH_KNEE, ROUGH_SLOPE = 0.01, -1.5  # of polish
 DUST_KNEE, DUST_SLOPE = 0.03, -2.5  # of particles of some 20 um
@@ -228,16 +228,32 @@ def add_veil(cube: np.ndarray, frame: PixelGrid, light: Arrivals, veil: Veil) ->
     array (wavelength,)
         `Veil.share`, by which the lens image must be dimmed.
     """
-    shares, pitch_mm = veil.share(light.wavelengths_nm), frame.pitch_um * 1e-3
-    spreads = []
-    for power, lobes in groupby(veil.lobes, lambda lobe: lobe.power):
-        same = list(lobes)
-
-        def spread(right, up, same=same):
-            distance_mm = pitch_mm * np.hypot(right, up)
-            return pitch_mm**2 * sum(lobe.spread(distance_mm) for lobe in same)
-
-        spreads.append(((light.wavelengths_nm / veil.reference_nm) ** power, spread))
+    spreads = [((light.wavelengths_nm / veil.reference_nm) ** power, spread)
+               for power, spread in _spreads(veil, frame.pitch_um)]
     corners = spread_in_cells(frame, light, spreads) + spread_from_afar(frame, light, spreads)
     Cells(frame.shape_px).add_corners(cube, corners)
-    return shares
+    return veil.share(light.wavelengths_nm)
+
+
+def prepare_veil(frame: PixelGrid, veil: Veil) -> None:
+    """Compute what `add_veil` needs for any light."""
+    for _, spread in _spreads(veil, frame.pitch_um):
+        transformed(frame.shape_px, spread)
+
+
+def _spreads(veil, pitch_um):
+    """The powers of a veil's lobes, and the Spread of the lobes of each."""
+    return [(power, _Scatter(tuple(lobes), pitch_um * 1e-3))
+            for power, lobes in groupby(veil.lobes, lambda lobe: lobe.power)]
+
+
+@dataclass(frozen=True)
+class _Scatter:
+    """The Spread of some lobes, in pixels of this pitch."""
+
+    lobes: tuple[Lobe, ...]
+    pitch_mm: float
+
+    def __call__(self, right_px, up_px):
+        distance_mm = self.pitch_mm * np.hypot(right_px, up_px)
+        return self.pitch_mm**2 * sum(lobe.spread(distance_mm) for lobe in self.lobes)

@@ -11,6 +11,7 @@ from fresnel import fresnel
 from lensfield.engine.bake.bake import bake
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.image.sources import Sources
+from lensfield.engine.kernels.ghost_meshes import LIGHT
 from lensfield.engine.kernels.ghosts import MOST_WAVES
 from lensfield.engine.kernels.library import NUMPY, available
 from lensfield.engine.lens.iris import Iris, opening_within
@@ -22,6 +23,8 @@ from lensfield.engine.rays.transmission import coating_transmittance
 from lensfield.engine.runtime import threads
 from lensfield.engine.stray import ghost_bands
 from lensfield.engine.stray.ghost_bands import bands_of, halves_of
+from lensfield.engine.stray.ghost_beams import beam_of, coatings_of, entrance_mm, ghost_lens
+from lensfield.engine.stray.ghost_rays import trace_ghosts
 from lensfield.engine.stray.ghost_table import ghost_table
 from lensfield.engine.stray.ghosts import direct_light, ghosts
 from loops import using
@@ -304,3 +307,24 @@ def test_a_near_lamp_lights_as_its_distance_says():
     far, near = (ghosts(lens, replace(source(3.0, 2.0), distance_mm=np.array([distance_mm])), grid, ROUND)
                  for distance_mm in (np.inf, 1e7))
     np.testing.assert_allclose(near.irradiance, far.irradiance, atol=0.01 * far.irradiance.max())
+
+
+@pytest.mark.parametrize("variant", [each for each in available() if each != NUMPY])
+@pytest.mark.parametrize("name", ["cooke-triplet-50mm", "cooke-42mm-2x"])
+def test_pairs_that_share_parts_of_their_paths_have_the_same_rays(name, variant):
+    """In any order, with light that is not reflected among them, and with other boxes in between."""
+    lens = ghost_lens(system_of(bare(name, 4.0)), ROUND, np.array([NM]))
+    beam, _ = beam_of(lens, source(7.0, 4.0).directions[0], 800.0)
+    coated = coatings_of(lens.system, (NM,)).of(bands_of(np.array([NM]))[0])
+    limits_mm = np.tile(entrance_mm(lens, beam), (len(lens.pairs) + 1, 1))
+    limits_mm[5:8, 1] *= 0.7
+    with using(variant):
+        for order in (lambda pairs: pairs, np.flipud, np.random.default_rng(3).permutation):
+            pairs = order(np.vstack([lens.pairs, [[-1, -1]]]))
+            together = trace_ghosts(lens, coated, beam, pairs, limits_mm, 13, 9.0)
+            alone = np.concatenate([trace_ghosts(lens, coated, beam, pairs[n:n + 1], limits_mm[n:n + 1], 13, 9.0)
+                                    for n in range(len(pairs))])
+            arriving = np.isfinite(alone[:, LIGHT:LIGHT + 1])
+            assert arriving.sum() > 100
+            np.testing.assert_array_equal(np.where(arriving, together, 0), np.where(arriving, alone, 0))
+            np.testing.assert_array_equal(np.isfinite(together[:, LIGHT:]), np.isfinite(alone[:, LIGHT:]))
