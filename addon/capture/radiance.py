@@ -16,9 +16,11 @@ from ...engine.depth.depth_range import (
     planar_depth_mm,
 )
 from ...engine.image.layers import Layer, LayeredRadiance
+from ...engine.image.sampling import Sampling
 from ...engine.plan.options import DEFAULT_ACCURACY, ON
 from ...engine.runtime.files import temporary_folder
 from ...engine.runtime.scratch import zeros_stored_like
+from ...engine.simulation.prepare import Expected
 from ...engine.simulation.report_parts import SceneFacts
 from ...engine.spectral.wavelength_choice import FOREIGN_SURPRISE
 from ..job.shown import write_growing
@@ -49,10 +51,11 @@ from .slabs import finer_region
 OPAQUE = 1 - 1e-5  # least alpha of an opaque pixel, by rounding
 
 
-def capture(scene, job, result, share):
+def capture(scene, job, result, share, expect=lambda expected: None):
     """Steps that render the scene's spectral radiance, up to a `share` of the complete job; returns a Captured.
 
-    For a traced lens, it contains the film's irradiance on the frame's pixels.
+    For a traced lens, it contains the film's irradiance on the frame's pixels. For another lens, `expect` is called
+    with an `Expected` before the passes.
     """
     with temporary_folder() as folder, Journal() as journal, ExitStack() as alone:
         planned = yield from planned_steps(scene, job, result.files, folder, journal, alone)
@@ -60,22 +63,34 @@ def capture(scene, job, result, share):
         stray, outside, uncounted = bool(job.stray.parts(job.options.accuracy or DEFAULT_ACCURACY)), None, ()
         if not job.traced:
             outside, uncounted = yield from outside_steps(ready, _rendered_grid(ready), stray)
-        lights, sampled, captured = yield from _captured_steps(ready, share, journal)
+        lights, sampled, captured = yield from _captured_steps(ready, outside, share, journal, expect)
         if unfocused := unfocused_light(ready, captured):
             ready = yield from sliced_steps(planned, share, journal, emitters=ready.emitters.together(unfocused))
-            lights, sampled, captured = yield from _captured_steps(ready, share, journal)
+            lights, sampled, captured = yield from _captured_steps(ready, outside, share, journal, expect)
     captured = replace(captured, outside=outside, remarks=(*captured.remarks, *(uncounted if stray else ())))
     result.report.add(_facts(ready, lights, captured, sampled.text))
     return captured
 
 
-def _captured_steps(ready, share, journal):
+def _captured_steps(ready, outside, share, journal, expect):
     """Steps that render all passes of a scene; returns a GatheredLight for each slab, the passes and a Captured."""
     sampled = _passes(ready, journal)
+    if not ready.job.traced:
+        expect(_expected(ready, outside, sampled.times))
     lights = yield from light_steps(ready, sampled, ready.capture_px, ready.slabs, share, journal)
     if ready.job.traced and ready.film:
         lights[0].alpha = yield from alpha_steps(ready, lights[0], share, journal)
     return lights, sampled, captured_from(ready, lights, ready.grid, ready.capture_px)
+
+
+def _expected(ready, outside, times):
+    """The Expected of the passes of a scene: with Sources outside the picture, or None; one pass divides its pixels
+    into so many parts, down and across."""
+    job, grid = ready.job, ready.grid
+    if ready.cut:
+        grid = replace(ready.capture_px, focal_mm=job.lens.capture_focal_length_mm)
+    return Expected(Sampling(grid.on_sensor(), tuple(job.wavelengths_nm.tolist())), ready.grid, times, grid.across,
+                    bool(ready.cut), outside, ready.needed_bytes)
 
 
 def unfocused_light(ready, captured):

@@ -102,6 +102,8 @@ class Ready(Planned):
         None for a traced lens.
     scratch : Path or None
         The folder for the light's scratch files.
+    needed_bytes : float
+        Memory for the light and its passes.
     peak_mb : float
     """
 
@@ -110,6 +112,7 @@ class Ready(Planned):
     slabs: tuple[Slab, ...]
     emitters: Emitters | None
     scratch: Path | None
+    needed_bytes: float
     peak_mb: float
 
 
@@ -206,7 +209,7 @@ def sliced_steps(planned, share, journal, times=1, emitters=None):
     needed_bytes, scratch = room_for_capture(scene, job, capture_px.finer(times), plan,
                                              [slab.finer(times) for slab in slabs])
     return Ready(**vars(planned), cut=cut, capture_px=capture_px, slabs=slabs, emitters=emitters, scratch=scratch,
-                 peak_mb=(taken_bytes() + needed_bytes) / MEGABYTE)
+                 needed_bytes=needed_bytes, peak_mb=(taken_bytes() + needed_bytes) / MEGABYTE)
 
 
 def _emitters(planned):

@@ -83,9 +83,11 @@ class WholePasses:
     ----------
     order : list of int
         Indices of the passes, in rendering order.
+    times : int
+        Parts of a pixel, down and across, in which the light of one pass is distributed.
     """
 
-    text = ""
+    text, times = "", 1
 
     def __init__(self, passes, path, count):
         self._passes, self._path, self.order = passes, path, list(range(count))
@@ -125,12 +127,12 @@ class DetailedPasses(WholePasses):
     def __init__(self, passes, path, count, scene, capture, times):
         super().__init__(passes, path, count)
         self.order.insert(0, self.order.pop((count - 1) // 2))  # the one in the middle of the spectrum
-        self._scene, self._capture, self._times = scene, capture, times
+        self._scene, self._capture, self.times = scene, capture, times
 
     def light(self, index, gathered, step):
         if index != self.order[0]:
             return (yield from super().light(index, gathered, step))
-        times, slab = self._times, gathered.slab
+        times, slab = self.times, gathered.slab
         with Journal() as journal:
             show_slab(self._scene, slab.finer(times), self._capture.finer(times), journal)
             divide_samples(self._scene, times**2, journal)
@@ -143,7 +145,7 @@ class DetailedPasses(WholePasses):
 
     @property
     def text(self):
-        return _detail_text(self._times)
+        return _detail_text(self.times)
 
 
 class SampledPasses(WholePasses):
@@ -169,7 +171,7 @@ class SampledPasses(WholePasses):
         super().__init__(passes, path, count)
         self.order.insert(0, self.order.pop((count - 1) // 2))  # the one in the middle of the spectrum
         self._scene, self._scratch, self._journal = scene, scratch, journal
-        self._capture, self._times = capture, times
+        self._capture, self.times = capture, times
         self._guides = guide_planes(scene) if denoise else []
         if denoise:
             render_with_guides(scene, journal)
@@ -220,7 +222,7 @@ class SampledPasses(WholePasses):
     def _range(self, index, gathered, step, first, last):
         """Steps that render a range of a pass's samples, counted from the last one; returns Samples."""
         rest = last == self._samples
-        adaptive, times = self._adaptive and rest, self._times if rest else 1
+        adaptive, times = self._adaptive and rest, self.times if rest else 1
         begin, count = self._samples - last, last - first
         if times > 1:
             count = _power_of_two(count / times**2)
@@ -264,7 +266,7 @@ class SampledPasses(WholePasses):
         return (f"{' or '.join(map(str, numbers))} of {self._samples} samples in {len(self.order) - 1} of "
                 f"{len(self.order)} passes, with the other pass as control variate: three quarters of the picture have "
                 f"at most {max(growth for _, growth in self._taken):.2f} times the noise of all samples" + (
-                    f"; {_detail_text(self._times)}" if self._times > 1 else ""))
+                    f"; {_detail_text(self.times)}" if self.times > 1 else ""))
 
 
 def _detail_text(times):

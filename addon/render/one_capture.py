@@ -46,8 +46,9 @@ class OneCapture:
         return grid is None or all(least <= available for least, available in zip(
             field_map(job.lens).overscan_px(grid, job.wavelengths_nm, 0), grid.overscan_px, strict=True))
 
-    def capture(self, scene, job, result, share):
-        """Steps like those from `radiance.capture`, for a frame that this capture serves."""
+    def capture(self, scene, job, result, share, _):
+        """Steps like those from `radiance.capture`, for a frame that this capture serves. Nothing is prepared, because
+        the frames have different lenses."""
         if self._captured is None:
             captured = yield from capture(scene, replace(self._job, picture=job.picture), result, share)
             radiance = captured.radiance

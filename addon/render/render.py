@@ -8,9 +8,11 @@ import bpy
 from ...engine import ChannelCache
 from ...engine.pictures.frame_record import write_record
 from ...engine.pictures.spectral_exr import write_exr
+from ...engine.runtime.ahead import Ahead
 from ...engine.runtime.files import discard
 from ...engine.runtime.locks import only_writer
 from ...engine.simulation.lens_image import lens_image
+from ...engine.simulation.prepare import preparation
 from ...request import IRRADIANCE, RADIANCE
 from ..capture.finished_passes import remove_passes
 from ..capture.radiance import capture
@@ -137,20 +139,23 @@ def render_steps(scene, job, one=None):
     capture_by, write_by = (one.capture, one.write_radiance) if one else (capture, write_radiance)
     result = Result.of(scene, job.output_folder, job.frame)
     report = result.report
-    with report.stage("multispectral render"):
-        captured = yield from capture_by(scene, job, result, RENDER_SHARE)
-    discard(result.record)  # the files that it describes are about to change
-    attributes = attributes_of(scene, job)
-    if job.traced:
-        yield from _film_steps(captured, job, result, attributes)
-    else:
-        if job.writes(RADIANCE):
-            yield Work(_timed(report, "write radiance", lambda _: write_by(captured, result.radiance, attributes)),
-                       "Writing radiance", RENDER_SHARE)
-            attributes = None
+    with Ahead() as ahead:
+        with report.stage("multispectral render"):
+            captured = yield from capture_by(scene, job, result, RENDER_SHARE, lambda expected: ahead.begin(
+                preparation(expected, job.lens, job.options, job.stray, shared_cache(), job.iris)))
+        discard(result.record)  # the files that it describes are about to change
+        attributes = attributes_of(scene, job)
+        if job.traced:
+            yield from _film_steps(captured, job, result, attributes)
         else:
-            result.leave_out(RADIANCE)
-        yield from lens_steps(captured, job.lens, job, job.iris, result, RENDER_SHARE + 0.02, attributes)
+            if job.writes(RADIANCE):
+                yield Work(_timed(report, "write radiance", lambda _: write_by(captured, result.radiance, attributes)),
+                           "Writing radiance", RENDER_SHARE)
+                attributes = None
+            else:
+                result.leave_out(RADIANCE)
+            yield Work(_timed(report, "lens data", lambda _: ahead.wait()), "Preparing the lens", RENDER_SHARE + 0.02)
+            yield from lens_steps(captured, job.lens, job, job.iris, result, RENDER_SHARE + 0.02, attributes)
     write_record(result.record, recorded_fields(job), result.written_by(job),
                  result.report.as_dict() | {"state": job.state})
     if one is None:

@@ -82,6 +82,11 @@ class Plan:
         """Largest reach of a PSF, in the picture's pixels."""
         return -(-self.psf_radius_px // self.supersampling)
 
+    @property
+    def parts(self) -> int:
+        """Parts of a pixel, down and across, that radiance is split into: as many as are known, or as are filtered."""
+        return self.known if self.known > 1 else self.supersampling
+
     def planes(self, capture: PixelGrid) -> Planes:
         """The planes of a capture's picture for the filter, in the filter's pixels.
 

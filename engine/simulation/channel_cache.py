@@ -30,6 +30,10 @@ class ChannelCache:
     cache_plans : bool
         Whether the plan may come from the cache of earlier plans, in the process and on disk; False for measurements.
 
+    Attributes
+    ----------
+    limit_bytes : float
+
     Notes
     -----
     Not thread-safe: use a separate one in each thread.
@@ -49,7 +53,7 @@ class ChannelCache:
     """
 
     def __init__(self, limit_mb: float = 1024, *, cache_plans: bool = True) -> None:
-        self._limit_bytes, self._make_plan = limit_mb * 1e6, cached_plan if cache_plans else make_plan
+        self.limit_bytes, self._make_plan = limit_mb * 1e6, cached_plan if cache_plans else make_plan
         self._plan: tuple[tuple | None, Plan | None] = None, None
         self._channels: dict[float, Channel] = {}
         self._memory = MemoryBudget(0)
@@ -79,15 +83,13 @@ class ChannelCache:
             self._plan = key, plan
         return plan
 
-    def channels(self, lens: Lens, sampling: Sampling, plan: Plan, times: int | None = None,
-                 across: int = 1) -> Iterator[Channel]:
-        """Yield the channel of each wavelength, in order, for radiance with each pixel split into `times` x `times`, by
-        default as the plan's supersampling, and each of these into columns."""
-        times = times or plan.supersampling
-        of = lens, sampling, plan, running(), times, across
+    def channels(self, lens: Lens, sampling: Sampling, plan: Plan, across: int = 1) -> Iterator[Channel]:
+        """Yield the channel of each wavelength, in order, for radiance with each pixel split into the plan's parts, and
+        each of these into columns."""
+        of = lens, sampling, plan, running(), across
         if of != self._of:  # the cached channels no longer apply
-            self._of, self._memory, self._channels = of, MemoryBudget(self._limit_bytes), {}
-        fine, field, capture = sampling.finer(plan.supersampling), field_map(lens), sampling.grid.finer(times)
+            self._of, self._memory, self._channels = of, MemoryBudget(self.limit_bytes), {}
+        fine, field, capture = sampling.finer(plan.supersampling), field_map(lens), sampling.grid.finer(plan.parts)
         capture = capture.finer_across(across)
 
         def tables(part, method):

@@ -85,18 +85,16 @@ def simulate(radiance: Radiance, lens: Lens, options: Options = BY_RESULT, *,
         radiance = without_jumps(radiance, lens, options.depth_accuracy)
     with report.stage("plan"):
         plan = cache.plan(options, lens, radiance, out is not None and np.may_share_memory(out, radiance.light))
-    times = plan.known if plan.known > 1 else plan.supersampling
     views = capture_planes(radiance, lens, partial(rays, lens), fireflies=options.fireflies,
                            most_rays=options.most_rays, most_of_lamps=options.most_of_lamps, iris=iris,
-                           times=times, stage=report.stage, progress=progress or (lambda fraction: None))
+                           times=plan.parts, stage=report.stage, progress=progress or (lambda fraction: None))
     shape = (len(sampling.wavelengths_nm), *sampling.grid.frame_px)
     irradiance = zeros_stored_like(radiance.light, shape) if out is None else out
     if irradiance.shape != shape or irradiance.dtype != np.float32:
         raise ImageError("out", "array", f"{irradiance.dtype} of {irradiance.shape}", f"expected float32 of {shape}")
     fine, tally = plan.supersampling, _Tally(sampling, plan.supersampling, plan.known)
     frame_px = sampling.grid.finer(fine).frame_px
-    across = radiance.grid.across
-    channels = cache.channels(lens, sampling, plan, times, across)
+    channels = cache.channels(lens, sampling, plan, radiance.grid.across)
     for index, view in enumerate(views):
         tally.see(view.sharp)
         with report.stage("lens data"):
