@@ -223,11 +223,11 @@ class _Sight(View):
         passed = np.array([self._reaches(patches.vectors[index], patches.far, ray) for ray, index in enumerate(aimed)])
         if not passed.any():
             return None
-        middle = np.average(towards, axis=0, weights=patches.irradiance)
-        extent_sr = np.average(2 * np.pi * np.square(towards - middle).sum(axis=1) + patches.sr,
-                               weights=patches.irradiance)
-        middle += np.average(towards[aimed], axis=0, weights=passed) - towards[aimed].mean(axis=0)
-        distance = np.inf if patches.far else np.average(np.linalg.norm(patches.vectors, axis=1)[aimed], weights=passed)
+        share, passing = patches.irradiance / light[-1], passed / passed.sum()
+        middle = share @ towards
+        extent_sr = share @ (2 * np.pi * np.square(towards - middle).sum(axis=1) + patches.sr)
+        middle += (passing - 1 / rays) @ towards[aimed]
+        distance = np.inf if patches.far else passing @ np.linalg.norm(patches.vectors[aimed], axis=1)
         irradiance = patches.irradiance @ (part.spectrum if part.spectrum.ndim > 1 else
                                            np.broadcast_to(part.spectrum, (len(light), part.spectrum.size)))
         return Sources((middle / np.linalg.norm(middle))[None], np.array([distance * self._unit_mm]),

@@ -53,11 +53,12 @@ def _halves(places, group):
 
 def _spread(directions, light, group):
     """The light of a group times its root-mean-square angle from the mean direction."""
-    if group.size < 2 or not np.ptp(directions[group], axis=0).any():
+    towards, weights = directions[group], light[group]
+    if (towards == towards[0]).all():
         return 0.0
-    middle = np.average(directions[group], axis=0, weights=light[group])
-    return float(light[group].sum() * np.sqrt(
-        np.average(np.square(directions[group] - middle).sum(axis=1), weights=light[group])))
+    total = weights.sum()
+    apart = towards - weights @ towards / total
+    return float(np.sqrt(total * (weights @ (apart * apart).sum(axis=1))))
 
 
 def _merged(sources, group, light):
