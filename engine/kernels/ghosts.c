@@ -6,30 +6,52 @@ typedef int32_t eight_ints __attribute__((vector_size(32), aligned(4), may_alias
 
 /* rays */
 
+#define BLOCKS 2 /* vectors of rays that go side by side: the processor computes one while it waits for another's roots */
+#define ABREAST (BLOCKS * RAYS)
+
 typedef struct {
-    ray ray;
-    eight_doubles light[RAYS]; /* the part of the light that is left at each wavelength */
-    doubles limit; /* the largest square of height over semi-aperture, or of a place over the half-widths of a rectangle */
-    doubles stop_x[LF_CROSSINGS], stop_y[LF_CROSSINGS];
-    longs alive;
+    ray rays[BLOCKS];
+    doubles light[BLOCKS]; /* in front of the lens */
+    doubles *places;       /* (surface that is met, BLOCKS): of the light's (n sin)^2 in the table of reflectances */
+    doubles limit[BLOCKS]; /* the largest square of height over semi-aperture, or of a place over the half-widths of a
+                              rectangle */
+    doubles stop_x[LF_CROSSINGS][BLOCKS], stop_y[LF_CROSSINGS][BLOCKS];
+    longs alive[BLOCKS];
     int crossings, lives; /* lives: whether any ray does */
+    int64_t met; /* number of surfaces */
 } passage;
 
-/* Leaves what a surface reflects or lets through of light with this (n sin)^2; between the table's, by linear
-   interpolation. */
-INLINE void dim(const lf_beam *b, int64_t n, doubles square, int reflecting, passage *p)
+/* The place of (n sin)^2 in the table of reflectances. */
+INLINE doubles place_of(const lf_beam *b, doubles square)
 {
-    const double *table = b->reflectances + n * (b->steps + 1) * LF_GHOST_WAVES;
     doubles place = square * b->steps_per_unit;
     place = chosen(place > 0, place, even(0)); /* NaN: 0 */
-    place = chosen(place < (double)b->steps, place, even((double)b->steps));
-    for (int k = 0; k < RAYS; k++) {
-        const int64_t first = place[k] < (double)b->steps ? (int64_t)place[k] : b->steps - 1;
-        const eight_doubles *here = (const eight_doubles *)(table + first * LF_GHOST_WAVES);
-        const eight_doubles share = here[0] + (place[k] - (double)first) * (here[1] - here[0]);
-        if (reflecting) p->light[k] *= share;
-        else p->light[k] *= 1 - share;
+    return chosen(place < (double)b->steps, place, even((double)b->steps));
+}
+
+/* The part of light at each wavelength that a surface reflects; between the table's, by linear interpolation. */
+INLINE eight_doubles reflectance(const lf_beam *b, int64_t n, double place)
+{
+    const int64_t first = place < (double)b->steps ? (int64_t)place : b->steps - 1;
+    const double *table = b->reflectances + (n * (b->steps + 1) + first) * LF_GHOST_WAVES;
+    const eight_doubles *here = (const eight_doubles *)table;
+    return here[0] + (place - (double)first) * (here[1] - here[0]);
+}
+
+/* What is left of a ray's light on the way through a pair's surfaces, by its places in the table. */
+static APART void leave_light(const lf_system *s, const lf_beam *b, int64_t pair, double light, const double *place,
+                              double *left)
+{
+    const int64_t near = b->surfaces[2 * pair], far = b->surfaces[2 * pair + 1];
+    eight_doubles rest = (eight_doubles){0} + light;
+    for (int64_t n = 0; n < (far < 0 ? s->surfaces : far); n++, place += ABREAST) rest *= 1 - reflectance(b, n, *place);
+    if (far >= 0) {
+        rest *= reflectance(b, far, *place), place += ABREAST;
+        for (int64_t n = far - 1; n > near; n--, place += ABREAST) rest *= 1 - reflectance(b, n, *place);
+        rest *= reflectance(b, near, *place), place += ABREAST;
+        for (int64_t n = near + 1; n < s->surfaces; n++, place += ABREAST) rest *= 1 - reflectance(b, n, *place);
     }
+    *(eight_doubles *)left = rest;
 }
 
 /* The larger number; the first if the second is NaN. */
@@ -39,30 +61,46 @@ INLINE doubles larger_of(doubles a, doubles b) { return chosen(b > a, b, a); }
 static void meet(const lf_system *s, const lf_beam *b, int64_t n, int reflecting, double heading, double before,
                  double behind, passage *p)
 {
-    ray *r = &p->ray;
-    enter(s, n, r);
-    r->position = moved(r->position, distance_to(s, n, r), r->direction);
-    const triple at = r->position;
     const double per_mm = b->per_semi_aperture[n];
-    const doubles square = (at.x * at.x + at.y * at.y) * (per_mm * per_mm);
-    const doubles x = at.x * b->per_half_width[2 * n], y = at.y * b->per_half_width[2 * n + 1];
-    p->limit = larger_of(p->limit, larger_of(x * x, y * y));
-    if (n == s->stop) {
-        const int k = p->crossings < LF_CROSSINGS ? p->crossings++ : LF_CROSSINGS - 1;
-        p->stop_x[k] = at.x * per_mm, p->stop_y[k] = at.y * per_mm;
-    } else {
-        p->limit = larger_of(p->limit, square);
+    const int stop = n == s->stop, crossing = p->crossings < LF_CROSSINGS ? p->crossings : LF_CROSSINGS - 1;
+    doubles square[BLOCKS], cosine[BLOCKS];
+    triple normal[BLOCKS];
+    for (int k = 0; k < BLOCKS; k++) {
+        ray *r = p->rays + k;
+        enter(s, n, r);
+        r->position = moved(r->position, distance_to(s, n, r), r->direction);
     }
-    const triple normal = normal_at(s, n, at);
-    const doubles cosine = product(r->direction, normal);
-    dim(b, n, (before * before) * (1 - cosine * cosine), reflecting, p);
-    if (reflecting) r->direction = moved(r->direction, -2 * cosine, normal);
-    else r->direction = refracted(r->direction, normal, cosine, before / behind);
-    leave(s, n, r);
-    const longs lives = (r->direction.z * heading > 0) & (square < b->farthest);
-    p->alive &= lives;
-    r->position.x = chosen(lives, r->position.x, even(__builtin_nan(""))); /* ends all iterations */
+    for (int k = 0; k < BLOCKS; k++) {
+        const triple at = p->rays[k].position;
+        square[k] = (at.x * at.x + at.y * at.y) * (per_mm * per_mm);
+        const doubles x = at.x * b->per_half_width[2 * n], y = at.y * b->per_half_width[2 * n + 1];
+        p->limit[k] = larger_of(p->limit[k], larger_of(x * x, y * y));
+        if (stop) p->stop_x[crossing][k] = at.x * per_mm, p->stop_y[crossing][k] = at.y * per_mm;
+        else p->limit[k] = larger_of(p->limit[k], square[k]);
+        normal[k] = normal_at(s, n, at);
+        cosine[k] = product(p->rays[k].direction, normal[k]);
+    }
+    for (int k = 0; k < BLOCKS; k++)
+        p->places[p->met * BLOCKS + k] = place_of(b, (before * before) * (1 - cosine[k] * cosine[k]));
+    p->met++;
+    longs lives = {0};
+    for (int k = 0; k < BLOCKS; k++) {
+        ray *r = p->rays + k;
+        if (reflecting) r->direction = moved(r->direction, -2 * cosine[k], normal[k]);
+        else r->direction = refracted(r->direction, normal[k], cosine[k], before / behind);
+        leave(s, n, r);
+        const longs still = (r->direction.z * heading > 0) & (square[k] < b->farthest);
+        p->alive[k] &= still, lives |= still;
+        r->position.x = chosen(still, r->position.x, even(__builtin_nan(""))); /* ends all iterations */
+    }
+    if (stop && p->crossings < LF_CROSSINGS) p->crossings++;
     p->lives = any(lives);
+}
+
+/* Moves the rays on along the axis, to places relative to a vertex that is so far behind the last one. */
+INLINE void move_on(double along, passage *p)
+{
+    for (int k = 0; k < BLOCKS; k++) p->rays[k].position.z -= along;
 }
 
 /* On through the surfaces from `first` up to `end`, from a place relative to `first`. */
@@ -70,26 +108,39 @@ static void onwards(const lf_system *s, const lf_beam *b, int64_t first, int64_t
 {
     for (int64_t n = first; n < end && p->lives; n++) {
         meet(s, b, n, 0, 1, s->indices[n], s->indices[n + 1], p);
-        p->ray.position.z -= shape_of(s, n)[2];
+        move_on(shape_of(s, n)[2], p);
     }
 }
 
-/* Starts rays at places of the beam's cross section through the first vertex. */
-static APART void started(const lf_beam *b, doubles across, doubles up, passage *p)
+/* Starts a vector of rays at places of the beam's cross section through the first vertex. */
+INLINE void started(const lf_beam *b, doubles across, doubles up, ray *r, doubles *light)
 {
-    ray *r = &p->ray;
     r->position = (triple){across * b->across[0] + up * b->up[0], across * b->across[1] + up * b->up[1],
                            across * b->across[2] + up * b->up[2]};
     r->direction = (triple){even(b->along[0]), even(b->along[1]), even(b->along[2])};
-    p->limit = even(0), p->crossings = 0, p->lives = 1, p->alive = (longs){0} - 1;
-    for (int k = 0; k < LF_CROSSINGS; k++) p->stop_x[k] = p->stop_y[k] = even(0);
-    for (int k = 0; k < RAYS; k++) p->light[k] = (eight_doubles){0} + 1;
+    *light = even(1);
     if (!b->finite) return;
     const triple from = {r->position.x - b->source[0], r->position.y - b->source[1], r->position.z - b->source[2]};
     const doubles square = product(from, from), length = root(square);
-    const doubles light = b->distance * b->distance / square * (product(from, r->direction) / length);
-    for (int k = 0; k < RAYS; k++) p->light[k] *= light[k];
+    *light = b->distance * b->distance / square * (product(from, r->direction) / length);
     r->direction = (triple){from.x / length, from.y / length, from.z / length};
+}
+
+/* Starts the rays from number `start` of a box. */
+static APART void start_box(const lf_beam *b, const double *box, int64_t start, double *work, passage *p)
+{
+    const int64_t rays = b->rows * b->columns;
+    for (int block = 0; block < BLOCKS; block++) {
+        doubles across, up;
+        for (int k = 0; k < RAYS; k++) {
+            const int64_t next = start + block * RAYS + k, n = next < rays ? next : rays - 1;
+            across[k] = box[0] + (double)(n % b->columns) * box[1], up[k] = box[2] + (double)(n / b->columns) * box[3];
+        }
+        started(b, across, up, p->rays + block, p->light + block);
+        p->limit[block] = even(0), p->alive[block] = (longs){0} - 1;
+        for (int k = 0; k < LF_CROSSINGS; k++) p->stop_x[k][block] = p->stop_y[k][block] = even(0);
+    }
+    p->crossings = 0, p->lives = 1, p->met = 0, p->places = (doubles *)work;
 }
 
 /* On through the surfaces from `first` to the image plane, from a place relative to `first`; stores what arrives there of
@@ -98,19 +149,28 @@ static APART void arrive(const lf_system *s, const lf_beam *b, int64_t pair, int
                          double *out)
 {
     onwards(s, b, first, s->surfaces, p);
-    ray *r = &p->ray;
-    enter(s, s->surfaces, r);
-    r->position = moved(r->position, -r->position.z / r->direction.z, r->direction);
-    const int64_t rays = b->rows * b->columns, count = rays - start;
-    double *to = out + pair * (LF_GHOST_QUANTITIES + b->waves) * rays + start;
-    stored(to, count, r->position.x), stored(to + rays, count, r->position.y), stored(to + 2 * rays, count, p->limit);
-    for (int k = 0; k < LF_CROSSINGS; k++) {
-        const int last = k < p->crossings ? k : p->crossings > 0 ? p->crossings - 1 : 0;
-        stored(to + (3 + 2 * k) * rays, count, p->stop_x[last]), stored(to + (4 + 2 * k) * rays, count, p->stop_y[last]);
+    const int64_t rays = b->rows * b->columns;
+    for (int block = 0; block < BLOCKS && start + block * RAYS < rays; block++) {
+        ray *r = p->rays + block;
+        enter(s, s->surfaces, r);
+        r->position = moved(r->position, -r->position.z / r->direction.z, r->direction);
+        const int64_t ray = start + block * RAYS, count = rays - ray;
+        double *to = out + pair * (LF_GHOST_QUANTITIES + b->waves) * rays + ray;
+        stored(to, count, r->position.x), stored(to + rays, count, r->position.y);
+        stored(to + 2 * rays, count, p->limit[block]);
+        for (int k = 0; k < LF_CROSSINGS; k++) {
+            const int last = k < p->crossings ? k : p->crossings > 0 ? p->crossings - 1 : 0;
+            stored(to + (3 + 2 * k) * rays, count, p->stop_x[last][block]);
+            stored(to + (4 + 2 * k) * rays, count, p->stop_y[last][block]);
+        }
+        for (int k = 0; k < RAYS && k < count; k++) {
+            double left[LF_GHOST_WAVES];
+            const int alive = p->alive[block][k] != 0;
+            if (alive) leave_light(s, b, pair, p->light[block][k], (double *)p->places + block * RAYS + k, left);
+            for (int64_t w = 0; w < b->waves; w++)
+                to[(LF_GHOST_QUANTITIES + w) * rays + k] = alive ? left[w] : __builtin_nan("");
+        }
     }
-    for (int64_t w = 0; w < b->waves; w++)
-        for (int k = 0; k < RAYS && k < count; k++)
-            to[(LF_GHOST_QUANTITIES + w) * rays + k] = p->alive[k] ? p->light[k][w] : __builtin_nan("");
 }
 
 /* From a place relative to the vertex behind `near`, reflected at `near`, and on to the image plane. */
@@ -119,9 +179,9 @@ static APART void reflected_again(const lf_system *s, const lf_beam *b, int64_t 
 {
     const int64_t near = b->surfaces[2 * pair];
     passage p = *back;
-    p.ray.position.z += shape_of(s, near)[2];
+    move_on(-shape_of(s, near)[2], &p);
     if (p.lives) meet(s, b, near, 1, 1, s->indices[near + 1], s->indices[near + 1], &p);
-    p.ray.position.z -= shape_of(s, near)[2];
+    move_on(shape_of(s, near)[2], &p);
     arrive(s, b, pair, start, near + 1, &p, out);
 }
 
@@ -136,7 +196,7 @@ static APART int64_t reflected(const lf_system *s, const lf_beam *b, int64_t pai
     int64_t at = far; /* the last surface that was met */
     for (; pair < end && b->surfaces[2 * pair + 1] == far && b->surfaces[2 * pair] < at; pair++) {
         for (; at - 1 > b->surfaces[2 * pair]; at--) {
-            p.ray.position.z += shape_of(s, at - 1)[2];
+            move_on(-shape_of(s, at - 1)[2], &p);
             if (p.lives) meet(s, b, at - 1, 0, -1, s->indices[at], s->indices[at - 1], &p);
         }
         reflected_again(s, b, pair, start, &p, out);
@@ -146,18 +206,12 @@ static APART int64_t reflected(const lf_system *s, const lf_beam *b, int64_t pai
 
 /* The paths of pairs from one box, by rays from number `start`. Pairs share the way to the far surface, as long as it is
    not in front of the last one's. */
-static APART void traced(const lf_system *s, const lf_beam *b, int64_t pair, int64_t end, int64_t start, double *out)
+static APART void traced(const lf_system *s, const lf_beam *b, int64_t pair, int64_t end, int64_t start, double *out,
+                         double *work)
 {
-    const int64_t rays = b->rows * b->columns;
-    const double *box = b->boxes + 4 * pair;
-    doubles across, up;
-    for (int k = 0; k < RAYS; k++) {
-        const int64_t n = start + k < rays ? start + k : rays - 1;
-        across[k] = box[0] + (double)(n % b->columns) * box[1], up[k] = box[2] + (double)(n / b->columns) * box[3];
-    }
     while (pair < end) {
         passage p;
-        started(b, across, up, &p);
+        start_box(b, b->boxes + 4 * pair, start, work, &p);
         if (b->surfaces[2 * pair + 1] < 0) {
             arrive(s, b, pair++, start, 0, &p, out);
             continue;
@@ -173,11 +227,11 @@ static APART void traced(const lf_system *s, const lf_beam *b, int64_t pair, int
 static int same_box(const double *a, const double *b) { return a[0] == b[0] && a[1] == b[1] && a[2] == b[2] && a[3] == b[3]; }
 
 lf_ghost_rays_loop OF_VARIANT(lf_ghost_rays);
-int OF_VARIANT(lf_ghost_rays)(const lf_system *s, const lf_beam *b, double *out)
+int OF_VARIANT(lf_ghost_rays)(const lf_system *s, const lf_beam *b, double *out, double *work)
 {
     for (int64_t pair = 0, end; pair < b->pairs; pair = end) {
         for (end = pair + 1; end < b->pairs && same_box(b->boxes + 4 * pair, b->boxes + 4 * end);) end++;
-        for (int64_t start = 0; start < b->rows * b->columns; start += RAYS) traced(s, b, pair, end, start, out);
+        for (int64_t start = 0; start < b->rows * b->columns; start += ABREAST) traced(s, b, pair, end, start, out, work);
     }
     return 0;
 }

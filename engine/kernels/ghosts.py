@@ -15,7 +15,8 @@ from .numpy_ghosts import numpy_draw_ghosts
 from .tracing import TracedSurfaces
 
 BEAM, MESHES, PICTURE = (STRUCTURES[name] for name in ("beam", "meshes", "picture"))
-CROSSINGS, RIM, MOST_WAVES = NUMBERS["CROSSINGS"], NUMBERS["GHOST_RIM"], NUMBERS["GHOST_WAVES"]
+CROSSINGS, RIM, MOST_WAVES, ABREAST = (NUMBERS[name] for name in ("CROSSINGS", "GHOST_RIM", "GHOST_WAVES",
+                                                                  "GHOST_ABREAST"))
 SLACK = 8  # floats behind each row
 
 
@@ -118,8 +119,9 @@ def ghost_rays(surfaces: TracedSurfaces, coated: Coated, openings: Openings, bea
                    address(pairs, np.int64, (len(boxes), 2)), address(boxes, np.float64, (len(boxes), 4)),
                    *(tuple(axis) for axis in beam.axes), tuple(source), beam.distance_mm, coated.steps_per_unit,
                    farthest, steps, coated.waves, len(boxes), *shape, int(np.isfinite(beam.distance_mm)))
-    out = np.empty((len(boxes), LIGHT + coated.waves, *shape))
-    check(loops.lf_ghost_rays(variant, byref(system), byref(request), address(out, np.float64)))
+    out, work = np.empty((len(boxes), LIGHT + coated.waves, *shape)), np.empty((3 * count, ABREAST))
+    check(loops.lf_ghost_rays(variant, byref(system), byref(request), address(out, np.float64),
+                              address(work, np.float64)))
     return out
 
 

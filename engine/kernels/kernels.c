@@ -252,7 +252,7 @@ int lf_aim(int variant, const lf_system *s, const lf_targets *t, double *out)
     return variants[variant].aim(s, t, out);
 }
 
-int lf_ghost_rays(int variant, const lf_system *s, const lf_beam *b, double *out)
+int lf_ghost_rays(int variant, const lf_system *s, const lf_beam *b, double *out, double *work)
 {
     if (!within(variant, 0, VARIANTS - 1) || !is_system(s) || !within(b->steps, 1, MOST_PX)
         || !within(b->waves, 1, LF_GHOST_WAVES) || !within(b->pairs, 0, MOST_PX)
@@ -262,7 +262,7 @@ int lf_ghost_rays(int variant, const lf_system *s, const lf_beam *b, double *out
         const int64_t near = b->surfaces[2 * pair], far = b->surfaces[2 * pair + 1];
         if (far >= 0 && (!within(far, 0, s->surfaces - 1) || !within(near, 0, far - 1))) return LF_BAD_SIZE;
     }
-    return variants[variant].ghost_rays(s, b, out);
+    return variants[variant].ghost_rays(s, b, out, work);
 }
 
 int64_t lf_ghost_work(int64_t rows, int64_t columns)

@@ -17,7 +17,7 @@
 #define LENSFIELD_KERNELS_H
 #include <stdint.h>
 
-#define LF_ABI 14
+#define LF_ABI 15
 
 enum { LF_OUTSIDE = 1, LF_BAD_SIZE = 2 };
 
@@ -184,6 +184,7 @@ typedef int lf_aim_loop(const lf_system *, const lf_targets *, double *out);
 #define LF_CROSSINGS 3 /* of the stop by light that is reflected twice */
 #define LF_GHOST_QUANTITIES 9 /* of a ray, in front of its light at each wavelength */
 #define LF_GHOST_WAVES 8 /* the most wavelengths whose light has the same paths */
+#define LF_GHOST_ABREAST 16 /* the most rays that are traced at once */
 #define LF_GHOST_RIM 2 /* pixels around each picture of ghosts */
 
 typedef struct { /* light in front of a lens: rays through a grid in its cross section through the first vertex */
@@ -198,7 +199,7 @@ typedef struct { /* light in front of a lens: rays through a grid in its cross s
     int64_t steps, waves, pairs, rows, columns, finite;
 } lf_beam;
 
-typedef int lf_ghost_rays_loop(const lf_system *, const lf_beam *, double *out);
+typedef int lf_ghost_rays_loop(const lf_system *, const lf_beam *, double *out, double *work);
 
 typedef struct { /* grids of rays behind the lens */
     const double *rays;      /* (pair, quantity, row, column): position x, y on the sensor in mm; the largest square of
@@ -371,7 +372,8 @@ LF_API int lf_turn(int variant, const lf_samples *, double cosine, double sine, 
 LF_API int lf_waves(int variant, const lf_wavefront *, const lf_picture *out, double *light, float *work);
 LF_API int lf_trace(int variant, const lf_system *, const double *rays, int64_t count, double *out);
 LF_API int lf_aim(int variant, const lf_system *, const lf_targets *, double *out);
-LF_API int lf_ghost_rays(int variant, const lf_system *, const lf_beam *, double *out); /* (pair, quantity, row, column) */
+LF_API int lf_ghost_rays(int variant, const lf_system *, const lf_beam *, double *out, /* (pair, quantity, row, column) */
+                         double *work); /* (3 surfaces, LF_GHOST_ABREAST) */
 LF_API int64_t lf_ghost_work(int64_t rows, int64_t columns); /* doubles of workspace for lf_ghost_light; 0 for bad sizes */
 LF_API int lf_ghost_light(int variant, const lf_meshes *, const lf_picture *levels, int64_t count, double *light,
                           double *work); /* levels: each with pixels twice as large as the one before, a rim, and eight

@@ -905,9 +905,12 @@ static void plain_ghost(const lf_system *s, const lf_beam *b, int64_t near, int6
 static void try_ghost_rays(void)
 {
     const int64_t surfaces = 3 + below(4), even = below(3), size = 3 + even, steps = 5, side = 2 + below(5), rays = side * side, waves = 1 + below(LF_GHOST_WAVES);
-    const int64_t quantities = LF_GHOST_QUANTITIES + waves, first_light = LF_GHOST_QUANTITIES * rays;
+    const int64_t quantities = LF_GHOST_QUANTITIES + waves, first_light = LF_GHOST_QUANTITIES * rays, pairs = 1 + below(4);
+    double *work = ROOM(double, 3 * surfaces * LF_GHOST_ABREAST);
     double *shapes = ROOM(double, surfaces * size), *poses = ROOM(double, 12 * (surfaces + 1)), *tables = ROOM(double, surfaces * (steps + 1) * LF_GHOST_WAVES);
-    double indices[16], per_mm[16], per_half_width[32], truth[LF_GHOST_QUANTITIES + LF_GHOST_WAVES], box[4] = {-2 * unit(), 3 * unit() / (double)side, -2 * unit(), 3 * unit() / (double)side};
+    double indices[16], per_mm[16], per_half_width[32], truth[LF_GHOST_QUANTITIES + LF_GHOST_WAVES], box[16] = {-2 * unit(), 3 * unit() / (double)side, -2 * unit(), 3 * unit() / (double)side};
+    for (int64_t k = 4; k < 16; k++) box[k] = box[k - 4]; /* of pairs that share their paths */
+    if (below(2)) box[8] -= 0.1;
     for (int64_t n = 0; n < surfaces; n++) {
         shapes[n * size] = 0.02 * (2 * unit() - 1), shapes[n * size + 1] = 2 * unit() - 1.5, shapes[n * size + 2] = 2 + 3 * unit();
         for (int64_t k = 3; k < size; k++) shapes[n * size + k] = 1e-5 * (2 * unit() - 1);
@@ -918,24 +921,29 @@ static void try_ghost_rays(void)
     for (int64_t n = 0; n < surfaces * (steps + 1) * LF_GHOST_WAVES; n++) tables[n] = unit();
     for (int64_t n = 0; n <= surfaces; n++) indices[n] = n % 2 ? 1.5 + 0.3 * unit() : 1, displace(poses + 12 * n);
     const lf_system s = {shapes, indices, surfaces, below(surfaces), even, 0, 0, 0, below(2) ? poses : 0, 0};
-    const int64_t far = 1 + below(surfaces - 1), pair[2] = {below(far), far}, wrong[2] = {far, far};
+    int64_t pair[8], wrong[8];
+    for (int64_t k = 0; k < 8; k += 2) pair[k + 1] = 1 + below(surfaces - 1), pair[k] = below(pair[k + 1]), wrong[k] = wrong[k + 1] = 1;
     const double slope = 0.2 * (2 * unit() - 1), c = sqrt(1 - slope * slope);
-    lf_beam b = {tables, per_mm, per_half_width, pair, box, {1, 0, 0}, {0, c, -slope}, {0, slope, c}, {0, 0, 0}, INFINITY, 2, INFINITY, steps, waves, 1, side, side, 0};
+    lf_beam b = {tables, per_mm, per_half_width, pair, box, {1, 0, 0}, {0, c, -slope}, {0, slope, c}, {0, 0, 0}, INFINITY, 2, INFINITY, steps, waves, pairs, side, side, 0};
     for (int v = 0; runs(v); v++) {
-        double *out = ROOM(double, quantities * rays);
+        double *all = ROOM(double, pairs * quantities * rays);
         b.surfaces = wrong;
-        expect(lf_ghost_rays(v, &s, &b, out) == LF_BAD_SIZE, "ghosts took surfaces that cannot be");
+        expect(lf_ghost_rays(v, &s, &b, all, work) == LF_BAD_SIZE, "ghosts took surfaces that cannot be");
         b.surfaces = pair;
-        expect(!lf_ghost_rays(v, &s, &b, out), "ghosts refused their sizes");
-        for (int64_t k = 0; k < quantities * rays; k++)
-            if (out[first_light + k % rays] == out[first_light + k % rays]) take_bits(v, out + k, 8); /* of rays that are not lost */
-        for (int64_t ray = 0; ray < rays; ray++) {
-            plain_ghost(&s, &b, pair[0], pair[1], box[0] + (double)(ray % side) * box[1], box[2] + (double)(ray / side) * box[3], truth);
-            for (int64_t k = 0; k < quantities && out[first_light + ray] == out[first_light + ray]; k++)
-                take_deviation(v, 13, fabs(out[k * rays + ray] - truth[k]), 1e4 * DOUBLE * 50);
+        expect(!lf_ghost_rays(v, &s, &b, all, work), "ghosts refused their sizes");
+        for (int64_t n = 0; n < pairs; n++) {
+            const double *out = all + n * quantities * rays, *of = box + 4 * n;
+            for (int64_t k = 0; k < quantities * rays; k++)
+                if (out[first_light + k % rays] == out[first_light + k % rays]) take_bits(v, out + k, 8); /* of rays that are not lost */
+            for (int64_t ray = 0; ray < rays; ray++) {
+                plain_ghost(&s, &b, pair[2 * n], pair[2 * n + 1], of[0] + (double)(ray % side) * of[1], of[2] + (double)(ray / side) * of[3], truth);
+                for (int64_t k = 0; k < quantities && out[first_light + ray] == out[first_light + ray]; k++)
+                    take_deviation(v, 13, fabs(out[k * rays + ray] - truth[k]), 1e4 * DOUBLE * 50);
+            }
         }
-        free(out);
+        free(all);
     }
+    free(work);
     free(shapes), free(poses), free(tables);
 }
 
