@@ -1,8 +1,9 @@
 """The first search of ghosts at fixed angles to the axis, the nodes, for all sources near these angles.
 
 What a centred lens does to light from an angle depends neither on a picture's light nor on its azimuth. So the nodes
-can be searched before the light is known, and serve all sources and frames. Anamorphic lenses, and sources so close to
-a lens that their light enters at many angles, are searched directly.
+can be searched before the light is known, and serve all sources and frames. For sources so close to a lens that their
+light enters at many angles, the nodes only predict whether any of their ghosts is bright; these are then searched
+directly, and so are the sources of anamorphic lenses.
 """
 
 from collections.abc import Iterator
@@ -23,7 +24,7 @@ from .ghost_survey import Search, on_frame, search, trace_everywhere
 
 STEP_RAD = np.radians(1.5)
 LAST = int(np.radians(88.5) / STEP_RAD)
-MOST_NODES = 6  # for one source
+MOST_NODES, MOST_PREDICTING = 6, 24  # for a source that is not searched directly, and for a prediction
 MOST_LENSES = 4  # in memory, for the next frames
 
 
@@ -91,21 +92,31 @@ class GhostNodes:
             self.node(number)
 
     def searches(self, sources: Sources, grid: PixelGrid, pool: Executor) -> dict[int, Search]:
-        """The first search of sources by their numbers, of those whose light can enter."""
+        """The first search of sources by their numbers, of those whose light can enter. For sources close to the lens,
+        it is a prediction."""
         beams = beams_of(self.lens, sources)
         near = {source: self._near(beam) for source, (beam, _) in beams.items()}
         list(pool.map(self.node, sorted({number for numbers in near.values() for number in numbers})))
         found = pool.map(lambda source: self._search(*beams[source], grid, near[source]), beams)
         return dict(zip(beams, found, strict=True))
 
+    def closer(self, found: Search, grid: PixelGrid) -> Search:
+        """The direct search of a source, if its first one is only a prediction; otherwise the same."""
+        if len(self._near(found.beam)) <= MOST_NODES:
+            return found
+        return search(self.lens, grid, self._coated, found.beam, found.azimuth_rad)
+
     def _near(self, beam):
         """The nodes around the angles at which a source's light enters: a range, empty if there are too many."""
         if not self.lens.radial:
             return range(0)
-        angle_rad, spread_rad = _angle_rad(beam), front_radius_mm(self.lens) / beam.distance_mm
-        first = int(np.floor((angle_rad - spread_rad) / STEP_RAD))
-        numbers = range(min(first, LAST), min(int(np.ceil((angle_rad + spread_rad) / STEP_RAD)), LAST) + 1)
-        return numbers if len(numbers) <= MOST_NODES else range(0)
+        angle, spread = _angle_rad(beam) / STEP_RAD, self._spread(beam)
+        numbers = range(min(int(np.floor(angle - spread)), LAST), min(int(np.ceil(angle + spread)), LAST) + 1)
+        return numbers if len(numbers) <= MOST_PREDICTING else range(0)
+
+    def _spread(self, beam):
+        """Between the angles at the middle and at the edge of the first surface, in steps."""
+        return front_radius_mm(self.lens) / beam.distance_mm / STEP_RAD
 
     def _search(self, beam, azimuth_rad, grid, numbers):
         if not numbers:
@@ -116,8 +127,9 @@ class GhostNodes:
         limits_mm[:, ~found] = 0
         ends_mm = np.where([True, False, True, False], np.nanmin(limits_mm, axis=0), np.nanmax(limits_mm, axis=0))
         place = np.clip(_angle_rad(beam) / STEP_RAD, numbers[0], numbers[-1])
-        light_mm2 = sum(max(0.0, 1 - abs(number - place)) * node.light_on(self.lens, grid, azimuth_rad)
-                        for number, node in zip(numbers, nodes, strict=True))
+        weights = np.maximum(1 - np.abs(np.array(numbers) - place) / max(1.0, self._spread(beam)), 0)
+        light_mm2 = sum(weight * node.light_on(self.lens, grid, azimuth_rad)
+                        for weight, node in zip(weights / weights.sum(), nodes, strict=True))
         return Search(beam, azimuth_rad, ends_mm, light_mm2)
 
     def _searched(self, number):

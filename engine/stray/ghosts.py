@@ -155,12 +155,18 @@ def _surveyed(nodes, frame, halves, sources, share):
         pairs = np.flatnonzero(bright[number])
         return survey(lens, frame, halves, searches[number], pairs, sources.radius_rad[number])
 
-    with thread_pool() as pool:
-        searches = nodes.searches(sources, frame, pool)
+    def predicted(searches):
         for number, found in searches.items():
             light[number] = SQUARE_M * found.light_mm2[:, None] * passing * sources.irradiance[number]
         bright = brightest(light.sum(axis=2), share)
-        numbers = [number for number in searches if bright[number].any()]
+        return bright, [number for number in searches if bright[number].any()]
+
+    with thread_pool() as pool:
+        searches = nodes.searches(sources, frame, pool)
+        _, numbers = predicted(searches)
+        closer = pool.map(lambda number: nodes.closer(searches[number], frame), numbers)
+        searches |= zip(numbers, closer, strict=True)
+        bright, numbers = predicted(searches)
         surveys = dict(zip(numbers, pool.map(surveyed, numbers), strict=True))
     for number, found in surveys.items():
         light[number, found.bright] = SQUARE_M * found.light_mm2 * passing[found.bright] * sources.irradiance[number]

@@ -72,13 +72,32 @@ def test_a_search_at_a_node_is_the_direct_one():
         assert lit.any() and np.all(by_nodes[number].limits_mm[lit][:, ::2] <= one.limits_mm[lit][:, ::2] + 1e-6)
 
 
-@pytest.mark.parametrize("name, distance_mm", [("tessar-50mm", 60.0), ("cooke-42mm-2x", np.inf)])
-def test_close_sources_and_lenses_without_symmetry_are_searched_directly(name, distance_mm):
+@pytest.mark.parametrize("name, distance_mm", [("tessar-50mm", 14.0), ("cooke-42mm-2x", np.inf)])
+def test_the_closest_sources_and_lenses_without_symmetry_are_searched_directly(name, distance_mm):
     nodes = nodes_of(name)
     by_nodes, direct = both(nodes, lamps([3.0, 11.0], distance_mm))
     for number, one in direct.items():
         np.testing.assert_array_equal(by_nodes[number].limits_mm, one.limits_mm)
         np.testing.assert_array_equal(by_nodes[number].light_mm2, one.light_mm2)
+
+
+def test_nodes_predict_the_ghosts_of_close_sources():
+    """Within a factor of two; a closer search then is the direct one."""
+    nodes = nodes_of("nikkor-28mm")
+    by_nodes, direct = both(nodes, lamps([9.0, 22.0], 300.0))
+    for number, one in direct.items():
+        predicted = by_nodes[number]
+        assert not np.array_equal(predicted.limits_mm, one.limits_mm)
+        assert 0.5 < predicted.light_mm2.sum() / one.light_mm2.sum() < 2
+        closer = nodes.closer(predicted, FRAME)
+        np.testing.assert_array_equal(closer.limits_mm, one.limits_mm)
+        np.testing.assert_array_equal(closer.light_mm2, one.light_mm2)
+
+
+def test_a_search_by_nodes_is_close_enough_for_far_sources():
+    nodes = nodes_of("nikkor-28mm")
+    by_nodes, _ = both(nodes, lamps([9.0], 2500.0))
+    assert nodes.closer(by_nodes[0], FRAME) is by_nodes[0]
 
 
 def test_prepared_nodes_are_not_searched_again(monkeypatch):
