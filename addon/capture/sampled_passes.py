@@ -84,7 +84,7 @@ class WholePasses:
     order : list of int
         Indices of the passes, in rendering order.
     times : int
-        Parts of a pixel, down and across, in which the light of one pass is distributed.
+        Into how many parts, down and across, one pass divides its pixels.
     """
 
     text, times = "", 1

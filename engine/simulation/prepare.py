@@ -19,7 +19,7 @@ from .channel_cache import ChannelCache
 
 @dataclass(frozen=True, eq=False)
 class Expected:
-    """What is known of light before it is rendered.
+    """Light that is not rendered yet.
 
     Attributes
     ----------
@@ -57,8 +57,8 @@ def preparation(expected: Expected, lens: Lens, options: Options, stray: StrayOp
     lens, options, stray, iris
         As for `lens_image`.
     cache : ChannelCache
-        The one for `lens_image`, which must not use it before the last step. It is filled if there is memory for all
-        that it may hold, in addition to the render's.
+        The cache for `lens_image`, which must not use it before the last step. It is filled only if there is memory for
+        its limit after the render has taken its share.
 
     Raises
     ------

@@ -57,8 +57,8 @@ class GhostLens:
     opening : Opening
     openings : Openings
     pairs : int array (pair, 2)
-        Surfaces that reflect, the one nearer to the object first; in the order in which light passes them, so that the
-        loops trace parts of paths for several pairs at once.
+        Surfaces that reflect, the nearer one to the object first. Pairs with the same far surface follow each other,
+        from the back to the front, because the loops share their paths.
     """
 
     system: System

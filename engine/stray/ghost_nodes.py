@@ -36,7 +36,7 @@ class Node:
     ----------
     limits_mm : array (pair, 4)
         As in `Search`.
-    found : bool array (pair,)
+    arrives : bool array (pair,)
         Whether any ray reaches the sensor's plane.
     pair : int array (ray,)
         Of the rays that do, with light.
@@ -46,7 +46,7 @@ class Node:
     """
 
     limits_mm: np.ndarray
-    found: np.ndarray
+    arrives: np.ndarray
     pair: np.ndarray
     x_mm: np.ndarray
     y_mm: np.ndarray
@@ -55,7 +55,7 @@ class Node:
     def light_on(self, lens: GhostLens, grid: PixelGrid, azimuth_rad: float) -> np.ndarray:
         """Light on the frame over irradiance: array (pair,)."""
         light = on_frame(lens, grid, self.x_mm, self.y_mm, azimuth_rad) * self.light_mm2
-        return np.bincount(self.pair, light, len(self.found))
+        return np.bincount(self.pair, light, len(self.arrives))
 
 
 class GhostNodes:
@@ -97,14 +97,14 @@ class GhostNodes:
         beams = beams_of(self.lens, sources)
         near = {source: self._near(beam) for source, (beam, _) in beams.items()}
         list(pool.map(self.node, sorted({number for numbers in near.values() for number in numbers})))
-        found = pool.map(lambda source: self._search(*beams[source], grid, near[source]), beams)
-        return dict(zip(beams, found, strict=True))
+        searches = pool.map(lambda source: self._search(*beams[source], grid, near[source]), beams)
+        return dict(zip(beams, searches, strict=True))
 
-    def closer(self, found: Search, grid: PixelGrid) -> Search:
-        """The direct search of a source, if its first one is only a prediction; otherwise the same."""
-        if len(self._near(found.beam)) <= MOST_NODES:
-            return found
-        return search(self.lens, grid, self._coated, found.beam, found.azimuth_rad)
+    def closer(self, first: Search, grid: PixelGrid) -> Search:
+        """The direct search of a source, if its first one is only a prediction; otherwise the first one."""
+        if len(self._near(first.beam)) <= MOST_NODES:
+            return first
+        return search(self.lens, grid, self._coated, first.beam, first.azimuth_rad)
 
     def _near(self, beam):
         """The nodes around the angles at which a source's light enters: a range, empty if there are too many."""
@@ -122,9 +122,8 @@ class GhostNodes:
         if not numbers:
             return search(self.lens, grid, self._coated, beam, azimuth_rad)
         nodes = [self.node(number) for number in numbers]
-        limits_mm = np.array([np.where(each.found[:, None], each.limits_mm, np.nan) for each in nodes])
-        found = np.any([each.found for each in nodes], axis=0)
-        limits_mm[:, ~found] = 0
+        limits_mm = np.array([np.where(each.arrives[:, None], each.limits_mm, np.nan) for each in nodes])
+        limits_mm[:, ~np.any([each.arrives for each in nodes], axis=0)] = 0
         ends_mm = np.where([True, False, True, False], np.nanmin(limits_mm, axis=0), np.nanmax(limits_mm, axis=0))
         place = np.clip(_angle_rad(beam) / STEP_RAD, numbers[0], numbers[-1])
         weights = np.maximum(1 - np.abs(np.array(numbers) - place) / max(1.0, self._spread(beam)), 0)

@@ -182,8 +182,8 @@ def _light_mm2(lens, grid, rays, lit_mm2, azimuth_rad):
 
 
 def on_frame(lens: GhostLens, grid: PixelGrid, x_mm: np.ndarray, y_mm: np.ndarray, azimuth_rad: float) -> np.ndarray:
-    """The share of the light at places, to be turned by an azimuth, that is on the frame: 0 or 1, or the mean with the
-    mirror image's."""
+    """Whether places are on the frame after a turn by an azimuth: 1 or 0, or for radial lenses the mean of a place and
+    its mirror image."""
     cosine, sine = np.cos(azimuth_rad), np.sin(azimuth_rad)
     left, lower, right, upper = grid.edges_mm
     share = np.zeros_like(x_mm)

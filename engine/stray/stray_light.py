@@ -310,7 +310,7 @@ class _Part:
     share : callable (_Optics) -> array (wavelength,)
         Its share of a point's light, predicted.
     prepare : callable (_Optics, Sources or None) -> iterator
-        Steps that compute what it needs for any light.
+        Steps that compute its data that do not depend on light.
     add : callable (StrayLight, _Scene) -> StrayLight
     """
 

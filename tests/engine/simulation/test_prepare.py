@@ -77,11 +77,11 @@ def test_preparation_may_end_at_any_step(lens, steps):
                                                               (0.0, 0, 1)])
 def test_channels_take_only_memory_that_the_render_leaves(lens, monkeypatch, needed_bytes, limit_mb, channels):
     """A cache without memory is not filled: one channel shows that it is."""
-    made, cache, make = [], ChannelCache(limit_mb=limit_mb), channel_cache.Channel
-    monkeypatch.setattr(channel_cache, "Channel", lambda *parts: made.append(1) or make(*parts))
+    new, cache, make = [], ChannelCache(limit_mb=limit_mb), channel_cache.Channel
+    monkeypatch.setattr(channel_cache, "Channel", lambda *parts: new.append(1) or make(*parts))
     for _ in preparation(expected(layers(lens), needed_bytes), lens, OPTIONS, ALL, cache):
         pass
-    assert len(made) == channels
+    assert len(new) == channels
 
 
 def test_stray_light_that_is_predicted_to_be_faint_is_not_prepared(lens):
