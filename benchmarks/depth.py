@@ -1,12 +1,8 @@
 """Depth: seconds of casting, lamps out of focus against counted rays, and lamps near focus against diffraction."""
 
-import os
 import time
-from collections import Counter
 from collections.abc import Iterator
-from contextlib import ExitStack
 from dataclasses import dataclass
-from unittest import mock
 
 import numpy as np
 from cases import HD
@@ -17,7 +13,6 @@ from timing import least_s, machine, without_cache
 
 from lensfield.engine import Lens, Options, Rings, load_lens, simulate
 from lensfield.engine.bake.through_focus import landings_mm, psf_at_depth
-from lensfield.engine.depth import cast as cast_module
 from lensfield.engine.depth.cast import cast
 from lensfield.engine.depth.depth_range import blur_per_nearness_px, focus_range_px, focus_share
 from lensfield.engine.field.field_map import field_map
@@ -28,10 +23,6 @@ from lensfield.engine.field.ray_blur import tangents
 from lensfield.engine.image.detail import Detail, merged
 from lensfield.engine.image.layers import Layer, LayeredRadiance
 from lensfield.engine.image.pixel_grid import PixelGrid
-from lensfield.engine.kernels import gpu_cast
-from lensfield.engine.kernels.cast_tiles import cast_tiles
-from lensfield.engine.kernels.gpu import VARIABLE, Gpu, adapters
-from lensfield.engine.kernels.library import running
 from lensfield.engine.lens.entrance_pupil import focus_nearness
 from lensfield.engine.lens.pinhole import fitting_pitch_um
 from lensfield.engine.library.rays import lens_rays
@@ -85,58 +76,6 @@ def casting() -> Iterator[str]:
         (picture,), _ = cast_all(disc, lens, grid, options, first_order_rays(lens))
         _, seconds = cast_all(layers, lens, grid, options, rays)
         yield f"{tier}: {seconds:.1f} processor s; inside the disc of a lamp, deviation of {unevenness(picture):.3f}"
-
-
-def gpu(height: int = HD[0]) -> Iterator[str]:
-    """Seconds of casting the scene of `casting` by C and on each graphics adapter, and how much these differ from C.
-
-    Of a group of 6 wavelengths, in the middle of the picture at this number of rows and 16:9: its seconds in all
-    threads of C; and on an adapter the seconds of a first and a second casting, of the second one's upload, calls and
-    read back, and the differences from C: their mean and the largest, relative to the brightest.
-    """
-    lens = load_lens(CAST_LENS, FOCUS, quality="preview")
-    grid = PixelGrid.around_frame((height, height * 16 // 9), 1e3 * FILM_MM / HD[1], OVERSCAN_PX)
-    castings, options = [], Options(accuracy=TIER_ACCURACY["standard"])
-    with mock.patch.object(cast_module, "cast_tiles", lambda *given: castings.append(given) or iter(())):
-        cast_all(scene(lens, grid), lens, grid, options, lens_rays(lens))
-    casting, *planes = castings[0]
-    with mock.patch.dict(os.environ, {VARIABLE: running()}):
-        started = time.perf_counter()
-        list(cast_tiles(casting, *planes))
-        yield f"C ({running()}): {time.perf_counter() - started:.3f} s"
-    lit = np.kron(casting.eights > 0, np.ones([casting.tile_px] * 2, bool))[:planes[0].shape[1], :planes[0].shape[2]]
-    for adapter in adapters():
-        yield _on_adapter(Gpu(adapter), casting, np.where(lit, planes, 0))
-
-
-def _on_adapter(card, casting, by_c):
-    """The line of an adapter."""
-    planes, seconds, spent = np.zeros_like(by_c), [], Counter()
-    with ExitStack() as stack:
-        for of, name, kind in ((gpu_cast, "_share", "upload"), (gpu_cast._Buffers, "run", "calls"),
-                               (gpu_cast._Buffers, "read", "read back")):
-            stack.enter_context(mock.patch.object(of, name, _timed(getattr(of, name), spent, kind)))
-        for _ in range(2):
-            spent.clear()
-            started = time.perf_counter()
-            list(gpu_cast.gpu_cast(card, casting, *planes))
-            seconds.append(time.perf_counter() - started)
-    parts = ", ".join(f"{kind} {value:.3f}" for kind, value in spent.items())
-    differences = np.abs(planes - by_c)
-    largest, most = by_c.max(axis=(1, 2, 3)), differences.max(axis=(1, 2, 3))
-    radiance, clear = (f"{mean:.1e}, at most {worst:.1e}" for mean, worst in zip(
-        differences.mean(axis=(1, 2, 3)) / largest, most / largest, strict=True))
-    return f"{card.name}: {seconds[0]:.3f}, then {seconds[1]:.3f} s ({parts}); off by {radiance}; clear {clear}"
-
-
-def _timed(function, spent, kind):
-    """A function that adds the seconds of its calls to a sum."""
-    def timed(*given):
-        started = time.perf_counter()
-        result = function(*given)
-        spent[kind] += time.perf_counter() - started
-        return result
-    return timed
 
 
 def depth_mm(lens, grid, blur_px):

@@ -42,6 +42,7 @@ from .sequence import find_shots
 from .terminal import progress_bar, quiet, say
 
 WAIT_S = 0.5
+OF_DEVICES = "casting", "spreading"  # of the report: what the frames' bits depend on
 UNRECORDED = ("radiance", "output", "preview", "frames", "report", "overwrite", "any_build", "lens", "untrusted",
               "root", "time_limit", "memory_limit")
 """Options that finished frames do not depend on, or that their records state in other words."""
@@ -151,7 +152,7 @@ def _filter_sequence(options, lens, chosen, shots):
                     discard(shot.record)
                     reports[shot.frame] = run.put_through(shot)
                     write_record(shot.record, job_of(shot), shot.targets,
-                                 {"casting": reports[shot.frame].lens_image.casting})
+                                 {name: getattr(reports[shot.frame].lens_image, name) for name in OF_DEVICES})
                     say(*shot.targets)
         except Busy:
             return True
@@ -166,7 +167,7 @@ def _filter_sequence(options, lens, chosen, shots):
     if left:
         say(f"left to other processes: {len(left)} of the frames, from frame {left[0].frame} on")
     earlier = {shot.frame: records.get(shot) or {} for shot in shots if shot.frame not in reports}
-    return together(reports, {frame: {name: record[name] for name in ("casting",) if name in record}
+    return together(reports, {frame: {name: record[name] for name in OF_DEVICES if name in record}
                               for frame, record in earlier.items()})
 
 

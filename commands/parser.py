@@ -48,15 +48,15 @@ class _Subcommand(argparse.ArgumentParser):
 
 class _Version(argparse.Action):
     def __call__(self, parser, *_):
-        from ..engine.kernels.gpu import casting_gpu
+        from ..engine.kernels.gpu import usable_gpu
         from ..engine.kernels.library import running
         from ..engine.runtime.build_identity import build_identity
         from ..engine.runtime.errors import InputError
 
         try:
-            loops, gpu = running(), casting_gpu()
-            casting = f"; casting: {gpu.name}" if gpu else ""
-            print(f"lensfield {self.const}, build {build_identity()} (inner loops: {loops}{casting})")
+            loops, gpu = running(), usable_gpu()
+            on_gpu = f"; casting, filter: {gpu.name}" if gpu else ""
+            print(f"lensfield {self.const}, build {build_identity()} (inner loops: {loops}{on_gpu})")
         except InputError as error:
             parser.error(str(error))
         parser.exit()

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..field.field_map import PlacedPsfs, Table
 from ..runtime.memory import MemoryBudget
-from .method import SECTION_SIZE, Method, Psfs, Workload
+from .method import SECTION_SIZE, Method, Psfs, Spreader, Workload
 from .section_needs import SectionNeeds
 
 
@@ -42,7 +42,7 @@ class Exact(Method):
         return ExactSections(self.section_size, psf_radius_px, psfs.psfs)
 
 
-class ExactSections:
+class ExactSections(Spreader):
     """A Spreader that turns the PSF of every lit pixel.
 
     Parameters

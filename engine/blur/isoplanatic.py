@@ -9,7 +9,7 @@ import scipy
 
 from ..field.field_map import PlacedPsfs, Table
 from ..runtime.memory import MemoryBudget
-from .method import Method, Psfs, Workload, section_sizes, space_px, spectrum_values, transform_counts
+from .method import Method, Psfs, Spreader, Workload, section_sizes, space_px, spectrum_values, transform_counts
 from .section_needs import SectionNeeds
 
 PAPER_SECTION, PAPER_SPACE = 16, 64
@@ -89,7 +89,7 @@ class OnePsf(Method):
         return IsoplanaticSections(self.section_size, self.space_px, psf_radius_px, psfs.psfs, (row, column), memory)
 
 
-class IsoplanaticSections:
+class IsoplanaticSections(Spreader):
     """A Spreader that multiplies the spectrum of a section by the OTF of one place.
 
     Parameters

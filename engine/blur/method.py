@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 import scipy
@@ -24,7 +24,7 @@ Psfs = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """PSFs of the pixels at these n rows and columns: array (n, row, column), of unit sums."""
 
 
-class Spreader(Protocol):
+class Spreader(ABC):
     """Spreads the light of sections, for `overlap_add`."""
 
     section_size: int
@@ -32,10 +32,18 @@ class Spreader(Protocol):
     """Side of the resulting patches of light."""
     radius_px: int
     """Number of rows and columns that patches extend above and to the left of their sections."""
+    gpu = ""
+    """The graphics processor that has spread the last picture; "" for none."""
 
+    def at_once(self, light: np.ndarray, lit: np.ndarray) -> np.ndarray | None:
+        """The light (plane, row, column) of all lit sections, spread as by `overlap_add`; None if only `spread` can."""
+        return None
+
+    @abstractmethod
     def prepare(self, rows: np.ndarray, needs: SectionNeeds, pool: Executor) -> None:
         """Compute the data that these rows of sections need."""
 
+    @abstractmethod
     def spread(self, i: int, columns: np.ndarray, band: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
         """Yield the first column and the patch (plane, row, column) of the light of these sections of row i.
 

@@ -25,6 +25,9 @@ def overlap_add(light: np.ndarray, spreader: Spreader, needs: SectionNeeds) -> n
     array (plane, row + 2 radius_px, column + 2 radius_px)
         The planes with a margin for the light that leaves them.
     """
+    at_once = spreader.at_once(light, needs.lit)
+    if at_once is not None:
+        return at_once
     size, space, radius = spreader.section_size, spreader.space_px, spreader.radius_px
     count, rows, columns = light.shape
     down, across = needs.lit.shape

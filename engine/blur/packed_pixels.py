@@ -1,4 +1,5 @@
-"""The method of `pixels` by the compiled loops: a PSF for every pixel, one row of sections at a time."""
+"""The method of `pixels` by the compiled loops: a PSF for every pixel, one row of sections at a time, or all of them on
+a graphics processor."""
 
 from collections.abc import Iterator
 from concurrent.futures import Executor
@@ -6,10 +7,11 @@ from concurrent.futures import Executor
 import numpy as np
 
 from ..field.field_map import PackedTable, PlacedPsfs
+from .method import Spreader
 from .section_needs import SectionNeeds
 
 
-class PackedPixels:
+class PackedPixels(Spreader):
     """A Spreader of single pixels, by the compiled loops.
 
     Parameters
@@ -23,6 +25,12 @@ class PackedPixels:
         self.section_size, self.radius_px = section_size, table.radius_px
         self.space_px = section_size + 2 * table.radius_px
         self._table, self._places = table, table.places(psfs)
+
+    def at_once(self, light: np.ndarray, lit: np.ndarray) -> np.ndarray | None:
+        """See `Spreader`."""
+        spread = self._table.spread_at_once(self._places, light, lit, self.section_size)
+        picture, self.gpu = spread or (None, "")
+        return picture
 
     def prepare(self, rows: np.ndarray, needs: SectionNeeds, pool: Executor) -> None:
         """Do nothing: the table contains everything."""

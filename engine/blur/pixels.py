@@ -15,7 +15,7 @@ import numpy as np
 
 from ..field.field_map import Cells, NodePsfs, PackedTable, PlacedPsfs, Table
 from ..runtime.memory import MemoryBudget
-from .method import AZIMUTHS, SECTION_SIZE, Method, PlaceOf, Workload
+from .method import AZIMUTHS, SECTION_SIZE, Method, PlaceOf, Spreader, Workload
 from .packed_pixels import PackedPixels
 from .section_needs import SectionNeeds
 
@@ -67,7 +67,7 @@ class Pixels(Method):
         return PixelSections(self.section_size, psf_radius_px, table, psfs.place, memory)
 
 
-class PixelSections:
+class PixelSections(Spreader):
     """A Spreader of single pixels.
 
     Parameters

@@ -23,6 +23,7 @@ from .method import (
     SECTION_SIZE,
     Method,
     PlaceOf,
+    Spreader,
     Workload,
     section_sizes,
     space_px,
@@ -76,7 +77,7 @@ class Sections(Method):
         return PolarSections(self.section_size, self.space_px, psf_radius_px, table, psfs.place, memory)
 
 
-class PolarSections:
+class PolarSections(Spreader):
     """A Spreader that multiplies spectra of sections by the OTFs of the nodes around them.
 
     Parameters

@@ -107,6 +107,10 @@ class PackedTable(Cells, Protocol):
     def spread(self, places: Any, first_row: int, light: np.ndarray, lit: np.ndarray, section_px: int) -> np.ndarray:
         """Spread the light of a row of sections, (plane, row, column), that starts at this row."""
 
+    def spread_at_once(self, places: Any, light: np.ndarray, lit: np.ndarray,
+                       section_px: int) -> tuple[np.ndarray, str] | None:
+        """Spread the light of all sections, and name the graphics processor; None if it does not do this."""
+
 
 class NodePsfs(Protocol):
     """The PSFs for the tables of one wavelength."""

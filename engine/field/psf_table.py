@@ -11,6 +11,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import DTypeLike
 
+from ..kernels.spread_picture import spread_picture
 from ..kernels.spreading import PackedTable, TablePlaces, spread
 from ..lens import Lens
 
@@ -152,6 +153,11 @@ class CompiledTable(TableCells):
                section_px: int) -> np.ndarray:
         """Spread the light of a row of sections, (plane, row, column), that starts at this row."""
         return spread(self.pieces, places.lower(first_row), light, lit, section_px, slice(section_px))
+
+    def spread_at_once(self, places: TablePlaces, light: np.ndarray, lit: np.ndarray,
+                       section_px: int) -> tuple[np.ndarray, str] | None:
+        """Spread the light of all sections, and name the graphics processor; None if it does not do this."""
+        return spread_picture(self.pieces, places, light, lit, section_px)
 
 
 class TablesByWavelength(ABC, Generic[Psfs]):

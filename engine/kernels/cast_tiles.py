@@ -7,7 +7,8 @@ import numpy as np
 from ..runtime.threads import thread_pool
 from .cast import cast
 from .casting import Casting
-from .gpu import casting_gpu
+from .gpu import usable_gpu
+from .gpu_calls import leaving_to_c
 from .gpu_cast import gpu_cast
 from .library import running
 
@@ -18,15 +19,11 @@ def cast_tiles(casting: Casting, blurred: np.ndarray, clear: np.ndarray) -> Iter
     If the graphics processor fails, or has too little memory, the loop in C casts all of them, after a warning.
     """
     running()  # refuses an unavailable implementation
-    gpu = casting_gpu()
+    gpu = usable_gpu()
     if gpu:
-        try:
+        with leaving_to_c(gpu):
             yield from gpu_cast(gpu, casting, blurred, clear)
             return
-        except MemoryError as problem:
-            gpu.warn(problem)
-        except Exception as problem:  # drivers fail in many ways
-            gpu.give_up(problem)
     rows = len(casting.eights)
     with thread_pool() as pool:
         for completed, _ in enumerate(pool.map(lambda row: cast(casting, row, blurred, clear), range(rows)), 1):

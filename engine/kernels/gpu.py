@@ -1,4 +1,4 @@
-"""The graphics processor: found and opened when something is first cast, and used by a single thread."""
+"""The graphics processor: found and opened when it is first used, and used by a single thread."""
 
 import os
 import warnings
@@ -20,6 +20,8 @@ MESAS_LAYER = "NODEVICE_SELECT"  # the variable that disables it
 LIMITS = ("max-buffer-size", "max-storage-buffer-binding-size")
 LONGEST_REASON = 200  # characters of a driver's message
 FIRST_RATE = 4e8  # look-ups in a second; slow graphics processors do about as many
+CALL_S = 0.05  # of a call: systems stop graphics processors that do not respond for two seconds, and screens freeze
+FASTER = 4.0  # the largest factor on the work from a call to the next one
 
 PROCESS = os.getpid()  # forked processes cannot use its connection to a driver
 
@@ -60,6 +62,17 @@ class Gpu:
         """The result of a function that the thread of the graphics processor calls."""
         return _thread().submit(function, *arguments).result()
 
+    @property
+    def look_ups_of_call(self) -> float:
+        """The work of a call that takes about CALL_S."""
+        return CALL_S * self.rate
+
+    def learn_rate(self, look_ups: float, seconds: float) -> None:
+        """Adapt the work of the next call; a short call for little work shows only that the processor is not slower."""
+        rate = look_ups / seconds
+        if rate > self.rate or seconds > CALL_S:
+            self.rate = min(rate, FASTER * self.rate)
+
     def warn(self, problem: Exception) -> None:
         """Warn in one line that C is used because of an error, once for each, and keep the line for reports."""
         _warn(self.name, problem)
@@ -70,10 +83,10 @@ class Gpu:
         self.warn(problem)
 
 
-def casting_gpu() -> Gpu | None:
-    """The graphics processor that casts, or None if C or numpy does.
+def usable_gpu() -> Gpu | None:
+    """The graphics processor that casts and spreads, or None if C or numpy does.
 
-    LENSFIELD_KERNELS=gpu accepts any adapter, also one that the processor emulates. Other values name what casts
+    LENSFIELD_KERNELS=gpu accepts any adapter, also one that the processor emulates. Other values name what is used
     instead. Without the variable, real graphics processors are accepted.
     """
     requested = os.environ.get(VARIABLE) or None
@@ -90,7 +103,7 @@ def adapters() -> list:
 
 
 def problems() -> tuple[str, ...]:
-    """Why a graphics processor of this process does not cast, or has left something to C, one line each."""
+    """Why a graphics processor of this process is not used, or has left something to C, one line each."""
     return tuple(_problems)
 
 

@@ -1,13 +1,10 @@
 """Cast on a graphics processor, by cast.wgsl.
 
-Bands of the picture are cast one after the other, and read back. Work is divided into calls that take about CALL_S: a
-system stops a graphics processor that does not respond for two seconds, and the screen freezes meanwhile.
+Bands of the picture are cast one after the other, and read back.
 """
 
-import time
 from collections.abc import Iterator
 from contextlib import closing
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,16 +12,12 @@ import numpy as np
 from .cast import cast
 from .casting import MEETING, Casting, MeshRays
 from .gpu import Gpu
+from .gpu_calls import CALL, CALL_BYTES, MOST_LOOPS, UNIFORMS, Buffers, check_agreement, compiled
 from .sample_casting import sample_casting
 
 GROUP = 32  # invocations of a workgroup, pixels of a tile next to each other: the threads that run in step
-CALL_S = 0.05
-FASTER = 4.0  # the largest factor on the work from a call to the next one
 MOST_GROUPS = 65535  # in a call
 BAND_SUMS = 1 << 24  # of a band's pixels
-MOST_LOOPS = 50_000  # of an invocation: Mesa's emulation silently ends it after 65,535
-PIECE_BYTES = 1 << 25  # of an upload: the library copies a piece, and frees the copy after it
-AGREEMENT = 1e-3  # largest difference from C in the sample, relative to the brightest
 FARTHEST_PX = 3e38  # in place of infinity, for which shaders have no rules
 
 CASTING = np.dtype([(name, kind) for kind, names in (
@@ -38,15 +31,7 @@ LEVEL = np.dtype([(name, "u4") for name in "light alpha depth rows columns".spli
                  + [(name, "f4") for name in "axis_row axis_column per_px top bottom left right".split()])
 TILE = np.dtype([(name, "u4") for name in "row column height width step tall wide first_eight eights focused meetings "
                  "first_pixel".split()])
-UNIFORMS, CALL, LENS, LIGHT, DEPTHS, LEVELS, MEETINGS, TILES, GROUPS, SUMS, PICTURES = range(11)  # bindings
-
-
-class TooLarge(MemoryError):
-    """A casting does not fit into the graphics processor."""
-
-
-class Disagreement(Exception):
-    """Results differ from C by more than rounding: the driver miscompiles the shader."""
+LENS, LIGHT, DEPTHS, LEVELS, MEETINGS, TILES, GROUPS, SUMS, PICTURES = range(CALL + 1, CALL + 10)  # bindings
 
 
 def gpu_cast(gpu: Gpu, casting: Casting, blurred: np.ndarray, clear: np.ndarray) -> Iterator[float]:
@@ -77,19 +62,11 @@ def _steps(gpu, casting, blurred, clear):
 def _checked_pipelines(gpu, wavelengths, mesh):
     """The compiled loops, which agreed with C."""
     if (wavelengths, mesh) not in gpu.pipelines:
-        pipelines = _pipelines(gpu, wavelengths, mesh)
+        pipelines = compiled(gpu, "cast.wgsl", ("cast_pixels", "fill_tiles"), GROUP=GROUP, WAVELENGTHS=wavelengths,
+                             MESH=mesh)
         _check(gpu, pipelines, sample_casting(wavelengths, mesh))
         gpu.pipelines[wavelengths, mesh] = pipelines
     return gpu.pipelines[wavelengths, mesh]
-
-
-def _pipelines(gpu, wavelengths, mesh):
-    """The compiled loops of cast.wgsl."""
-    code = Path(__file__).with_name("cast.wgsl").read_text(encoding="utf-8")
-    constants = f"const GROUP = {GROUP}u;\nconst WAVELENGTHS = {wavelengths}u;\nconst MESH = {str(mesh).lower()};\n"
-    module = gpu.device.create_shader_module(code=constants + code)
-    return [gpu.device.create_compute_pipeline(layout="auto", compute={"module": module, "entry_point": name})
-            for name in ("cast_pixels", "fill_tiles")]
 
 
 def _check(gpu, pipelines, casting):
@@ -100,14 +77,12 @@ def _check(gpu, pipelines, casting):
         pass
     for row in range(len(casting.eights)):
         cast(casting, row, *by_c)
-    for one, other in zip(by_gpu, by_c, strict=True):
-        if not np.abs(one - other).max() <= AGREEMENT * np.abs(other).max():
-            raise Disagreement("casts a small sample differently from C, so its driver compiles shaders wrongly")
+    check_agreement(by_gpu, by_c)
 
 
 def _cast(gpu, pipelines, casting, blurred, clear):
     """Cast with compiled loops, a band of rows after the other; yield the completed fraction."""
-    with closing(_Buffers(gpu)) as shared:
+    with closing(Buffers(gpu)) as shared:
         _share(shared, casting, blurred.shape[2])
         rows = max(1, BAND_SUMS // (4 * casting.wavelengths * casting.tile_px * blurred.shape[2]))
         for first in range(0, len(casting.eights), rows):
@@ -115,7 +90,7 @@ def _cast(gpu, pipelines, casting, blurred, clear):
             if not lit.any():
                 continue
             place = slice(first * casting.tile_px, min((first + rows) * casting.tile_px, blurred.shape[1]))
-            with closing(_Buffers(gpu, shared)) as buffers:
+            with closing(Buffers(gpu, shared)) as buffers:
                 for completed in _band(gpu, pipelines, buffers, casting, first, lit, place, blurred.shape[1:]):
                     yield (first + completed * len(lit)) / len(casting.eights)
                 pictures = buffers.read(PICTURES).reshape(2, casting.wavelengths, -1, blurred.shape[2])
@@ -149,23 +124,15 @@ def _band(gpu, pipelines, buffers, casting, first_row, lit, place, shape_px):
         eights = np.clip(tiles["eights"][of_tile].astype(int) - first_eight, 0, most_eights)
         done, begin = np.append(0.0, np.cumsum(work * eights)), 0
         while begin < np.count_nonzero(eights):
-            end = int(np.searchsorted(done, done[begin] + CALL_S * gpu.rate, "right")) - 1
+            end = int(np.searchsorted(done, done[begin] + gpu.look_ups_of_call, "right")) - 1
             end = min(max(end, begin + 1), begin + MOST_GROUPS, np.count_nonzero(eights))
-            started = time.perf_counter()
-            buffers.run(cast_pixels, bound, end - begin, (begin, first_eight, most_eights, place.start, rows))
-            _learn_rate(gpu, done[end] - done[begin], time.perf_counter() - started)
+            buffers.run(cast_pixels, bound, (end - begin,), (begin, first_eight, most_eights, place.start, rows),
+                        done[end] - done[begin])
             completed += done[end] - done[begin]
             yield completed / total
             begin = end
     bound = buffers.bound(fill_tiles, (UNIFORMS, CALL, TILES, SUMS, PICTURES))
-    buffers.run(fill_tiles, bound, len(tiles), (0, 0, 0, place.start, rows))
-
-
-def _learn_rate(gpu, look_ups, seconds):
-    """Adapt the work of the next call; a short call for little work shows only that the processor is not slower."""
-    rate = look_ups / seconds
-    if rate > gpu.rate or seconds > CALL_S:
-        gpu.rate = min(rate, FASTER * gpu.rate)
+    buffers.run(fill_tiles, bound, (len(tiles),), (0, 0, 0, place.start, rows))
 
 
 def _tiles(casting, first_row, lit, shape_px):
@@ -236,7 +203,7 @@ def _share(buffers, casting, columns):
     buffers.put(DEPTHS, *depths)
     buffers.put(LEVELS, levels)
     buffers.put(MEETINGS, casting.meetings.view(MEETING))
-    buffers.make(CALL, 20, "UNIFORM")
+    buffers.make(CALL, CALL_BYTES, "UNIFORM")
     buffers.wait()
 
 
@@ -260,62 +227,3 @@ def _levels(casting):
         depths.append(layer.depth)
         depth += layer.depth.size // 2
     return table, planes, depths
-
-
-class _Buffers:
-    """Buffers by their bindings, in addition to those of others, until they are closed."""
-
-    def __init__(self, gpu, others=None):
-        self._gpu, self._others, self._buffers = gpu, others, {}
-
-    def __getitem__(self, binding):
-        return self._buffers[binding] if binding in self._buffers else self._others[binding]
-
-    def make(self, binding, size, usage="STORAGE"):
-        """A buffer of a number of bytes."""
-        if size > self._gpu.limit_bytes:
-            raise TooLarge(f"cannot cast with a table of {size / 1e6:.0f} MB, above its limit of "
-                           f"{self._gpu.limit_bytes / 1e6:.0f} MB")
-        self._buffers[binding] = self._gpu.device.create_buffer(size=max(4, size), usage=f"{usage}|COPY_SRC|COPY_DST")
-
-    def put(self, binding, *arrays, usage="STORAGE"):
-        """A buffer with the contents of arrays, one after the other."""
-        arrays = [np.ascontiguousarray(array) for array in arrays]
-        self.make(binding, sum(array.nbytes for array in arrays), usage)
-        begin, queue = 0, self._gpu.device.queue
-        for array in arrays:
-            for at in range(0, array.nbytes, PIECE_BYTES):
-                size = min(PIECE_BYTES, array.nbytes - at)
-                queue.write_buffer(self[binding], begin + at, array, at, size)
-                queue.submit([])
-            begin += array.nbytes
-
-    def bound(self, pipeline, bindings):
-        """The buffers of a pipeline."""
-        return self._gpu.device.create_bind_group(layout=pipeline.get_bind_group_layout(0), entries=[
-            {"binding": binding, "resource": {"buffer": self[binding]}} for binding in bindings])
-
-    def run(self, pipeline, bound, groups, call):
-        """Run workgroups, and wait for them."""
-        device = self._gpu.device
-        device.queue.write_buffer(self[CALL], 0, np.array(call, np.uint32))
-        encoder = device.create_command_encoder()
-        step = encoder.begin_compute_pass()
-        step.set_pipeline(pipeline)
-        step.set_bind_group(0, bound)
-        step.dispatch_workgroups(groups)
-        step.end()
-        device.queue.submit([encoder.finish()])
-        self.wait()
-
-    def wait(self):
-        """Wait until all earlier work is finished."""
-        self._gpu.device.queue.read_buffer(self[CALL])
-
-    def read(self, binding):
-        """The contents of a buffer, as float32 array."""
-        return np.frombuffer(self._gpu.device.queue.read_buffer(self[binding]), np.float32)
-
-    def close(self):
-        for buffer in self._buffers.values():
-            buffer.destroy()

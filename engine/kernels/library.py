@@ -10,7 +10,7 @@ from functools import cache
 from ..runtime.errors import InputError
 from .build import LIBRARY_FOLDER, library_name, sources_digest, this_platform
 from .declarations import FUNCTIONS, NUMBERS
-from .gpu import GPU, VARIABLE, casting_gpu, missing
+from .gpu import GPU, VARIABLE, missing, usable_gpu
 
 ABI = NUMBERS["ABI"]
 NUMPY = "numpy"
@@ -78,7 +78,7 @@ def available() -> tuple[str, ...]:
 def running() -> str:
     """The implementation in use: the fastest available, or the one that the variable LENSFIELD_KERNELS names.
 
-    If the variable is "gpu", this is the fastest, for everything except `cast_tiles`.
+    If the variable is "gpu", this is the fastest, for everything except `cast_tiles` and `spread_picture`.
 
     Raises
     ------
@@ -95,20 +95,31 @@ def running() -> str:
     return requested or available()[-1]
 
 
-def caster() -> str:
-    """What casts: the name of a graphics processor, or "C", whose variants give the same bits, or "numpy".
+def on_processor() -> str:
+    """The kind of loops in use without a graphics processor: "C", whose variants give the same bits, or "numpy".
 
     Raises
     ------
     InputError
         As `running`.
     """
-    loops, gpu = running(), casting_gpu()
-    return gpu.name if gpu else NUMPY if loops == NUMPY else "C"
+    return NUMPY if running() == NUMPY else "C"
+
+
+def caster() -> str:
+    """What casts: the name of a graphics processor, or `on_processor`.
+
+    Raises
+    ------
+    InputError
+        As `running`.
+    """
+    loops, gpu = on_processor(), usable_gpu()
+    return gpu.name if gpu else loops
 
 
 def use_gpu(allowed: bool) -> None:
-    """Let this process and those that it starts cast on a graphics processor, or not.
+    """Let this process and those that it starts use a graphics processor, or not.
 
     A value that LENSFIELD_KERNELS has from elsewhere takes precedence.
     """

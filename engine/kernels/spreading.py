@@ -21,10 +21,19 @@ Fill = Callable[[int, np.ndarray, np.ndarray], object]
 
 @dataclass(frozen=True, eq=False)
 class TablePlaces:
-    """Positions of a picture's pixels among the heights and azimuths, or the cells, of a table of PSFs."""
+    """Positions of a picture's pixels among the heights and azimuths, or the cells, of a table of PSFs.
 
-    _arrays: tuple[np.ndarray, ...]
-    _structure: Structure
+    Attributes
+    ----------
+    arrays : tuple of arrays
+        Of a curve: paraxial heights and intervals (sample,), and the table's heights. Of cells: those of rows and of
+        columns, and fractions of both on to the next nodes.
+    structure : Structure
+        As the loops read them.
+    """
+
+    arrays: tuple[np.ndarray, ...]
+    structure: Structure
 
     @classmethod
     def of(cls, centre_px: tuple[float, float], samples_per_px: float, paraxial: np.ndarray, heights: np.ndarray,
@@ -74,13 +83,13 @@ class TablePlaces:
 
     def lower(self, rows: int) -> "TablePlaces":
         """The positions for a picture that begins `rows` rows below this one."""
-        structure = PLACES.from_buffer_copy(self._structure)
+        structure = PLACES.from_buffer_copy(self.structure)
         structure.centre_row -= rows
         if structure.row_cell:
             structure.row_cell += int(rows) * np.dtype(np.int32).itemsize
             structure.row_on += int(rows) * np.dtype(np.float32).itemsize
             structure.rows -= rows
-        return TablePlaces(self._arrays, structure)
+        return TablePlaces(self.arrays, structure)
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,12 +104,16 @@ class PackedTable:
         Side of the PSFs' square of pixels.
     taps_by_interval : int array (interval,)
         Number of taps for a pixel in the interval.
+    arrays : tuple of arrays
+        Taps, and the arrays of `structure`, in its order.
+    structure : Structure
+        As the loops read them.
     """
 
     side_px: int
     taps_by_interval: np.ndarray
-    _arrays: tuple[np.ndarray, ...]
-    _structure: Structure
+    arrays: tuple[np.ndarray, ...]
+    structure: Structure
 
     @classmethod
     def of(cls, reached: np.ndarray, azimuths: int, fill: Fill) -> "PackedTable":
@@ -138,7 +151,7 @@ class PackedTable:
 
     @property
     def nbytes(self) -> int:
-        return sum(array.nbytes for array in self._arrays)
+        return sum(array.nbytes for array in self.arrays)
 
 
 def _aligned_zeros(count):
@@ -192,8 +205,8 @@ def spread(table: PackedTable, places: TablePlaces, light: np.ndarray, lit: np.n
     first, end, _ = rows.indices(light.shape[1])
     out = np.zeros((planes, end - first + table.side_px - 1, columns + table.side_px - 1 + SLACK), np.float32)
     lit = np.ascontiguousarray(lit, dtype=np.bool_)
-    work = np.empty(loops.lf_spread_work(table._structure.pieces, columns), np.uint8)
-    check(loops.lf_spread(variant, byref(places._structure), byref(table._structure), byref(picture(light)),
+    work = np.empty(loops.lf_spread_work(table.structure.pieces, columns), np.uint8)
+    check(loops.lf_spread(variant, byref(places.structure), byref(table.structure), byref(picture(light)),
                           byref(SECTIONS(lit.ctypes.data, *lit.shape, section_px)), first, end, byref(picture(out)),
                           work.ctypes.data))
     return out[:, :, :-SLACK]

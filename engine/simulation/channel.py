@@ -35,6 +35,11 @@ class Channel:
         Returns the table of halos. It is called for pictures with highlights; None if the plan has no halos.
     capture : PixelGrid, optional
         The pixels of the radiance, if they differ from the pixels of the filter.
+
+    Attributes
+    ----------
+    gpu : str
+        The graphics processor that has spread light of the last picture; "" for none.
     """
 
     def __init__(self, field: MonochromaticField, grid: PixelGrid, plan: Plan, table: Cells | None,
@@ -49,7 +54,7 @@ class Channel:
                                         vignette=plan.out_of_field == "vignette", precision=plan.precision)
         self._spreader = plan.method.spreader(self._psfs, table, plan.psf_radius_px, memory)
         self._make_halos, self._halos, self._memory = make_halos, None, memory
-        self._capture = capture or grid
+        self._capture, self.gpu = capture or grid, ""
         self._flat_slope = flat_slope(table, self._psfs, plan.flat_tolerance) if table else 0.0
 
     def ideal_irradiance(self, radiance: np.ndarray) -> np.ndarray:
@@ -87,6 +92,7 @@ class Channel:
         planes.without_doubles(ideal)
         dark = ideal.min()
         blurred = planes.join(overlap_add(ideal, self._spreader, needs), radius)
+        self.gpu = self._spreader.gpu
         if even is not None:
             mask, values = planes.join(even[0]), planes.join(even[1])
             rows, columns = (slice(radius, radius + n) for n in mask.shape)
@@ -133,6 +139,7 @@ class Channel:
         none = np.zeros_like(sections)
         picture = self.planes.join(overlap_add(bright, spreader, SectionNeeds(sections, none, none)),
                                    spreader.radius_px)
+        self.gpu = self.gpu or spreader.gpu
         beyond = spreader.radius_px - self._plan.psf_radius_px
         rows, columns = (slice(beyond, beyond + n) for n in blurred.shape)
         picture[rows, columns] += blurred

@@ -106,7 +106,7 @@ class Report:
             for line in report._common_remarks():
                 alike.setdefault(FIGURE.sub("", line), []).append((number, line))
         return [*self._common_remarks(), *(self._remark_of_frames(lines) for lines in alike.values()),
-                *self._unlike_casting()]
+                *self._unlike("casting", "cast"), *self._unlike("spreading", "filtered")]
 
     def _remark_of_frames(self, lines):
         (number, first), *others = lines
@@ -114,13 +114,13 @@ class Report:
             return first
         return f"frame {number}: {first}{f' ({len(others)} similar)' if others else ''}"
 
-    def _unlike_casting(self):
-        """A line if not all frames were cast by the same device."""
-        casting = [report.lens_image.casting for report in self.frames.values() if report.lens_image]
-        casting += [report.get("casting", "") for report in self.earlier.values()]
-        frames = Counter(filter(None, casting))
+    def _unlike(self, field, done):
+        """A line if not all frames had this done by the same device."""
+        devices = [getattr(report.lens_image, field) for report in self.frames.values() if report.lens_image]
+        devices += [report.get(field, "") for report in self.earlier.values()]
+        frames = Counter(filter(None, devices))
         if len(frames) > 1:
-            yield (f"frames were cast by {', '.join(f'{name} ({count})' for name, count in frames.most_common())}: "
+            yield (f"frames were {done} by {', '.join(f'{name} ({count})' for name, count in frames.most_common())}: "
                    "they differ by rounding")
 
     def _common_remarks(self):

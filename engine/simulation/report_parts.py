@@ -101,8 +101,10 @@ class LensImageFacts(Part):
         Implementation of the loops: "numpy", or the instruction set of the compiled ones.
     casting : str
         What cast the out-of-focus light: a graphics processor, "C" or "numpy"; "" without such light.
-    casting_problems : tuple of str
-        Why a graphics processor did not cast it, one line each.
+    spreading : str
+        What filtered the in-focus light; a graphics processor if it did so at any wavelength.
+    gpu_problems : tuple of str
+        Why a graphics processor did not do either, one line each.
     negative_light_fraction : float
         Negative fraction of the in-focus radiance, which is invalid.
     brightest : float
@@ -123,7 +125,8 @@ class LensImageFacts(Part):
     fireflies_clamped: int
     loops: str
     casting: str = ""
-    casting_problems: tuple[str, ...] = ()
+    spreading: str = ""
+    gpu_problems: tuple[str, ...] = ()
     negative_light_fraction: float = 0.0
     brightest: float = 0.0
     softening_px: float = 0.0
@@ -135,7 +138,7 @@ class LensImageFacts(Part):
         if not self.energy.in_frame_w_per_nm and not parts.of(SceneFacts):  # their remarks state the reason
             yield ("the lens image is black: " + ("no light reaches the frame" if self.energy.in_w_per_nm else
                                                   "the radiance is zero everywhere"))
-        yield from self.casting_problems
+        yield from self.gpu_problems
         if self.negative_light_fraction > NEGATIVE_LIMIT:
             yield (f"{self.negative_light_fraction:.1%} of the radiance is negative, which is not physical: filtered "
                    "unchanged")

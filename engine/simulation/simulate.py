@@ -14,7 +14,7 @@ from ..image.sharpening import sharpening_gain
 from ..image.spectral_image import IRRADIANCE, SpectralImage
 from ..image.supersampling import merge_pixels, softening_px, split_pixels
 from ..kernels.gpu import problems
-from ..kernels.library import caster, running
+from ..kernels.library import caster, on_processor, running
 from ..lens import Lens
 from ..lens.iris import Iris
 from ..library.rays import Rays, lens_rays
@@ -113,7 +113,7 @@ def simulate(radiance: Radiance, lens: Lens, options: Options = BY_RESULT, *,
         irradiance[index] = merge_pixels(_frame(blurred, frame_px), fine)
         if out_of_focus is not None:
             irradiance[index] += out_of_focus
-        tally.add(channel.field, light, blurred, irradiance[index], out_of_focus, view.clamped)
+        tally.add(channel, light, blurred, irradiance[index], out_of_focus, view.clamped)
         del view, channel, ideal, blurred, out_of_focus  # to free their memory before the next wavelength
     report.add(tally.facts(lens, plan))
     sensor = replace(sampling.grid.frame(), projection=PLANE, focal_mm=None, squeeze=1.0)
@@ -134,7 +134,7 @@ class _Tally:
     def __init__(self, sampling, supersampling, times):
         self._sampling, self._parts, self._times = sampling, supersampling**2, times  # finer pixels in a pixel
         self._frame = sampling.grid.frame()
-        self._fits, self._clamped, self._out_of_field, self._cast = [], 0, 0.0, False
+        self._fits, self._clamped, self._out_of_field, self._cast, self._gpu = [], 0, 0.0, False, ""
         self._flux = np.zeros(3)
         self._negative, self._light, self._brightest = 0.0, 0.0, 0.0
 
@@ -145,8 +145,9 @@ class _Tally:
         self._light += plane.sum(dtype=np.float64)
         self._brightest = max(self._brightest, float(plane.max()))
 
-    def add(self, field, light, blurred, frame, out_of_focus, clamped):
+    def add(self, channel, light, blurred, frame, out_of_focus, clamped):
         """Add the results of a wavelength. Out-of-focus light is counted in the frame only."""
+        field, self._gpu = channel.field, self._gpu or channel.gpu
         unfocused = 0.0 if out_of_focus is None else out_of_focus.sum(dtype=np.float64)
         self._flux += (light / self._parts + unfocused, blurred.sum(dtype=np.float64) / self._parts + unfocused,
                        frame.sum(dtype=np.float64))
@@ -163,7 +164,7 @@ class _Tally:
                      for nm, fits in zip(self._sampling.wavelengths_nm, self._fits, strict=True))
         return LensImageFacts(lens.name, plan, grid.pitch_um, grid.frame_px, grid.overscan_px, fits,
                               Energy(*flux.tolist()), self._out_of_field, self._clamped, running(),
-                              *((caster(), problems()) if self._cast else ("", ())),
+                              caster() if self._cast else "", self._gpu or on_processor(), problems(),
                               self._negative / max(self._light + self._negative, np.finfo(float).tiny),
                               self._brightest, self._softening_px(plan.supersampling))
 

@@ -22,7 +22,7 @@ class LensfieldPreferences(bpy.types.AddonPreferences):
 
     lens_on_gpu: bpy.props.EnumProperty(
         name="Lens on GPU", default=AUTO, update=lambda self, context: follow_gpu(),
-        description="Where out-of-focus light is cast through the lens",
+        description="Where out-of-focus light is cast through the lens, and wide blur of in-focus light is computed",
         items=[(AUTO, "Auto", "On the graphics card, if its pictures agree with the CPU's"),
                (OFF, "Off", "On the CPU")])
 

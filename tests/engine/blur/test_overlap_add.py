@@ -5,6 +5,7 @@ import threading
 import numpy as np
 import pytest
 
+from lensfield.engine.blur.method import Spreader
 from lensfield.engine.blur.overlap_add import overlap_add
 from lensfield.engine.blur.section_needs import SectionNeeds
 
@@ -17,7 +18,7 @@ def all_lit(shape, size, double=False):
     return SectionNeeds(lit, lit & double, ~lit)
 
 
-class Stamps:
+class Stamps(Spreader):
     """Spreads every pixel by the same stamp, in plain loops, and records its calls."""
 
     def __init__(self, section_size, stamp, extra_px=0):

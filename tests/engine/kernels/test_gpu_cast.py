@@ -1,16 +1,13 @@
-"""Casting on a graphics processor: against C, and C in its place.
-
-The tests run on any adapter, also on Mesa's emulation, which .ci/run installs.
-"""
+"""Casting on a graphics processor: against C, and C in its place."""
 
 import warnings
-from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import lensfield.engine.depth.cast as cast_module
+from gpus import loops, warns
 from lenses import make_grid_lens, make_lens
 from lensfield import cli
 from lensfield.engine.depth.cast import cast
@@ -23,9 +20,10 @@ from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.image.projection import FISHEYE
 from lensfield.engine.image.spectral_image import SpectralImage
 from lensfield.engine.kernels import gpu as gpu_module
+from lensfield.engine.kernels import gpu_calls as gpu_calls_module
 from lensfield.engine.kernels import gpu_cast as gpu_cast_module
 from lensfield.engine.kernels.cast_tiles import cast_tiles
-from lensfield.engine.kernels.gpu import GPU, VARIABLE, casting_gpu, missing
+from lensfield.engine.kernels.gpu import GPU, VARIABLE, usable_gpu
 from lensfield.engine.kernels.library import caster, running
 from lensfield.engine.kernels.sample_casting import sample_casting
 from lensfield.engine.lens.entrance_pupil import focus_nearness
@@ -34,7 +32,6 @@ from lensfield.engine.plan.options import Options
 from lensfield.engine.runtime.errors import InputError
 from lensfield.engine.simulation.report import Report, together
 from lensfield.engine.simulation.simulate import simulate
-from loops import using
 from refusals import refused
 
 PITCH_UM, NM, TIMES = 16.0, (500.0, 600.0), 2
@@ -44,29 +41,6 @@ SMALL_GRID = PixelGrid((34, 45), PITCH_UM, (12.3, 25.8), (4, 6))
 OPTIONS = Options(accuracy=0.1)
 MEAN_DIFFERENCE, LARGEST_DIFFERENCE = 1e-5, 1e-4
 """A tenth of the requested accuracy, 1 %, is 1e-3: rounding is a thousandth and a tenth of this."""
-
-
-@pytest.fixture
-def gpu(monkeypatch):
-    """The graphics processor, in use and without a record of failures during a test."""
-    if lacking := missing():
-        pytest.skip(f"{lacking}: install wgpu, and mesa-vulkan-drivers for an emulation")
-    monkeypatch.setenv(VARIABLE, GPU)
-    gpu = casting_gpu()
-    monkeypatch.setattr(gpu, "works", True)
-    monkeypatch.setattr(gpu, "rate", gpu.rate)
-    monkeypatch.setattr(gpu_module, "_problems", [])
-    return gpu
-
-
-@pytest.fixture
-def searched_again():
-    """Forget the adapters before and after a test."""
-    gpu_module._found.cache_clear()
-    gpu_module._opened.cache_clear()
-    yield
-    gpu_module._found.cache_clear()
-    gpu_module._opened.cache_clear()
 
 
 def radial_lens():
@@ -112,21 +86,6 @@ def check_like_c(layered, lens, **options):
         assert difference.sum() <= MEAN_DIFFERENCE * np.abs(other).sum()
         assert difference.max() <= LARGEST_DIFFERENCE * np.abs(other).max()
     assert not np.array_equal(once, by_c), "C has cast this"
-
-
-def loops():
-    """The loops that run without a graphics processor."""
-    return using(running())
-
-
-@contextmanager
-def warns(gpu, *words):
-    """Assert that the block warns in a single line with these words, about the graphics processor."""
-    with pytest.warns(RuntimeWarning) as caught:
-        yield
-    line, = caught
-    assert line.filename == gpu.name and all(word in str(line.message) for word in (*words, "C is used instead"))
-    assert "\n" not in str(line.message)
 
 
 @pytest.mark.parametrize("blurs", [(40.0, 12.0, 3.0, 0.4), (-14.0,)])
@@ -178,9 +137,9 @@ def test_parts_of_pixels(gpu):
 def test_neither_calls_nor_bands_nor_pieces_change_the_bits(gpu, monkeypatch, mesh):
     expected = sample_pictures(mesh)
     monkeypatch.setattr(gpu, "rate", 1.0)  # a workgroup in a call
-    monkeypatch.setattr(gpu_cast_module, "FASTER", 1.0)
+    monkeypatch.setattr(gpu_module, "FASTER", 1.0)
     monkeypatch.setattr(gpu_cast_module, "BAND_SUMS", 1)  # a row of tiles in a band
-    monkeypatch.setattr(gpu_cast_module, "PIECE_BYTES", 1000)
+    monkeypatch.setattr(gpu_calls_module, "PIECE_BYTES", 1000)
     fractions = []
     assert np.array_equal(sample_pictures(mesh, fractions), expected)
     assert len(fractions) > 10 and fractions == sorted(fractions) and fractions[-1] == 1
@@ -219,7 +178,7 @@ def test_tiles_without_rays_are_not_written(gpu):
 def test_a_casting_ends_between_calls(gpu, monkeypatch):
     """Closed, it frees its buffers; the next one is complete."""
     expected, closed = sample_pictures(), []
-    monkeypatch.setattr(gpu_cast_module._Buffers, "close", lambda buffers: closed.append(buffers))
+    monkeypatch.setattr(gpu_calls_module.Buffers, "close", lambda buffers: closed.append(buffers))
     monkeypatch.setattr(gpu, "rate", 1.0)
     casting = cast_tiles(sample_casting(2, False), *np.zeros((2, 2, 30, 45), np.float32))
     assert 0 < next(casting) < 1 and not closed
@@ -237,7 +196,7 @@ def sample_by_c():
 
 def test_a_shader_that_disagrees_with_c_is_not_used(gpu, monkeypatch):
     monkeypatch.setattr(gpu, "pipelines", {})
-    monkeypatch.setattr(gpu_cast_module, "AGREEMENT", 0.0)
+    monkeypatch.setattr(gpu_calls_module, "AGREEMENT", 0.0)
     with warns(gpu, "differently from C"):
         assert np.array_equal(sample_pictures(), sample_by_c())
         assert np.array_equal(sample_pictures(), sample_by_c())
@@ -245,7 +204,7 @@ def test_a_shader_that_disagrees_with_c_is_not_used(gpu, monkeypatch):
 
 
 def test_a_driver_that_fails_during_a_casting_loses_nothing(gpu, monkeypatch):
-    run, calls = gpu_cast_module._Buffers.run, []
+    run, calls = gpu_calls_module.Buffers.run, []
 
     def failing(*given):
         calls.append(given)
@@ -253,7 +212,7 @@ def test_a_driver_that_fails_during_a_casting_loses_nothing(gpu, monkeypatch):
             raise RuntimeError("Device lost\nwhile it was in use")
         return run(*given)
 
-    monkeypatch.setattr(gpu_cast_module._Buffers, "run", failing)
+    monkeypatch.setattr(gpu_calls_module.Buffers, "run", failing)
     monkeypatch.setattr(gpu, "rate", 1.0)
     with warns(gpu, "Device lost while it was in use"):
         assert np.array_equal(sample_pictures(), sample_by_c())
@@ -273,12 +232,12 @@ def test_layers_above_the_limits_are_cast_by_c(gpu, monkeypatch):
 def test_without_the_variable_emulations_are_not_used(gpu, searched_again, monkeypatch):
     monkeypatch.delenv(VARIABLE)
     monkeypatch.setattr(gpu_module, "REAL", ())
-    assert casting_gpu() is None and caster() == "C"
+    assert usable_gpu() is None and caster() == "C"
     gpu_module._opened.cache_clear()
     monkeypatch.setattr(gpu_module, "REAL", gpu_module.KINDS)
     assert caster() == gpu.name
     monkeypatch.setenv(VARIABLE, running())
-    assert casting_gpu() is None and caster() == "C"
+    assert usable_gpu() is None and caster() == "C"
 
 
 def test_forked_processes_cast_by_c(gpu, monkeypatch):
@@ -314,7 +273,7 @@ def test_the_variable_is_refused_without_an_adapter(searched_again, monkeypatch,
     monkeypatch.delenv(VARIABLE)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert casting_gpu() is None
+        assert usable_gpu() is None
 
 
 def test_command_and_reports_name_the_device(gpu, capsys):
@@ -322,7 +281,7 @@ def test_command_and_reports_name_the_device(gpu, capsys):
     with loops():
         assert cli.main(["--version"]) == 0
     named, plain = capsys.readouterr().out.splitlines()
-    assert named == plain.replace(")", f"; casting: {gpu.name})")
+    assert named == plain.replace(")", f"; casting, filter: {gpu.name})")
     lens = radial_lens()
     layered = scene(lens, SMALL_GRID, (12.0,))
     by_gpu, by_c, flat = Report(), Report(), Report()
@@ -341,5 +300,5 @@ def test_a_report_states_why_c_has_cast(gpu, monkeypatch):
     lens, report = radial_lens(), Report()
     with warns(gpu, "MB"):
         simulate(scene(lens, SMALL_GRID, (12.0,)), lens, OPTIONS, report=report)
-    line, = report.lens_image.casting_problems
-    assert line in report.remarks() and line.startswith(f"{gpu.name}: cannot cast with a table of ")
+    line, = report.lens_image.gpu_problems
+    assert line in report.remarks() and line.startswith(f"{gpu.name}: cannot hold a table of ")

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from gpus import loops
 from lenses import comatic_lens, lopsided_lens
 from lensfield.engine import ChannelCache, Options, Report, SpectralImage, simulate
 from lensfield.engine.image.projection import FISHEYE
@@ -78,6 +79,17 @@ def assert_all_agree(radiance, lens, options):
 @pytest.mark.parametrize("case", CASES)
 def test_pictures_agree(case):
     assert_all_agree(*CASES[case])
+
+
+@pytest.mark.parametrize("case", sorted(CASES.keys() - {"black", "double precision", "by sections", "even light"}))
+def test_a_graphics_processor_agrees(gpu, case):
+    radiance, lens, options = CASES[case]
+    report = Report()
+    picture = simulate(radiance, lens, options, report=report).cube
+    with loops():
+        expected = simulate(radiance, lens, options).cube
+    assert report.lens_image.spreading == gpu.name
+    np.testing.assert_allclose(picture, expected, rtol=0, atol=AGREEMENT * expected.max())
 
 
 def test_pictures_of_a_fisheye_agree():
