@@ -24,7 +24,7 @@ from .prepared_layer import PreparedLayer, prepare_layers
 FAINT = 1e-3  # of a picture's mean radiance
 LAYER_PLANES, PREPARING_PLANES = 3, 10  # planes in memory of a prepared layer, and during its preparation
 LEVELS_PX = 2.2  # pixels of the levels of a slanted layer, relative to the layer's
-COVER_PLANES = 5  # planes of the capture for the cover of nearer layers, while levels are made
+COVER_PLANES, NEARER_PLANES = 5, 2  # planes of the capture for the cover of nearer layers, and of these for a layer
 SAMPLE_RAYS = 256  # for the reach of all
 SUMMABLE = 2.0**88  # radiance whose sums over rays stay within float32
 DIMMED = 2.0**-40  # brighter light is multiplied by this first; for a power of two, this is exact
@@ -251,7 +251,7 @@ def casting_bytes(layered: Radiance, lens: Lens, most_of_lamps: int) -> float:
     layers_px = [layer.alpha.size for layer in layered.layers]
     together = min(TOGETHER, layered.wavelengths_nm.size)
     rays = field_map(lens).packed_ray_values(most_of_lamps, together)
-    levels = LEVELS_PX * (together + 1) * sum(layers_px) + COVER_PLANES * capture_px
+    levels = LEVELS_PX * (together + 1) * sum(layers_px) + _cover_planes(layered) * capture_px
     group = together * (capture_px + 2 * frame_px) + max(rays + max(levels, TABLE_VALUES),
                                                          TABLE_VALUES + RAY_PLANES * frame_px)
     if layered.detail_times > 1:
@@ -267,8 +267,13 @@ def _parts_values(layered, rays):
     share = min(1.0, (AREA_ROWS * TILE_PX + 4 * BESIDE_PX) / rows)
     layers_px = sum(layer.alpha.size for layer in layered.layers)
     planes = LEVELS_PX * (together + 1) + LAYER_PLANES + 2 * together
-    in_parts = layered.detail_times**2 * (planes * layers_px + COVER_PLANES * rows * columns)
+    in_parts = layered.detail_times**2 * (planes * layers_px + _cover_planes(layered) * rows * columns)
     return 2 * rays + share * (in_parts + 2 * together * rows * columns)
+
+
+def _cover_planes(layered):
+    """Planes of the capture in memory for the cover of nearer layers."""
+    return COVER_PLANES + NEARER_PLANES * (len(layered.layers) - 1)
 
 
 def _sharp_shares(layers, shape_px):

@@ -11,13 +11,11 @@ from ..image.detail import split_by_detail
 from ..image.layers import Layer
 from ..image.pixel_grid import PixelGrid
 from ..image.supersampling import split_pixels
-from ..kernels.casting import LayerArrays, LevelArrays
+from ..kernels.levels import LayerPlanes, LevelKind
 from ..lens import Lens
 from .depth_range import blur_per_nearness_px, focus_in_capture, focus_range_px, focus_share
 
 NEAREST_MM = 1e-3
-SHARPER = 1 / 12  # of differences; this subtracts a variance of 1/6, that of a pixel and of a cell as large as it
-STRIP = 128  # rows or columns that are sharpened together, in the processor's cache
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,49 +130,12 @@ class PreparedLayer:
         return replace(self, layer=Layer(np.array(cube), alpha, anywhere_mm, (row, column)),
                        depth=np.stack(depth, axis=-1), capture=self.capture.part(region).finer(times))
 
-    def finest(self, wavelengths: slice, scale: float = 1.0) -> LevelArrays:
-        """The layer at some of the wavelengths in the capture's pixels, with its light multiplied by `scale`, and
-        sharpened if rays gather it."""
-        rows, columns = self.layer.alpha.shape
-        above, below, before, behind = self.goes_on
-        bounds = (-np.inf if above else -0.5, np.inf if below else rows - 0.5,
-                  -np.inf if before else -0.5, np.inf if behind else columns - 0.5)
-        light = self.layer.cube[wavelengths]
-        light = light if scale == 1 else light * np.float32(scale)
-        light = sharpened(light) if self.out_of_focus else light
-        return LevelArrays(_two_wide(light), _two_wide(self.layer.alpha), self.axis_px, 1.0, bounds)
-
-    def of(self, finest: LevelArrays, coarser: Iterable[LevelArrays]) -> LayerArrays:
-        """The layer for the loops, from its levels."""
-        return LayerArrays((finest, *coarser), _two_wide(self.depth, 0))
-
-
-def sharpened(light: np.ndarray) -> np.ndarray:
-    """Planes with light moved to brighter neighbours, by as much as look-ups spread it.
-
-    A capture's pixel contains the mean over its area, and a look-up is the mean of pixels over a cell, so details would
-    be spread twice. No pixel gives more than its light, so lamps have no dark rims.
-
-    Parameters
-    ----------
-    light : float32 array (plane, row, column)
-    """
-    light = light.copy()
-    for lines in (lines for plane in light for lines in (plane, plane.T)):
-        for first in range(0, len(lines), STRIP):
-            before, behind = lines[first:first + STRIP, :-1], lines[first:first + STRIP, 1:]
-            moved = np.clip(SHARPER * (behind - before), np.abs(behind) / -2, np.abs(before) / 2)
-            before -= moved
-            behind += moved
-    return light
-
-
-def _two_wide(pixels, rows=-2):
-    """A contiguous array with at least two rows, along this axis, and columns, along the next, for interpolation."""
-    short = [(0, 0)] * pixels.ndim
-    for axis in (rows, rows + 1):
-        short[axis] = 0, max(0, 2 - pixels.shape[axis])
-    return np.ascontiguousarray(np.pad(pixels, short, mode="edge") if np.any(short) else pixels)
+    def planes(self, wavelengths: slice, scale: float, coarser: tuple[LevelKind | None, ...],
+               nearer: tuple[np.ndarray, np.ndarray] | None) -> LayerPlanes:
+        """The layer at some of the wavelengths for the loops, with its light multiplied by `scale`, and sharpened if
+        rays gather it; with other levels, and nearer layers."""
+        return LayerPlanes(self.layer.cube[wavelengths], self.layer.alpha, scale, self.out_of_focus,
+                           self.layer.origin_px, self.capture.centre_px, self.sides, coarser, nearer)
 
 
 def prepare_layers(layers: Iterable[Layer], capture: PixelGrid, lens: Lens) -> list[PreparedLayer]:

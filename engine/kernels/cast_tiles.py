@@ -24,6 +24,7 @@ def cast_tiles(casting: Casting, blurred: np.ndarray, clear: np.ndarray) -> Iter
         with leaving_to_c(gpu):
             yield from gpu_cast(gpu, casting, blurred, clear)
             return
+    casting.make_levels()
     rows = len(casting.eights)
     with thread_pool() as pool:
         for completed, _ in enumerate(pool.map(lambda row: cast(casting, row, blurred, clear), range(rows)), 1):

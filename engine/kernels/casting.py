@@ -1,39 +1,17 @@
 """What `cast` takes: rays of pixels, and layers of a capture."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from .arrays import address
 from .declarations import NUMBERS, STRUCTURES
+from .levels import LayerPlanes, LevelArrays, numpy_levels
 
 TOGETHER = NUMBERS["TOGETHER"]  # maximum number of wavelengths
 STOP, QUANTITIES = 2, 6  # numbers for the position of rays in the stop, and at each wavelength
 MEETING = np.dtype(STRUCTURES["meeting"])
-
-
-@dataclass(frozen=True, eq=False)
-class LevelArrays:
-    """A layer of a capture at one resolution.
-
-    Attributes
-    ----------
-    light : float32 array (wavelength, row, column)
-        Premultiplied by alpha; contiguous rows, at least 2 x 2 pixels.
-    alpha : float32 array (row, column)
-    axis_px : (float, float)
-        Row and column of the axis, in this level's pixels.
-    per_px : float
-        This level's pixels in a pixel of the capture.
-    bounds_px : (float, float, float, float)
-        Top, bottom, left and right limits of the layer; infinite for sides at which the last pixels continue.
-    """
-
-    light: np.ndarray
-    alpha: np.ndarray
-    axis_px: tuple[float, float]
-    per_px: float
-    bounds_px: tuple[float, float, float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,14 +20,18 @@ class LayerArrays:
 
     Attributes
     ----------
-    levels : tuple of LevelArrays
-        The first has the capture's pixels.
+    planes : LayerPlanes
     depth : float32 array (row, column, 2)
         Of the first level: inverse depth per mm, and the focus share.
     """
 
-    levels: tuple[LevelArrays, ...]
+    planes: LayerPlanes
     depth: np.ndarray
+
+    @cached_property
+    def levels(self) -> tuple[LevelArrays, ...]:
+        """The levels; the first has the capture's pixels."""
+        return numpy_levels(self.planes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,6 +190,11 @@ class Casting:
     @property
     def wavelengths(self) -> int:
         return (self.rays.values.shape[-2] - STOP) // QUANTITIES
+
+    def make_levels(self) -> None:
+        """Make the levels of all layers, before several threads read them."""
+        for layer in self.layers:
+            _ = layer.levels
 
 
 def rays_shape(nodes: int, eights: int, wavelengths: int) -> tuple[int, ...]:

@@ -3,7 +3,7 @@
 import time
 import weakref
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
@@ -14,7 +14,7 @@ import numpy as np
 from .gpu import Gpu
 
 UNIFORMS, CALL = range(2)  # bindings of all loops: numbers of the work, and of a call
-CALL_BYTES = 20
+CALL_BYTES = 256  # or fewer
 PIECE_BYTES = 1 << 25  # of an upload: the library copies a piece, and frees the copy after it
 KEPT_BYTES = 1 << 30  # of a graphics processor's memory, in buffers for the next pictures
 AGREEMENT = 1e-3  # largest difference from C in a sample, relative to the brightest
@@ -44,6 +44,12 @@ def compiled(gpu: Gpu, source: str, names: Iterable[str], **constants: int | boo
     module = gpu.device.create_shader_module(code=lines + code)
     return [gpu.device.create_compute_pipeline(layout="auto", compute={"module": module, "entry_point": name})
             for name in names]
+
+
+def bound(gpu: Gpu, pipeline: Any, buffers: Mapping[int, Any]) -> Any:
+    """Buffers of a pipeline, by their bindings."""
+    return gpu.device.create_bind_group(layout=pipeline.get_bind_group_layout(0), entries=[
+        {"binding": binding, "resource": {"buffer": buffer}} for binding, buffer in buffers.items()])
 
 
 class Buffers:
@@ -87,12 +93,11 @@ class Buffers:
 
     def bound(self, pipeline: Any, bindings: Iterable[int]) -> Any:
         """The buffers of a pipeline."""
-        return self._gpu.device.create_bind_group(layout=pipeline.get_bind_group_layout(0), entries=[
-            {"binding": binding, "resource": {"buffer": self[binding]}} for binding in bindings])
+        return bound(self._gpu, pipeline, {binding: self[binding] for binding in bindings})
 
-    def run(self, pipeline: Any, bound: Any, groups: tuple[int, ...], call: tuple[int, ...],
+    def run(self, pipeline: Any, bound: Any, groups: tuple[int, ...], call: Sequence[int] | np.ndarray,
             look_ups: float = 0.0) -> None:
-        """Run workgroups, and wait for them. The seconds for a number of look-ups set the size of later calls."""
+        """Run workgroups. For a number of look-ups, wait for them: their seconds set the size of later calls."""
         started, device = time.perf_counter(), self._gpu.device
         device.queue.write_buffer(self[CALL], 0, np.array(call, np.uint32))
         encoder = device.create_command_encoder()
@@ -102,8 +107,8 @@ class Buffers:
         step.dispatch_workgroups(*groups)
         step.end()
         device.queue.submit([encoder.finish()])
-        self.wait()
         if look_ups:
+            self.wait()
             self._gpu.learn_rate(look_ups, time.perf_counter() - started)
 
     def wait(self) -> None:

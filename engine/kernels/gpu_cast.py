@@ -3,6 +3,7 @@
 Bands of the picture are cast one after the other, and read back.
 """
 
+import math
 from collections.abc import Iterator
 from contextlib import closing
 from typing import Any
@@ -12,7 +13,8 @@ import numpy as np
 from .cast import cast
 from .casting import MEETING, Casting, MeshRays
 from .gpu import Gpu
-from .gpu_calls import CALL, CALL_BYTES, MOST_LOOPS, UNIFORMS, Buffers, check_agreement, compiled
+from .gpu_calls import CALL, CALL_BYTES, MOST_LOOPS, UNIFORMS, Buffers, check_agreement, compiled, kept_buffers
+from .gpu_levels import Stack, level_place, make_levels
 from .sample_casting import sample_casting
 
 GROUP = 32  # invocations of a workgroup, pixels of a tile next to each other: the threads that run in step
@@ -82,8 +84,8 @@ def _check(gpu, pipelines, casting):
 
 def _cast(gpu, pipelines, casting, blurred, clear):
     """Cast with compiled loops, a band of rows after the other; yield the completed fraction."""
-    with closing(Buffers(gpu)) as shared:
-        _share(shared, casting, blurred.shape[2])
+    with _kept_depths(gpu, casting.layers) as depths, closing(Buffers(gpu, depths)) as shared:
+        _share(gpu, shared, casting, blurred.shape[2])
         rows = max(1, BAND_SUMS // (4 * casting.wavelengths * casting.tile_px * blurred.shape[2]))
         for first in range(0, len(casting.eights), rows):
             lit = casting.eights[first:first + rows] > 0
@@ -176,8 +178,8 @@ def _most_eights(casting):
     return max(1, MOST_LOOPS // (8 * (2 + casting.wavelengths + len(casting.layers) * of_layer)))
 
 
-def _share(buffers, casting, columns):
-    """Upload everything that all bands have in common."""
+def _share(gpu, buffers, casting, columns):
+    """Upload or make everything that all bands have in common."""
     facts = np.zeros((), CASTING)
     lens = [casting.rays.values.ravel(), casting.shrinkage, casting.blades.ravel()]
     if isinstance(casting.rays, MeshRays):
@@ -198,32 +200,42 @@ def _share(buffers, casting, columns):
     facts["faint"][:casting.wavelengths] = casting.faint
     buffers.put(UNIFORMS, facts, usage="UNIFORM")
     buffers.put(LENS, *lens)
-    levels, light, depths = _levels(casting)
-    buffers.put(LIGHT, *light)
-    buffers.put(DEPTHS, *depths)
-    buffers.put(LEVELS, levels)
     buffers.put(MEETINGS, casting.meetings.view(MEETING))
     buffers.make(CALL, CALL_BYTES, "UNIFORM")
+    _make_levels(gpu, buffers, casting)
     buffers.wait()
 
 
-def _levels(casting):
-    """The levels as cast.wgsl reads them; and their planes, and the layers' depths, in the order of their places there.
-
-    Levels that no tile's rays look up have no planes.
-    """
-    table = np.zeros((len(casting.layers), max(len(layer.levels) for layer in casting.layers)), LEVEL)
-    planes, depths, begin, depth = [], [], 0, 0
-    met = casting.meetings[casting.eights > 0]
+def _make_levels(gpu, buffers, casting):
+    """Put the levels that rays look up, and their table as cast.wgsl reads it; others have no planes."""
+    table = np.zeros((len(casting.layers), max(1 + len(layer.planes.coarser) for layer in casting.layers)), LEVEL)
+    met, stacks, begin, depth = casting.meetings[casting.eights > 0], [], 0, 0
     for row, layer, meetings in zip(table, casting.layers, met.T, strict=True):
-        used = set(meetings["level"][meetings["steps"] >= 0].tolist())
-        for number, level in enumerate(layer.levels):
-            places = (begin, begin + level.light.size) if number in used else (0, 0)
-            bounds = np.clip(level.bounds_px, -FARTHEST_PX, FARTHEST_PX)
-            row[number] = *places, depth, *level.alpha.shape, *level.axis_px, level.per_px, *bounds
+        used, planes, of_layer = set(meetings["level"][meetings["steps"] >= 0].tolist()), layer.planes, {}
+        for number, kind in enumerate((None, *planes.coarser)):
+            first, shape = level_place(planes.place, kind) if kind else (planes.origin_px, layer.depth.shape[:2])
+            geometry = planes.geometry(kind, first) if kind else planes.finest
+            light = alpha = 0
             if number in used:
-                planes += [level.light, level.alpha]
-                begin += level.light.size + level.alpha.size
-        depths.append(layer.depth)
+                of_layer[number] = begin, first, (casting.wavelengths + 1, *shape)
+                light, alpha = begin, begin + casting.wavelengths * math.prod(shape)
+                begin = alpha + math.prod(shape)
+            axis_px, per_px, bounds_px = geometry
+            row[number] = light, alpha, depth, *shape, *axis_px, per_px, *np.clip(bounds_px, -FARTHEST_PX, FARTHEST_PX)
+        stacks.append(of_layer)
         depth += layer.depth.size // 2
-    return table, planes, depths
+    buffers.put(LEVELS, table)
+    buffers.make(LIGHT, 4 * begin)
+    for layer, of_layer in zip(casting.layers, stacks, strict=True):
+        make_levels(gpu, buffers, layer.planes, {number: Stack(buffers[LIGHT], *stack)
+                                                 for number, stack in of_layer.items()})
+
+
+def _kept_depths(gpu, layers):
+    """The layers' depths, as a context manager of buffers: wavelengths share them."""
+    def upload():
+        buffers = Buffers(gpu)
+        buffers.put(DEPTHS, *(layer.depth for layer in layers))
+        return buffers
+
+    return kept_buffers(gpu).of(layers[0].depth, tuple(id(layer.depth) for layer in layers), upload)

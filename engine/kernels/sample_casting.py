@@ -2,10 +2,13 @@
 
 import numpy as np
 
-from .casting import MEETING, QUANTITIES, STOP, Casting, HeightRays, LayerArrays, LevelArrays, MeshRays
+from .casting import MEETING, QUANTITIES, STOP, Casting, HeightRays, LayerArrays, MeshRays
+from .levels import LayerPlanes, LevelKind
 
 TILES, TILE_PX, STEPS = (2, 3), 16, (1, 2, 4, 1, 5, 2)
 LAYER_PX, AXIS_PX = (52, 66), (23.3, 28.9)
+CAPTURE_PX, ORIGINS_PX = (57, 69), ((2, 3), (5, 0))
+KINDS = (LevelKind(4, 5, 0.0),), (LevelKind(2, 2, 0.5),)
 CENTRE_PX = 13.4, 21.7
 INVERSE_DEPTHS = 0.02, 0.002
 BLUR_PX = 150.0  # of a ray at the rim of the stop, for an inverse depth of 1
@@ -64,11 +67,13 @@ def _values(wavelengths, one, two, coloured):
 
 
 def _layer(inverse_depth, number, wavelengths):
+    """A layer that ends at its rows; or one that continues, behind others."""
     rows, columns = np.indices(LAYER_PX, np.float32)
     alpha = np.ones_like(rows) if number else np.clip(2 * np.sin(rows / 7) * np.cos(columns / 9), 0, 1)
     light = np.stack([alpha * (1 + w + np.sin(rows / (3 + w)) * np.cos(columns / 5)) for w in range(wavelengths)])
     depth = inverse_depth * (1 + 0.02 * np.sin(columns / 20)), 0.5 + 0.5 * np.sin(rows / 11)
-    levels = [LevelArrays(np.ascontiguousarray(light[:, ::size, ::size]), np.ascontiguousarray(alpha[::size, ::size]),
-                          tuple(axis / size for axis in AXIS_PX), 1 / size, bounds)
-              for size, bounds in ((1, (-0.5, LAYER_PX[0] - 0.5, -np.inf, np.inf)), (2, (-np.inf, np.inf) * 2))]
-    return LayerArrays(tuple(levels), np.stack(depth, axis=-1, dtype=np.float32))
+    origin_px = ORIGINS_PX[number]
+    nearer = np.clip(np.sin(np.add(*np.indices(CAPTURE_PX, np.float32)) / np.array([[[13]], [[8]]], np.float32)), 0, 1)
+    planes = LayerPlanes(light, alpha, 1.0, True, origin_px, tuple(np.add(AXIS_PX, origin_px).tolist()),
+                         ((bool(number),) * 2, (True, True)), KINDS[number], tuple(nearer) if number else None)
+    return LayerArrays(planes, np.stack(depth, axis=-1, dtype=np.float32))

@@ -12,11 +12,12 @@ from lenses import make_lens
 from lensfield.engine.depth.cast import cast, casting_bytes
 from lensfield.engine.depth.depth_range import blur_px
 from lensfield.engine.depth.meetings import plan_meetings
-from lensfield.engine.depth.prepared_layer import PreparedLayer, sharpened
+from lensfield.engine.depth.prepared_layer import PreparedLayer
 from lensfield.engine.field.radial.first_order import first_order_rays
 from lensfield.engine.image.layers import Layer, LayeredRadiance
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.image.projection import FISHEYE, PLANE, Projection
+from lensfield.engine.kernels.levels import sharpened
 from lensfield.engine.kernels.library import available, running
 from lensfield.engine.lens.entrance_pupil import entrance_pupil_diameter_mm, focus_nearness
 from lensfield.engine.lens.iris import Iris

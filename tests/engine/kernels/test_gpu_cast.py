@@ -178,12 +178,14 @@ def test_tiles_without_rays_are_not_written(gpu):
 def test_a_casting_ends_between_calls(gpu, monkeypatch):
     """Closed, it frees its buffers; the next one is complete."""
     expected, closed = sample_pictures(), []
-    monkeypatch.setattr(gpu_calls_module.Buffers, "close", lambda buffers: closed.append(buffers))
+    monkeypatch.setattr(gpu_calls_module.Buffers, "close", lambda buffers: closed.extend(buffers._buffers))
     monkeypatch.setattr(gpu, "rate", 1.0)
     casting = cast_tiles(sample_casting(2, False), *np.zeros((2, 2, 30, 45), np.float32))
-    assert 0 < next(casting) < 1 and not closed
+    of_casting = {gpu_cast_module.LENS, gpu_cast_module.SUMS}
+    assert 0 < next(casting) < 1
+    closed.clear()  # those of levels
     casting.close()
-    assert len(closed) == 2
+    assert of_casting <= set(closed)
     monkeypatch.undo()
     monkeypatch.setenv(VARIABLE, GPU)
     assert np.array_equal(sample_pictures(), expected)
