@@ -17,7 +17,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..kernels.casting import LayerArrays
-from ..kernels.levels import LevelKind, two_wide
+from ..kernels.levels import LevelKind, Nearer, two_wide
 from ..lens import Lens
 from .depth_range import blur_per_nearness_px
 from .prepared_layer import PreparedLayer
@@ -59,12 +59,12 @@ def layer_arrays(layers: Sequence[PreparedLayer], lens: Lens, wavelengths: slice
 
 
 def _hiding(layer, place, nearer, coarser):
-    """The cover of nearer layers, and the difference between their place and the layer's, if they hide any of it from
-    all rays: arrays (row, column) of the capture; otherwise None."""
+    """The Nearer, from their cover and place, if they hide any of the layer from all rays; otherwise None."""
     cover, cover_place = nearer
     softest = max((kind.near_px for kind in coarser if kind), default=0.0)
     if not softest or not cover.any():
         return None
     beyond = [(side.start, n - side.stop) for side, n in zip(layer.layer.place, cover.shape, strict=True)]
     apart = np.abs(cover_place - np.pad(place, beyond, mode="edge"))
-    return (cover.copy(), apart) if apart.min(where=cover > 0, initial=np.inf) <= softest else None
+    closest = float(apart.min(where=cover > 0, initial=np.inf))
+    return Nearer(cover.copy(), apart, closest) if closest <= softest else None

@@ -11,7 +11,7 @@ from ..image.detail import split_by_detail
 from ..image.layers import Layer
 from ..image.pixel_grid import PixelGrid
 from ..image.supersampling import split_pixels
-from ..kernels.levels import LayerPlanes, LevelKind
+from ..kernels.levels import LayerPlanes, LevelKind, Nearer
 from ..lens import Lens
 from .depth_range import blur_per_nearness_px, focus_in_capture, focus_range_px, focus_share
 
@@ -131,7 +131,7 @@ class PreparedLayer:
                        depth=np.stack(depth, axis=-1), capture=self.capture.part(region).finer(times))
 
     def planes(self, wavelengths: slice, scale: float, coarser: tuple[LevelKind | None, ...],
-               nearer: tuple[np.ndarray, np.ndarray] | None) -> LayerPlanes:
+               nearer: Nearer | None) -> LayerPlanes:
         """The layer at some of the wavelengths for the loops, with its light multiplied by `scale`, and sharpened if
         rays gather it; with other levels, and nearer layers."""
         return LayerPlanes(self.layer.cube[wavelengths], self.layer.alpha, scale, self.out_of_focus,

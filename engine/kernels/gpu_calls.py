@@ -3,7 +3,7 @@
 import time
 import weakref
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
@@ -14,9 +14,9 @@ import numpy as np
 from .gpu import Gpu
 
 UNIFORMS, CALL = range(2)  # bindings of all loops: numbers of the work, and of a call
-CALL_BYTES = 256  # or fewer
+CALL_BYTES = 20
 PIECE_BYTES = 1 << 25  # of an upload: the library copies a piece, and frees the copy after it
-KEPT_BYTES = 1 << 30  # of a graphics processor's memory, in buffers for the next pictures
+KEPT_BYTES = 1 << 31  # of a graphics processor's memory, in buffers for the next pictures
 AGREEMENT = 1e-3  # largest difference from C in a sample, relative to the brightest
 MOST_LOOPS = 50_000  # of an invocation: Mesa's emulation silently ends it after 65,535
 
@@ -46,10 +46,22 @@ def compiled(gpu: Gpu, source: str, names: Iterable[str], **constants: int | boo
             for name in names]
 
 
-def bound(gpu: Gpu, pipeline: Any, buffers: Mapping[int, Any]) -> Any:
-    """Buffers of a pipeline, by their bindings."""
+def bound(gpu: Gpu, pipeline: Any, resources: Mapping[int, dict[str, Any]]) -> Any:
+    """Buffers of a pipeline, or parts of these, by their bindings."""
     return gpu.device.create_bind_group(layout=pipeline.get_bind_group_layout(0), entries=[
-        {"binding": binding, "resource": {"buffer": buffer}} for binding, buffer in buffers.items()])
+        {"binding": binding, "resource": resource} for binding, resource in resources.items()])
+
+
+def submit(gpu: Gpu, passes: Iterable[tuple[Any, Any, tuple[int, ...]]]) -> None:
+    """Run passes one after the other: pipelines, their buffers, and the number of workgroups along each axis."""
+    encoder = gpu.device.create_command_encoder()
+    step = encoder.begin_compute_pass()
+    for pipeline, buffers, groups in passes:
+        step.set_pipeline(pipeline)
+        step.set_bind_group(0, buffers)
+        step.dispatch_workgroups(*groups)
+    step.end()
+    gpu.device.queue.submit([encoder.finish()])
 
 
 class Buffers:
@@ -93,20 +105,14 @@ class Buffers:
 
     def bound(self, pipeline: Any, bindings: Iterable[int]) -> Any:
         """The buffers of a pipeline."""
-        return bound(self._gpu, pipeline, {binding: self[binding] for binding in bindings})
+        return bound(self._gpu, pipeline, {binding: {"buffer": self[binding]} for binding in bindings})
 
-    def run(self, pipeline: Any, bound: Any, groups: tuple[int, ...], call: Sequence[int] | np.ndarray,
+    def run(self, pipeline: Any, bound: Any, groups: tuple[int, ...], call: tuple[int, ...],
             look_ups: float = 0.0) -> None:
         """Run workgroups. For a number of look-ups, wait for them: their seconds set the size of later calls."""
-        started, device = time.perf_counter(), self._gpu.device
-        device.queue.write_buffer(self[CALL], 0, np.array(call, np.uint32))
-        encoder = device.create_command_encoder()
-        step = encoder.begin_compute_pass()
-        step.set_pipeline(pipeline)
-        step.set_bind_group(0, bound)
-        step.dispatch_workgroups(*groups)
-        step.end()
-        device.queue.submit([encoder.finish()])
+        started = time.perf_counter()
+        self._gpu.device.queue.write_buffer(self[CALL], 0, np.array(call, np.uint32))
+        submit(self._gpu, [(pipeline, bound, groups)])
         if look_ups:
             self.wait()
             self._gpu.learn_rate(look_ups, time.perf_counter() - started)

@@ -227,8 +227,8 @@ def _make_levels(gpu, buffers, casting):
     buffers.put(LEVELS, table)
     buffers.make(LIGHT, 4 * begin)
     for layer, of_layer in zip(casting.layers, stacks, strict=True):
-        make_levels(gpu, buffers, layer.planes, {number: Stack(buffers[LIGHT], *stack)
-                                                 for number, stack in of_layer.items()})
+        make_levels(gpu, layer.planes, {number: Stack(buffers[LIGHT], *stack)
+                                        for number, stack in of_layer.items()})
 
 
 def _kept_depths(gpu, layers):

@@ -1,5 +1,6 @@
 """Make the levels of layers on a graphics processor, by levels.wgsl, from planes that stay there for later pictures."""
 
+import math
 from collections.abc import Iterable
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
@@ -9,7 +10,7 @@ import numpy as np
 
 from ..runtime.threads import thread_pool
 from .gpu import Gpu
-from .gpu_calls import CALL, Buffers, bound, compiled, kept_buffers
+from .gpu_calls import CALL, Buffers, bound, compiled, kept_buffers, submit
 from .levels import (
     EVERYWHERE,
     HALVING,
@@ -23,6 +24,8 @@ from .levels import (
 )
 
 WIDE, TALL = 32, 4  # pixels of a workgroup
+PER_LOOK_UP = 8  # pixels next to each other in the time of a look-up
+PASS_BYTES = 256  # between the numbers of passes, as devices require
 NAMES = "filter_planes", "sharpen", "find_visible", "leave_out_hidden", "divide"
 PASS = np.dtype([(name, kind) for kind, names in (
     ("u4", "source to other source_rows source_columns rows columns other_rows other_columns first_row"),
@@ -70,8 +73,8 @@ def _halved_place(place):
     return halved_first(place[0]), (rows, columns)
 
 
-def make_levels(gpu: Gpu, shared: Buffers, layer: LayerPlanes, levels: dict[int, Stack]) -> None:
-    """Write levels of a layer, by their numbers, to their stacks; `shared` has CALL.
+def make_levels(gpu: Gpu, layer: LayerPlanes, levels: dict[int, Stack]) -> None:
+    """Write levels of a layer, by their numbers, to their stacks.
 
     Only for functions that `Gpu.call` runs.
     """
@@ -81,15 +84,18 @@ def make_levels(gpu: Gpu, shared: Buffers, layer: LayerPlanes, levels: dict[int,
     planes = len(layer.light) + 1
     with ExitStack() as stack:
         kept = stack.enter_context(_kept_planes(gpu, layer))
-        work = _Work(gpu, shared, stack.enter_context(closing(Buffers(gpu))))
+        work = _Work(gpu, stack.enter_context(closing(Buffers(gpu))))
         source = Stack(kept[SOURCE], 0, layer.origin_px, (planes, *layer.alpha.shape))
         if finest := levels.get(0):
             work.make_finest(source, finest, layer.sharp)
         coarser = {kind: levels[n] for n, kind in enumerate(layer.coarser, 1) if kind and n in levels}
         work.soften(source, layer.sides, coarser)
         if layer.nearer:
+            cover, apart = work.uploaded(layer.nearer.cover), work.uploaded(layer.nearer.apart_px)
             for kind, level in coarser.items():
-                work.leave_out_hidden(source, layer, kind, level)
+                if layer.nearer.hides(kind):
+                    work.leave_out_hidden(source, layer.sides, cover, apart, kind, level)
+        work.submit()
 
 
 def _kept_planes(gpu, layer):
@@ -120,30 +126,39 @@ def _sums_of_plane(plane):
 
 
 class _Work:
-    """Passes over stacks of planes; those between the first and the last pass are in scratch buffers."""
+    """Passes over stacks of planes; those between the first and the last pass are in scratch buffers.
 
-    def __init__(self, gpu, shared, scratch):
-        self._gpu, self._shared, self._scratch, self._count = gpu, shared, scratch, 0
+    Passes are collected, because each submission takes as long as several of them.
+    """
 
-    def _stack(self, first, shape):
-        """A new stack."""
-        self._count += 1
-        self._scratch.make(self._count, 4 * int(np.prod(shape)))
-        return Stack(self._scratch[self._count], 0, first, shape)
+    def __init__(self, gpu, scratch):
+        self._gpu, self._scratch, self._count = gpu, scratch, 0
+        self._passes, self._look_ups = [], 0.0
+        self._by_role = {}
 
-    def _uploaded(self, plane):
+    def _stack(self, role, first, shape):
+        """A stack in the scratch buffer of a role: it replaces the last one of this role."""
+        size = 4 * math.prod(shape)
+        if role not in self._by_role or self._by_role[role].size < size:
+            self._count += 1
+            self._scratch.make(self._count, size)
+            self._by_role[role] = self._scratch[self._count]
+        return Stack(self._by_role[role], 0, first, shape)
+
+    def uploaded(self, plane: np.ndarray) -> Stack:
+        """A plane of the capture."""
         self._count += 1
         self._scratch.put(self._count, plane)
         return Stack(self._scratch[self._count], 0, (0, 0), (1, *plane.shape))
 
-    def make_finest(self, source, to, sharp):
+    def make_finest(self, source: Stack, to: Stack, sharp: bool) -> None:
         """The first level: the light, which may be sharpened, and alpha; with at least two rows and columns."""
         self._filter(source, to, 1, [1.0])
         if not sharp:
             return
         planes = source.shape[0] - 1
         light = replace(source, shape=(planes, *source.shape[1:]))
-        between = self._stack(source.first, light.shape)
+        between = self._stack("between", source.first, light.shape)
         self._run("sharpen", light, between, along_columns=1)
         self._run("sharpen", between, replace(to, shape=(planes, *to.shape[1:])))
 
@@ -152,31 +167,33 @@ class _Work:
         coarse, size = source, 1
         for kind, to in levels.items():
             while size < kind.size:
-                coarse, size = self._halved(coarse, sides), 2 * size
+                size *= 2
+                coarse = self._halved(coarse, sides, f"coarse {size.bit_length() % 2}")
             width, weights = smoothing(kind.averages)
             self._filter(coarse, to, 1, weights, 2 * [width + (kind.averages + 1) // 2], sides)
 
-    def _halved(self, source, sides):
+    def _halved(self, source, sides, role):
         first, shape = _halved_place(source.place)
-        to = self._stack(first, (source.shape[0], *shape))
+        to = self._stack(role, first, (source.shape[0], *shape))
         self._filter(source, to, 2, np.array(HALVING) / 16, [width for width, _ in halved_widths(source.place)], sides)
         return to
 
-    def leave_out_hidden(self, source, layer, kind, to):
+    def leave_out_hidden(self, source: Stack, sides: Sides, cover: Stack, apart: Stack, kind: LevelKind,
+                         to: Stack) -> None:
         """Replace pixels of a level by means over parts that are not hidden."""
-        cover, apart = map(self._uploaded, layer.nearer)
-        visible, parts = self._stack((0, 0), cover.shape), self._stack(source.first, source.shape)
+        visible = self._stack("visible", (0, 0), cover.shape)
+        parts = self._stack("parts", source.first, source.shape)
         self._run("find_visible", cover, visible, apart, near_px=kind.near_px)
         self._run("leave_out_hidden", source, parts, visible, alpha=source.shape[0] - 1)
-        shares, means = (self._stack(place[0], (planes, *place[1])) for place, planes in (
-            (level_place(visible.place, kind), 1), (to.place, to.shape[0])))
+        first, shape = level_place(visible.place, kind)
+        shares, means = self._stack("shares", first, (1, *shape)), self._stack("means", to.first, to.shape)
         self.soften(visible, EVERYWHERE, {kind: shares})
-        self.soften(parts, layer.sides, {kind: means})
+        self.soften(parts, sides, {kind: means})
         self._run("divide", means, to, shares)
 
     def _filter(self, source, to, step, weights, before=(0, 0), sides=EVERYWHERE):
         """Filter along the rows' axis, then along the columns'."""
-        between = self._stack(source.first, (source.shape[0], to.shape[1], source.shape[2]))
+        between = self._stack("between", source.first, (source.shape[0], to.shape[1], source.shape[2]))
         for axis, (one, other) in enumerate(((source, between), (between, to))):
             on_before, on_behind = sides[axis]
             self._run("filter_planes", one, other, along_columns=axis, step=step, before=before[axis],
@@ -185,23 +202,40 @@ class _Work:
 
     def _run(self, name, source, to, other=None, **numbers):
         """A pass over all pixels of `to`, some rows in a call."""
-        facts = np.zeros((), PASS)
-        facts["source"], facts["to"] = source.begin, to.begin
+        facts, (planes, rows, columns) = np.zeros((), PASS), to.shape
+        facts["source"], facts["to"], facts["rows"], facts["columns"] = source.begin, to.begin, rows, columns
         _, facts["source_rows"], facts["source_columns"] = source.shape
-        planes, rows, columns = to.shape
-        facts["rows"], facts["columns"] = rows, columns
-        buffers = {CALL: self._shared[CALL], SOURCE: source.buffer, TO: to.buffer}
+        buffers = {SOURCE: source.buffer, TO: to.buffer}
         if other:
             facts["other"], buffers[OTHER] = other.begin, other.buffer
             _, facts["other_rows"], facts["other_columns"] = other.shape
             facts["other_row"], facts["other_column"] = np.subtract(to.first, other.first)
         for number, value in numbers.items():
             facts[number] = value
+        down, across = -(-rows // TALL), -(-columns // WIDE)
+        of_row = float(WIDE * TALL * across * planes * max(2, int(facts["taps"])) / PER_LOOK_UP)
+        most = max(1, int(self._gpu.look_ups_of_call / of_row))
+        for first in range(0, down, most):
+            facts["first_row"], count = TALL * first, min(most, down - first)
+            if self._look_ups + count * of_row > self._gpu.look_ups_of_call:
+                self.submit()
+            self._passes.append((name, facts.tobytes(), buffers, (across, count, planes)))
+            self._look_ups += count * of_row
+
+    def submit(self) -> None:
+        """Run the passes that were collected."""
+        if not self._passes:
+            return
+        self._count += 1
+        facts = np.zeros((len(self._passes), PASS_BYTES), np.uint8)
+        for to, (_, numbers, *_) in zip(facts, self._passes, strict=True):
+            to[:PASS.itemsize] = np.frombuffer(numbers, np.uint8)
+        self._scratch.put(self._count, facts, usage="UNIFORM")
+        submit(self._gpu, [self._bound(n, *each) for n, each in enumerate(self._passes)])
+        self._passes, self._look_ups = [], 0.0
+
+    def _bound(self, number, name, _, buffers, groups):
         pipeline = self._gpu.pipelines["levels"][name]
-        group, across = bound(self._gpu, pipeline, buffers), -(-columns // WIDE)
-        look_ups = WIDE * TALL * across * planes * max(2, int(facts["taps"]))
-        most = max(1, int(self._gpu.look_ups_of_call / look_ups))
-        for first in range(0, -(-rows // TALL), most):
-            facts["first_row"] = TALL * first
-            self._shared.run(pipeline, group, (across, min(most, -(-rows // TALL) - first), planes),
-                             np.frombuffer(facts.tobytes(), np.uint32))
+        call = {"buffer": self._scratch[self._count], "offset": number * PASS_BYTES, "size": PASS.itemsize}
+        resources = {CALL: call} | {binding: {"buffer": buffer} for binding, buffer in buffers.items()}
+        return pipeline, bound(self._gpu, pipeline, resources), groups

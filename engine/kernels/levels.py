@@ -41,6 +41,29 @@ class LevelKind(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
+class Nearer:
+    """Layers in front of a layer.
+
+    Attributes
+    ----------
+    cover : float32 array (row, column) of the capture
+        Fraction of each pixel that they cover.
+    apart_px : float32 array (row, column) of the capture
+        Difference in blur between the farthest of their surfaces and the layer.
+    closest_px : float
+        The smallest of these differences.
+    """
+
+    cover: np.ndarray
+    apart_px: np.ndarray
+    closest_px: float
+
+    def hides(self, kind: LevelKind) -> bool:
+        """Whether they hide pixels of a level from all rays."""
+        return self.closest_px <= kind.near_px
+
+
+@dataclass(frozen=True, eq=False)
 class LevelArrays:
     """A layer of a capture at one resolution.
 
@@ -85,9 +108,8 @@ class LayerPlanes:
         False where the layer ends within the capture.
     coarser : tuple of LevelKind or None
         The levels after the first; for None the first takes its place.
-    nearer : (array, array) or None
-        Cover of nearer layers, and the difference in blur between their farthest surface and the layer: float32 arrays
-        (row, column) of the capture. None if they hide nothing.
+    nearer : Nearer or None
+        None if nearer layers hide nothing.
     """
 
     light: np.ndarray
@@ -98,7 +120,7 @@ class LayerPlanes:
     axis_px: tuple[float, float]
     sides: Sides
     coarser: tuple[LevelKind | None, ...] = ()
-    nearer: tuple[np.ndarray, np.ndarray] | None = None
+    nearer: Nearer | None = None
 
     @property
     def place(self) -> Place:
@@ -143,7 +165,7 @@ def numpy_levels(layer: LayerPlanes) -> tuple[LevelArrays, ...]:
     kinds = [kind for kind in layer.coarser if kind]
     levels = {}
     for kind, (first, stack) in _levels(layer.origin_px, [layer.alpha, *light], layer.sides, kinds).items():
-        if layer.nearer:
+        if layer.nearer and layer.nearer.hides(kind):
             _leave_out_hidden(layer, [layer.alpha, *light], kind, first, stack)
         levels[kind] = LevelArrays(stack[1:], stack[0], *layer.geometry(kind, first))
     return finest, *(levels[kind] if kind else finest for kind in layer.coarser)
@@ -182,8 +204,7 @@ def _leave_out_hidden(layer, planes, kind, first, stack):
 
     In a pixel of the capture, surfaces at the same place cover different parts, as at the border between two slabs.
     """
-    cover, apart = layer.nearer
-    visible = 1 - cover * (apart <= kind.near_px)
+    visible = 1 - layer.nearer.cover * (layer.nearer.apart_px <= kind.near_px)
     if visible.min() == 1:
         return
     own = visible[tuple(slice(at, at + n) for at, n in zip(*layer.place, strict=True))]

@@ -3,7 +3,7 @@
 import numpy as np
 
 from .casting import MEETING, QUANTITIES, STOP, Casting, HeightRays, LayerArrays, MeshRays
-from .levels import LayerPlanes, LevelKind
+from .levels import LayerPlanes, LevelKind, Nearer
 
 TILES, TILE_PX, STEPS = (2, 3), 16, (1, 2, 4, 1, 5, 2)
 LAYER_PX, AXIS_PX = (52, 66), (23.3, 28.9)
@@ -75,5 +75,5 @@ def _layer(inverse_depth, number, wavelengths):
     origin_px = ORIGINS_PX[number]
     nearer = np.clip(np.sin(np.add(*np.indices(CAPTURE_PX, np.float32)) / np.array([[[13]], [[8]]], np.float32)), 0, 1)
     planes = LayerPlanes(light, alpha, 1.0, True, origin_px, tuple(np.add(AXIS_PX, origin_px).tolist()),
-                         ((bool(number),) * 2, (True, True)), KINDS[number], tuple(nearer) if number else None)
+                         ((bool(number),) * 2, (True, True)), KINDS[number], Nearer(*nearer, 0.0) if number else None)
     return LayerArrays(planes, np.stack(depth, axis=-1, dtype=np.float32))

@@ -17,7 +17,8 @@ def gpu(monkeypatch):
     monkeypatch.setattr(gpu, "works", True)
     monkeypatch.setattr(gpu, "rate", gpu.rate)
     monkeypatch.setattr(gpu_module, "_problems", [])
-    monkeypatch.setattr(spread_picture_module, "TAPS_PER_BYTE", 0)
+    for name in ("LEAST_TAPS", "TAPS_PER_BYTE"):
+        monkeypatch.setattr(spread_picture_module, name, 0)
     return gpu
 
 

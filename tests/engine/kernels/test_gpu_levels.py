@@ -10,10 +10,11 @@ import pytest
 from gpus import loops
 from lensfield.engine.depth.levels import KINDS
 from lensfield.engine.kernels import gpu as gpu_module
+from lensfield.engine.kernels import gpu_levels as gpu_levels_module
 from lensfield.engine.kernels.cast_tiles import cast_tiles
-from lensfield.engine.kernels.gpu_calls import CALL, CALL_BYTES, Buffers, kept_buffers
+from lensfield.engine.kernels.gpu_calls import Buffers, kept_buffers
 from lensfield.engine.kernels.gpu_levels import SOURCE, Stack, level_place, make_levels
-from lensfield.engine.kernels.levels import LayerPlanes, numpy_levels
+from lensfield.engine.kernels.levels import LayerPlanes, Nearer, numpy_levels
 from lensfield.engine.kernels.sample_casting import sample_casting
 
 AGREEMENT = 1e-6  # of the brightest pixel
@@ -35,7 +36,8 @@ def layer_of(case, hidden=False, **changes):
     alpha = (random.random(shape) * (random.random(shape) < 0.8)).astype(np.float32)
     light = (100 * random.random((2, *shape)) ** 6 * alpha).astype(np.float32)
     cover = random.random(CAPTURE_PX) * (random.random(CAPTURE_PX) < 0.4)
-    nearer = cover.astype(np.float32), (40 * random.random(CAPTURE_PX)).astype(np.float32)
+    apart_px = (2 + 40 * random.random(CAPTURE_PX)).astype(np.float32)
+    nearer = Nearer(cover.astype(np.float32), apart_px, float(apart_px.min()))  # sharp levels hide none
     layer = LayerPlanes(light, alpha, 1.0, True, origin_px, (20.3, 31.8), sides, KINDS[1:], nearer if hidden else None)
     return replace(layer, **changes)
 
@@ -44,16 +46,15 @@ def by_gpu(gpu, layer, left_out=()):
     """The levels as arrays (plane, row, column), by their numbers."""
     def work():
         with closing(Buffers(gpu)) as buffers:
-            buffers.make(CALL, CALL_BYTES, "UNIFORM")
             stacks = {}
             for n, kind in enumerate((None, *layer.coarser)):
                 if n not in left_out:
                     first, shape = level_place(layer.place, kind) if kind else (
                         layer.origin_px, tuple(max(2, n) for n in layer.alpha.shape))
-                    buffers.make(CALL + 10 + n, 4 * 3 * shape[0] * shape[1])
-                    stacks[n] = Stack(buffers[CALL + 10 + n], 0, first, (3, *shape))
-            make_levels(gpu, buffers, layer, stacks)
-            return {n: buffers.read(CALL + 10 + n).reshape(stack.shape) for n, stack in stacks.items()}
+                    buffers.make(n, 4 * 3 * shape[0] * shape[1])
+                    stacks[n] = Stack(buffers[n], 0, first, (3, *shape))
+            make_levels(gpu, layer, stacks)
+            return {n: buffers.read(n).reshape(stack.shape) for n, stack in stacks.items()}
     return gpu.call(work)
 
 
@@ -83,13 +84,13 @@ def test_only_some_levels_are_made(gpu):
 
 
 def test_parts_of_passes_do_not_change_the_bits(gpu, monkeypatch):
-    layer, sizes, run = layer_of("inside", hidden=True), [], Buffers.run
+    layer, sizes, submit = layer_of("inside", hidden=True), [], gpu_levels_module.submit
     expected = by_gpu(gpu, layer)
     monkeypatch.setattr(gpu, "rate", 1.0)  # a row of workgroups in a call
-    monkeypatch.setattr(Buffers, "run", lambda buffers, pipeline, bound, groups, call: (
-        sizes.append(groups[1]), run(buffers, pipeline, bound, groups, call)))
+    monkeypatch.setattr(gpu_levels_module, "submit", lambda gpu, passes: (
+        sizes.append([groups[1] for *_, groups in passes]), submit(gpu, passes)))
     levels = by_gpu(gpu, layer)
-    assert set(sizes) == {1} and all(np.array_equal(expected[n], levels[n]) for n in expected)
+    assert set(map(tuple, sizes)) == {(1,)} and all(np.array_equal(expected[n], levels[n]) for n in expected)
 
 
 @pytest.fixture

@@ -85,12 +85,15 @@ def test_neither_calls_nor_their_rows_of_psfs_change_the_bits(gpu, monkeypatch):
 def test_light_that_needs_little_work_is_left_to_c(gpu, monkeypatch):
     table, places, light, lit, size = sample_spreading(1, False)
     taps = table.taps_by_interval.mean() * np.count_nonzero(lit) * size**2
-    least = taps / (2 * light.nbytes + table.nbytes)
-    monkeypatch.setattr(spread_picture_module, "TAPS_PER_BYTE", 0.99 * least)
+    limits = {"LEAST_TAPS": taps, "TAPS_PER_BYTE": taps / (2 * light.nbytes + table.nbytes)}
+    for name, limit in limits.items():
+        monkeypatch.setattr(spread_picture_module, name, 0.99 * limit)
     assert spread_picture(table, places, light, lit, size)
-    monkeypatch.setattr(spread_picture_module, "TAPS_PER_BYTE", 1.01 * least)
     monkeypatch.setattr(spread_picture_module, "usable_gpu", lambda: pytest.fail("opens it"))
-    assert spread_picture(table, places, light, lit, size) is None
+    for name, limit in limits.items():
+        with monkeypatch.context() as changed:
+            changed.setattr(spread_picture_module, name, 1.01 * limit)
+            assert spread_picture(table, places, light, lit, size) is None
 
 
 def test_a_shader_that_disagrees_with_c_is_not_used(gpu, monkeypatch):
@@ -131,6 +134,7 @@ def test_light_above_the_limits_is_spread_by_c(gpu, monkeypatch):
         assert spread_picture(*sample) is None
     monkeypatch.undo()
     monkeypatch.setenv(gpu_module.VARIABLE, gpu_module.GPU)
+    monkeypatch.setattr(spread_picture_module, "LEAST_TAPS", 0)
     monkeypatch.setattr(spread_picture_module, "TAPS_PER_BYTE", 0)
     assert np.array_equal(by_gpu(sample), expected)
 
