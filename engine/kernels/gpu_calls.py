@@ -4,7 +4,7 @@ import time
 import weakref
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from .gpu import Gpu
 UNIFORMS, CALL = range(2)  # bindings of all loops: numbers of the work, and of a call
 CALL_BYTES = 20
 PIECE_BYTES = 1 << 25  # of an upload: the library copies a piece, and frees the copy after it
-KEPT_BYTES = 1 << 31  # of a graphics processor's memory, in buffers for the next pictures
+CACHE_BYTES = 1 << 31  # of a graphics processor's memory, in buffers for the next pictures
 AGREEMENT = 1e-3  # largest difference from C in a sample, relative to the brightest
 MOST_LOOPS = 50_000  # of an invocation: Mesa's emulation silently ends it after 65,535
 
@@ -130,34 +130,34 @@ class Buffers:
             buffer.destroy()
 
 
-class KeptBuffers:
+class CachedBuffers:
     """Buffers for the next pictures: with contents of objects that do not change, while these exist, and the last used
     ones up to a number of bytes."""
 
     def __init__(self, most_bytes: float) -> None:
         self._most_bytes = most_bytes
-        self._kept: dict[Any, tuple[weakref.ref, Buffers]] = {}  # the last used one is the last
+        self._cached: dict[Any, tuple[weakref.ref, Buffers]] = {}  # the last used one is the last
         self._used: Counter[Any] = Counter()
 
     @contextmanager
     def of(self, owner: object, kind: Any, make: Callable[[], Buffers]) -> Iterator[Buffers]:
         """The buffers of a kind for an object, for use in a block; `make` makes them if there are none."""
         key = id(owner), kind
-        if key not in self._kept or self._kept[key][0]() is not owner:
+        if key not in self._cached or self._cached[key][0]() is not owner:
             self._close(key)
-            self._kept[key] = weakref.ref(owner), make()
-        self._kept[key] = self._kept.pop(key)
+            self._cached[key] = weakref.ref(owner), make()
+        self._cached[key] = self._cached.pop(key)
         self._used[key] += 1
         try:
             self._close_unneeded(self._most_bytes)
-            yield self._kept[key][1]
+            yield self._cached[key][1]
         finally:
             self._used[key] -= 1
 
     def _close_unneeded(self, most_bytes):
         """Close buffers of objects that have ceased to exist, and beyond the limit those not used for longest."""
         left = most_bytes
-        for key, (owner, buffers) in reversed(list(self._kept.items())):
+        for key, (owner, buffers) in reversed(list(self._cached.items())):
             left -= buffers.nbytes
             if not self._used[key] and (owner() is None or left < 0):
                 self._close(key)
@@ -167,14 +167,14 @@ class KeptBuffers:
         self._close_unneeded(-1)
 
     def _close(self, key):
-        if key in self._kept:
-            self._kept.pop(key)[1].close()
+        if key in self._cached:
+            self._cached.pop(key)[1].close()
 
 
 @lru_cache
-def kept_buffers(gpu: Gpu) -> KeptBuffers:
+def cached_buffers(gpu: Gpu) -> CachedBuffers:
     """The buffers that a graphics processor keeps."""
-    return KeptBuffers(KEPT_BYTES)
+    return CachedBuffers(CACHE_BYTES)
 
 
 @contextmanager
@@ -183,7 +183,8 @@ def leaving_to_c(gpu: Gpu) -> Iterator[None]:
     try:
         yield
     except MemoryError as problem:
-        gpu.call(kept_buffers(gpu).close)
         gpu.warn(problem)
+        with suppress(Exception):  # of a device that was lost as well
+            gpu.call(cached_buffers(gpu).close)
     except Exception as problem:  # drivers fail in many ways
         gpu.give_up(problem)

@@ -13,7 +13,7 @@ import numpy as np
 from .cast import cast
 from .casting import MEETING, Casting, MeshRays
 from .gpu import Gpu
-from .gpu_calls import CALL, CALL_BYTES, MOST_LOOPS, UNIFORMS, Buffers, check_agreement, compiled, kept_buffers
+from .gpu_calls import CALL, CALL_BYTES, MOST_LOOPS, UNIFORMS, Buffers, cached_buffers, check_agreement, compiled
 from .gpu_levels import Stack, level_place, make_levels
 from .sample_casting import sample_casting
 
@@ -84,7 +84,7 @@ def _check(gpu, pipelines, casting):
 
 def _cast(gpu, pipelines, casting, blurred, clear):
     """Cast with compiled loops, a band of rows after the other; yield the completed fraction."""
-    with _kept_depths(gpu, casting.layers) as depths, closing(Buffers(gpu, depths)) as shared:
+    with _cached_depths(gpu, casting.layers) as depths, closing(Buffers(gpu, depths)) as shared:
         _share(gpu, shared, casting, blurred.shape[2])
         rows = max(1, BAND_SUMS // (4 * casting.wavelengths * casting.tile_px * blurred.shape[2]))
         for first in range(0, len(casting.eights), rows):
@@ -231,11 +231,11 @@ def _make_levels(gpu, buffers, casting):
                                         for number, stack in of_layer.items()})
 
 
-def _kept_depths(gpu, layers):
+def _cached_depths(gpu, layers):
     """The layers' depths, as a context manager of buffers: wavelengths share them."""
     def upload():
         buffers = Buffers(gpu)
         buffers.put(DEPTHS, *(layer.depth for layer in layers))
         return buffers
 
-    return kept_buffers(gpu).of(layers[0].depth, tuple(id(layer.depth) for layer in layers), upload)
+    return cached_buffers(gpu).of(layers[0].depth, tuple(id(layer.depth) for layer in layers), upload)

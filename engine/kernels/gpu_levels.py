@@ -10,7 +10,7 @@ import numpy as np
 
 from ..runtime.threads import thread_pool
 from .gpu import Gpu
-from .gpu_calls import CALL, Buffers, bound, compiled, kept_buffers, submit
+from .gpu_calls import CALL, Buffers, bound, cached_buffers, compiled, submit
 from .levels import (
     EVERYWHERE,
     HALVING,
@@ -83,9 +83,9 @@ def make_levels(gpu: Gpu, layer: LayerPlanes, levels: dict[int, Stack]) -> None:
                                            strict=True))
     planes = len(layer.light) + 1
     with ExitStack() as stack:
-        kept = stack.enter_context(_kept_planes(gpu, layer))
+        cached = stack.enter_context(_cached_planes(gpu, layer))
         work = _Work(gpu, stack.enter_context(closing(Buffers(gpu))))
-        source = Stack(kept[SOURCE], 0, layer.origin_px, (planes, *layer.alpha.shape))
+        source = Stack(cached[SOURCE], 0, layer.origin_px, (planes, *layer.alpha.shape))
         if finest := levels.get(0):
             work.make_finest(source, finest, layer.sharp)
         coarser = {kind: levels[n] for n, kind in enumerate(layer.coarser, 1) if kind and n in levels}
@@ -98,7 +98,7 @@ def make_levels(gpu: Gpu, layer: LayerPlanes, levels: dict[int, Stack]) -> None:
         work.submit()
 
 
-def _kept_planes(gpu, layer):
+def _cached_planes(gpu, layer):
     """A layer's light and alpha, as a context manager of buffers: uploaded unless they are there."""
     def upload():
         buffers = Buffers(gpu)
@@ -110,7 +110,7 @@ def _kept_planes(gpu, layer):
     while isinstance(owner.base, np.ndarray):
         owner = owner.base
     kind = light.ctypes.data, light.shape, light.strides, layer.scale, _sums([*light, layer.alpha])
-    return kept_buffers(gpu).of(owner, kind, upload)
+    return cached_buffers(gpu).of(owner, kind, upload)
 
 
 def _sums(planes: Iterable[np.ndarray]) -> bytes:
@@ -167,14 +167,13 @@ class _Work:
         coarse, size = source, 1
         for kind, to in levels.items():
             while size < kind.size:
-                size *= 2
-                coarse = self._halved(coarse, sides, f"coarse {size.bit_length() % 2}")
+                coarse, size = self._halved(coarse, sides), 2 * size
             width, weights = smoothing(kind.averages)
             self._filter(coarse, to, 1, weights, 2 * [width + (kind.averages + 1) // 2], sides)
 
-    def _halved(self, source, sides, role):
+    def _halved(self, source, sides):
         first, shape = _halved_place(source.place)
-        to = self._stack(role, first, (source.shape[0], *shape))
+        to = self._stack("coarse", first, (source.shape[0], *shape))
         self._filter(source, to, 2, np.array(HALVING) / 16, [width for width, _ in halved_widths(source.place)], sides)
         return to
 

@@ -5,7 +5,7 @@ from contextlib import closing
 import numpy as np
 
 from .gpu import Gpu
-from .gpu_calls import CALL, CALL_BYTES, MOST_LOOPS, UNIFORMS, Buffers, check_agreement, compiled, kept_buffers
+from .gpu_calls import CALL, CALL_BYTES, MOST_LOOPS, UNIFORMS, Buffers, cached_buffers, check_agreement, compiled
 from .sample_spreading import sample_spreading
 from .spreading import LONGEST, MOST_TAPS, PackedTable, TablePlaces, spread
 
@@ -60,7 +60,7 @@ def _spread(gpu, pipelines, table, places, light, lit, section_px):
         buffers.put(SPANS, spans)
         return buffers
 
-    with kept_buffers(gpu).of(table, "spread", table_buffers) as kept, closing(Buffers(gpu, kept)) as buffers:
+    with cached_buffers(gpu).of(table, "spread", table_buffers) as cached, closing(Buffers(gpu, cached)) as buffers:
         buffers.put(UNIFORMS, _facts(table, places, light, lit, section_px), usage="UNIFORM")
         buffers.make(CALL, CALL_BYTES, "UNIFORM")
         curve, steps = _curve_and_steps(places)

@@ -6,7 +6,7 @@ from .spreading import PackedTable, TablePlaces
 
 SHAPE_PX, CENTRE_PX, QUADRANT_PX, SECTION_PX = (21, 34), (8.3, 14.8), (0.0, -0.5), 8
 LIT, BRIGHTER = 0.7, 4  # share of pixels and sections; power of their light
-RADIUS_PX = 35  # rows of PSFs are in several pieces
+RADIUS_PX = 65  # rows of PSFs are in up to three pieces
 QUARTER_STEPS, HEIGHTS, FARTHEST_PX, CURVE_STEPS = 3, (0.0, 5.0, 12.0, 30.0), 38.0, 40
 CELLS = 2, 3  # down and across
 
@@ -35,7 +35,7 @@ def _in_cells(random):
 
 
 def _table(random, intervals, azimuths):
-    """PSFs in discs that grow with the interval, beside the chief ray."""
+    """PSFs in discs that grow with the interval, off the chief ray."""
     down, right = np.indices([2 * RADIUS_PX + 1] * 2).reshape(2, -1) - RADIUS_PX
     radii_px = np.linspace(0.2, 1, intervals)[:, None] * RADIUS_PX
     reached = np.hypot(down, right + 0.3 * (RADIUS_PX - radii_px)) <= radii_px

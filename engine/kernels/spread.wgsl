@@ -105,7 +105,9 @@ fn gather(@builtin(global_invocation_id) id: vec3<u32>) {
     let tall = c.rows + c.side - 1u;
     let wide = c.columns + c.side - 1u;
     if (row >= tall || column >= wide) { return; }
+    let to = row * wide + column;
     var sum: array<f32, PLANES>;
+    for (var q = 0u; q < PLANES; q++) { sum[q] = picture[q * tall * wide + to]; } // of the rows before
     let end_of_square = min(call.first_of_square + call.most_of_square, c.side);
     for (var n = call.first_of_square; n < end_of_square; n++) {
         let from_row = row - n;
@@ -136,5 +138,5 @@ fn gather(@builtin(global_invocation_id) id: vec3<u32>) {
         }
         for (var q = 0u; q < PLANES; q++) { sum[q] += of_row[q]; }
     }
-    for (var q = 0u; q < PLANES; q++) { picture[(q * tall + row) * wide + column] += sum[q]; }
+    for (var q = 0u; q < PLANES; q++) { picture[q * tall * wide + to] = sum[q]; }
 }

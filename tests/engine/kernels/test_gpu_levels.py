@@ -12,7 +12,7 @@ from lensfield.engine.depth.levels import KINDS
 from lensfield.engine.kernels import gpu as gpu_module
 from lensfield.engine.kernels import gpu_levels as gpu_levels_module
 from lensfield.engine.kernels.cast_tiles import cast_tiles
-from lensfield.engine.kernels.gpu_calls import Buffers, kept_buffers
+from lensfield.engine.kernels.gpu_calls import Buffers, cached_buffers
 from lensfield.engine.kernels.gpu_levels import SOURCE, Stack, level_place, make_levels
 from lensfield.engine.kernels.levels import LayerPlanes, Nearer, numpy_levels
 from lensfield.engine.kernels.sample_casting import sample_casting
@@ -83,6 +83,14 @@ def test_only_some_levels_are_made(gpu):
     assert some.keys() < every.keys() and all(np.array_equal(every[n], level) for n, level in some.items())
 
 
+def test_levels_that_nearer_layers_cannot_hide_are_made_once(gpu, monkeypatch):
+    layer, kinds = layer_of("inside", hidden=True), []
+    monkeypatch.setattr(gpu_levels_module._Work, "leave_out_hidden", lambda *given: kinds.append(given[-2]))
+    by_gpu(gpu, layer)
+    assert kinds == [kind for kind in layer.coarser if kind.near_px >= layer.nearer.closest_px]
+    assert 0 < len(kinds) < len(layer.coarser)
+
+
 def test_parts_of_passes_do_not_change_the_bits(gpu, monkeypatch):
     layer, sizes, submit = layer_of("inside", hidden=True), [], gpu_levels_module.submit
     expected = by_gpu(gpu, layer)
@@ -124,8 +132,8 @@ def test_layers_are_uploaded_once_while_they_exist_and_stay_the_same(gpu, upload
     del casting
     uploaded.clear()
     gc.collect()
-    gpu.call(kept_buffers(gpu)._close_unneeded, np.inf)
-    assert not kept_buffers(gpu)._kept
+    gpu.call(cached_buffers(gpu)._close_unneeded, np.inf)
+    assert not cached_buffers(gpu)._cached
 
 
 @pytest.mark.parametrize("change", [lambda light: 2 * light, lambda light: light[:, ::-1], lambda light: light[::-1],
