@@ -152,7 +152,7 @@ class CachedBuffers:
             self._close_unneeded(self._most_bytes)
             yield self._cached[key][1]
         finally:
-            self._used[key] -= 1
+            self._used -= Counter([key])
 
     def _close_unneeded(self, most_bytes):
         """Close buffers of objects that have ceased to exist, and beyond the limit those not used for longest."""

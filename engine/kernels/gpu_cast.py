@@ -191,7 +191,7 @@ def _share(gpu, buffers, casting, columns):
      facts["mirrored_up"]) = casting.rays.mesh
     facts["eights"], facts["columns"] = casting.rays.eights.shape[1], columns
     facts["shrinkage_steps"], facts["blades"] = len(casting.shrinkage) - 1, len(casting.blades)
-    facts["layers"], facts["levels"] = len(casting.layers), max(len(layer.levels) for layer in casting.layers)
+    facts["layers"], facts["levels"] = len(casting.layers), _most_levels(casting)
     facts["centre_row"], facts["centre_column"] = whole = np.floor(casting.centre_px).astype(int)
     facts["centre_row_part"], facts["centre_column_part"] = casting.centre_px - whole
     facts["per_focal_right"], facts["per_focal_up"] = casting.per_focal
@@ -206,9 +206,14 @@ def _share(gpu, buffers, casting, columns):
     buffers.wait()
 
 
+def _most_levels(casting):
+    """The largest number of levels of a layer."""
+    return max(1 + len(layer.planes.coarser) for layer in casting.layers)
+
+
 def _make_levels(gpu, buffers, casting):
     """Put the levels that rays look up, and their table as cast.wgsl reads it; others have no planes."""
-    table = np.zeros((len(casting.layers), max(1 + len(layer.planes.coarser) for layer in casting.layers)), LEVEL)
+    table = np.zeros((len(casting.layers), _most_levels(casting)), LEVEL)
     met, stacks, begin, depth = casting.meetings[casting.eights > 0], [], 0, 0
     for row, layer, meetings in zip(table, casting.layers, met.T, strict=True):
         used, planes, of_layer = set(meetings["level"][meetings["steps"] >= 0].tolist()), layer.planes, {}

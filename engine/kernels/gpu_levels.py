@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
+from hashlib import sha256
 from typing import Any
 
 import numpy as np
@@ -114,9 +115,9 @@ def _cached_planes(gpu, layer):
 
 
 def _sums(planes: Iterable[np.ndarray]) -> bytes:
-    """Sums over the bits of planes by row and by column: they change if the contents of the planes do."""
+    """A digest of sums over the bits of planes by row and by column: it changes if the contents of the planes do."""
     with thread_pool() as pool:
-        return b"".join(pool.map(_sums_of_plane, planes))
+        return sha256(b"".join(pool.map(_sums_of_plane, planes))).digest()
 
 
 def _sums_of_plane(plane):

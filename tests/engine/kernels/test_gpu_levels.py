@@ -9,6 +9,7 @@ import pytest
 
 from gpus import loops
 from lensfield.engine.depth.levels import KINDS
+from lensfield.engine.kernels import casting as casting_module
 from lensfield.engine.kernels import gpu as gpu_module
 from lensfield.engine.kernels import gpu_levels as gpu_levels_module
 from lensfield.engine.kernels.cast_tiles import cast_tiles
@@ -134,6 +135,12 @@ def test_layers_are_uploaded_once_while_they_exist_and_stay_the_same(gpu, upload
     gc.collect()
     gpu.call(cached_buffers(gpu)._close_unneeded, np.inf)
     assert not cached_buffers(gpu)._cached
+
+
+def test_numpy_makes_no_levels_for_the_graphics_processor(gpu, monkeypatch):
+    pictures(sample_casting(2, False))  # compiles, and compares with C
+    monkeypatch.setattr(casting_module, "numpy_levels", lambda planes: pytest.fail("makes levels"))
+    assert pictures(sample_casting(2, False)).any()
 
 
 @pytest.mark.parametrize("change", [lambda light: 2 * light, lambda light: light[:, ::-1], lambda light: light[::-1],
