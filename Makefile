@@ -35,6 +35,8 @@
 # make validate-raw  take pictures of the sample scene with three cameras, have their raw files judged by LibRaw,
 #                  darktable, RawTherapee and Adobe's DNG SDK, and write the figures of docs/camera.md (ten minutes); the
 #                  scene is rendered once, to build/raw-scene
+# make validate-photographs  compare the library's lenses with photographs in Lensfun's database (through lensfunpy, which it
+#                  installs in .venv-photographs), and write the tables of docs/photographs.md (seconds)
 # make scenes      render two hundred ordinary scenes through a nearly perfect lens and by Cycles alone, and five of them
 #                  by every command: all must agree (an hour); SCENES="hdri lamps" selects scenes or themes; the table,
 #                  pictures and .blend files are in build/scenes. make test renders two, chosen by SEED
@@ -49,6 +51,7 @@
 # make test-bake   compare baking with Optiland and rayoptics, and ghosts with batoid, in .venv-bake (2 GB)
 # make test-sensor  run a small part of make validate-sensor, and compare it with docs/camera.md, in .venv-sensor; and
 #                  validate raw files with Adobe's DNG SDK
+# make test-photographs  compare docs/photographs.md with a new run of make validate-photographs
 # make test-farm   run the tests of Open Job Description and Dask, in .venv-farm
 # make lenses      bake the library's lens packages again from their prescriptions (seconds)
 # make stop-places  rewrite the places of the stop that many rays of a pixel pass (a quarter of an hour)
@@ -104,13 +107,14 @@ BAKE_READY = $(BAKE)/.ready
 VALIDATE = .venv-validate
 FARM = .venv-farm
 SENSOR = .venv-sensor
+PHOTOGRAPHS = .venv-photographs
 RAW_SCENE = build/raw-scene
 TABLES = .venv-tables
 LINT = .venv-lint
 RELEASE = .venv-release
 LOCK = packaging/lock-5.0.1.txt
 
-.PHONY: demo kernels test heavy fuzz long-runs kill-test test-kernels test-engine test-blender ui-test bench bench-device bench-all validate validate-sensor validate-raw scenes extension release test-bake test-sensor test-farm stop-places glasses lenses lens-pictures hero camera-pictures cameras tables bench-tables \
+.PHONY: demo kernels test heavy fuzz long-runs kill-test test-kernels test-engine test-blender ui-test bench bench-device bench-all validate validate-sensor validate-raw validate-photographs scenes extension release test-bake test-sensor test-photographs test-farm stop-places glasses lenses lens-pictures hero camera-pictures cameras tables bench-tables \
         test-numpy ci lint lock
 
 demo: $(READY) kernels
@@ -143,7 +147,7 @@ test-numpy: $(READY) kernels  # as on machines without the compiled loops
 
 ci: ROUNDS = 40
 ci: HEAVY = 3
-ci: ci-5.0.1 test-engine ci-5.2.3 ci-4.5.15 ci-5.1.2 test-kernels test-numpy test-bake test-farm test-sensor  # longest first
+ci: ci-5.0.1 test-engine ci-5.2.3 ci-4.5.15 ci-5.1.2 test-kernels test-numpy test-bake test-farm test-sensor test-photographs  # longest first
 
 ci-5.0.1: CI_TESTS = tests/addon
 ci-5.2.3: CI_TESTS = tests/addon -m 'not one_blender'
@@ -192,6 +196,9 @@ validate: $(VALIDATE)/.ready $(BAKE_READY) kernels
 validate-sensor: $(SENSOR)/.ready
 	$(SENSOR)/bin/python validation/sensor_emva.py docs/camera.md docs/photon_transfer.png
 
+validate-photographs: $(PHOTOGRAPHS)/.ready kernels
+	$(PHOTOGRAPHS)/bin/python validation/photographs.py docs/photographs.md
+
 validate-raw: $(SENSOR)/.ready $(RAW_SCENE)/evening_chess_Scene_0001_irradiance.exr
 	$(SENSOR)/bin/python validation/raw_scene.py $(RAW_SCENE)/evening_chess_Scene_0001_irradiance.exr $(RAW_SCENE) docs/camera.md
 
@@ -226,6 +233,9 @@ test-bake: $(BAKE_READY) kernels
 test-sensor: $(SENSOR)/.ready
 	$(SENSOR)/bin/python -m pytest -q tests/engine/sensor/test_emva.py
 	$(SENSOR)/bin/python -m pytest -q tests/engine/pictures/test_dng.py tests/engine/pictures/test_raw_scene.py -k adobe
+
+test-photographs: $(PHOTOGRAPHS)/.ready kernels
+	$(PHOTOGRAPHS)/bin/python -m pytest -q tests/engine/fitting
 
 test-farm: $(FARM)/.ready kernels
 	$(FARM)/bin/python -m pytest -q tests/farm/test_openjd.py tests/farm/test_dask.py
@@ -272,6 +282,9 @@ $(VALIDATE)/.ready: pyproject.toml packaging/environment.sh $(LOCK)
 
 $(SENSOR)/.ready: pyproject.toml packaging/environment.sh
 	packaging/environment.sh $(SENSOR) sensor
+
+$(PHOTOGRAPHS)/.ready: pyproject.toml packaging/environment.sh
+	packaging/environment.sh $(PHOTOGRAPHS) photographs
 
 $(FARM)/.ready: pyproject.toml packaging/environment.sh $(LOCK)
 	packaging/environment.sh $(FARM) 5.0.1 farm,openjd

@@ -12,7 +12,7 @@ import pytest
 import lensfield.engine
 from places import ROOT
 
-ENGINE_LIBRARIES = {"numpy", "scipy", "OpenEXR", "PIL", "yaml", "matplotlib", "rawpy", "wgpu"}
+ENGINE_LIBRARIES = {"numpy", "scipy", "OpenEXR", "PIL", "yaml", "matplotlib", "rawpy", "wgpu", "lensfunpy"}
 
 FLOORS = {
     # engine: foundations
@@ -25,6 +25,8 @@ FLOORS = {
     "engine.lens_files": {"engine.lens", "engine.runtime"},
     "engine.rays": {"engine.kernels", "engine.prescription", "engine.runtime", "engine.spectral"},
     "engine.bake": {"engine.kernels", "engine.lens", "engine.prescription", "engine.rays", "engine.runtime"},
+    # photographs of lenses
+    "engine.fitting": {"engine.prescription", "engine.rays", "engine.runtime"},
     # lens + radiance -> irradiance
     "engine.image": {"engine.runtime"},
     "engine.field": {"engine.image", "engine.kernels", "engine.lens", "engine.rays", "engine.runtime"},

@@ -115,14 +115,14 @@ def _closed(values):
 
 
 def covered(limits: np.ndarray) -> np.ndarray | float:
-    """Share of each grid cell in which all limits (limit, row, column) are below 1, smooth at edges."""
+    """Share of each grid cell in which all limits (limit, ..., row, column) are below 1, smooth at edges."""
     if not len(limits):
         return 1.0
     tightest = np.max(limits, axis=0)
     change = np.empty_like(tightest)
-    change[1:-1] = np.abs(tightest[2:] - tightest[:-2])
-    change[0], change[-1] = change[1], change[-2]
-    change[:, 1:-1] += np.abs(tightest[:, 2:] - tightest[:, :-2])
+    change[..., 1:-1, :] = np.abs(tightest[..., 2:, :] - tightest[..., :-2, :])
+    change[..., 0, :], change[..., -1, :] = change[..., 1, :], change[..., -2, :]
+    change[..., 1:-1] += np.abs(tightest[..., 2:] - tightest[..., :-2])
     share = 0.5 + 2 * (1 - tightest) / np.maximum(change, 1e-12)
     return np.clip(share, 0, 1, out=share)
 

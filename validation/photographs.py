@@ -1,0 +1,176 @@
+"""The library's lenses beside photographs: vignetting, distortion and lateral colour in Lensfun's database.
+
+    python validation/photographs.py [PAGE.md]
+
+prints the differences of the lenses in `PHOTOGRAPHED`, and replaces the tables in the page. It needs lensfunpy, with
+Lensfun's data, which `make validate-photographs` installs. No figure of these data is printed or written.
+"""
+
+import re
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import scipy
+
+from lensfield.engine.fitting.even_light import GREEN_NM
+from lensfield.engine.fitting.lensfun import (
+    SHARES,
+    channel_heights_mm,
+    find_photographed,
+    straight_and_real_mm,
+    vignetting_of,
+)
+from lensfield.engine.fitting.vignetting import light_of
+from lensfield.engine.library import prescription_of
+from lensfield.engine.prescription.system import system_of
+from lensfield.engine.rays.rays import FullPupil, trace_pupil
+from lensfield.engine.rays.rings import turned
+
+PHOTOGRAPHED = {
+    "canon-rf-85mm-f1.2": "Canon Canon RF 85mm F1.2L USM",
+    "fujifilm-gf-110mm": "Fujifilm GF110mmF2 R LM WR",
+    "helios-44-2-58mm": "KMZ Helios-44 58mm 1:2",
+    "leica-summicron-50mm": "Leica Camera AG Summicron-M 1:2/50",
+    "meyer-lydith-30mm": "Meyer Optik Görlitz Meyer Optik Görlitz 3.5/30mm",
+    "minolta-macro-100mm": "Sony Minolta/Sony AF 100mm F2.8 Macro (D)",
+    "nikkor-28mm": "Nikon Nikon AI-S Nikkor 28mm f/2.8",
+    "nikkor-35mm-f1.4": "Nikon Nikon AI-S Nikkor 35mm f/1.4",
+    "nikkor-50mm-f1.2": "Nikon Nikon AI-S Nikkor 50mm f/1.2",
+    "nikkor-58mm-f1.4": "Nikon Nikon AF-S Nikkor 58mm f/1.4G",
+    "nikkor-reflex-500mm": "Nikon Nikon AI-S Nikkor 500mm f/8 Reflex",
+    "nikkor-z-50mm-f1.8": "Nikon NIKKOR Z 50mm f/1.8 S",
+    "sigma-35mm-f1.2": "Sigma 35mm F1.2 DG DN | Art 019",
+    "sigma-40mm-f1.4": "Sigma 40mm F1.4 DG HSM | Art 018",
+    "sony-zeiss-55mm-f1.8": "Sony FE 55mm f/1.8 ZA",
+    "voigtlander-apo-lanthar-50mm": "Voigtländer Voigtlander APO-LANTHAR 50mm F2 Aspherical",
+    "zeiss-distagon-25mm": "Zeiss Zeiss Distagon T* 25mm f/2.8 ZF.2",
+    "zeiss-flektogon-20mm": "Zeiss Carl Zeiss Jena Flektogon 4/20mm",
+}
+"""Lenses of the library, and their makers and models in Lensfun."""
+SHOWN = 0.5, 0.75, 0.9, 0.95  # of `SHARES`
+CHANNELS_NM = 600.0, GREEN_NM, 460.0  # near the middles of cameras' red, green and blue in daylight
+CHIEF_RAYS = 65
+LIGHT_HEAD = "| lens | focus | widest f-stop, at 0.5, 0.75, 0.9, 0.95 | largest at each f-stop |"
+SHAPE_HEAD = "| lens | focal length | distortion, largest | mean | red, largest | blue, largest |"
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Differences of chief rays from a photograph, in micrometres.
+
+    Attributes
+    ----------
+    focal_mm : float
+        With which they agree best.
+    distortion_um, mean_um : float or None
+        The largest and the mean difference up to 0.95 of the half diagonal; None if it was not measured.
+    red_um, blue_um : float or None
+        The largest differences of the distances between this channel and green.
+    """
+
+    focal_mm: float | None
+    distortion_um: float | None
+    mean_um: float | None
+    red_um: float | None
+    blue_um: float | None
+
+
+def light_differences(name):
+    """(curve, lens's light minus the photograph's) for the f-stops and distances of a lens; [] without any."""
+    photographed, prescription = find_photographed(PHOTOGRAPHED[name]), prescription_of(name)
+    if not photographed.lens.calib_vignetting:
+        return []
+    curves = vignetting_of(photographed, prescription)
+    return [(curve, light - curve.light) for curve, light in
+            zip(curves, light_of(prescription, curves), strict=True)]
+
+
+def shape(name):
+    """The Shape of a lens."""
+    photographed, chief = find_photographed(PHOTOGRAPHED[name]), ChiefRays(prescription_of(name))
+    measured = straight_and_real_mm(photographed)
+    focal_mm, off_um = chief.best(*measured) if measured else (None, None)
+    channels = channel_heights_mm(photographed)
+    red_um, blue_um = chief.colour(*channels) if channels else (None, None)
+    largest, mean = (None, None) if off_um is None else (np.abs(off_um).max(), np.abs(off_um).mean())
+    return Shape(focal_mm, largest, mean, red_um, blue_um)
+
+
+class ChiefRays:
+    """Distances from the axis of chief rays on the sensor, focused at infinity, over their paraxial heights."""
+
+    def __init__(self, prescription):
+        system = system_of(turned(prescription).prescription)
+        self._focal_mm, last_mm = system.efl_mm, system.last_height_mm
+        self._paraxial_mm = np.linspace(0, last_mm, CHIEF_RAYS)
+        rays = trace_pupil(system, self._paraxial_mm, CHANNELS_NM, FullPupil(1, 1))
+        self._real_mm = np.abs(rays.chief_height_mm)
+
+    def best(self, straight_mm, real_mm):
+        """The focal length in mm with which chief rays agree best with measured heights, and the differences in um."""
+        curve = scipy.interpolate.make_interp_spline(self._paraxial_mm, self._real_mm[1])
+
+        def off_mm(scale):
+            return curve(scale * straight_mm) - real_mm
+
+        scale, = scipy.optimize.least_squares(lambda x: off_mm(x[0]), [1.0]).x
+        return float(self._focal_mm / scale), 1e3 * off_mm(scale)
+
+    def colour(self, red_mm, green_mm, blue_mm):
+        """The largest differences of red and of blue from green, in um, from measured ones."""
+        own = [scipy.interpolate.make_interp_spline(self._real_mm[1], channel - self._real_mm[1])(green_mm)
+               for channel in self._real_mm[[0, 2]]]
+        return [float(1e3 * np.abs(each - (measured - green_mm)).max())
+                for each, measured in zip(own, (red_mm, blue_mm), strict=True)]
+
+
+def light_rows(name):
+    """Lines of the table of light: one for each focus."""
+    differences = light_differences(name)
+    for focus_mm in dict.fromkeys(curve.focus_mm for curve, _ in differences):
+        at = [(curve, off) for curve, off in differences if curve.focus_mm == focus_mm]
+        shown = " ".join(f"{each:+.2f}" for each in np.interp(SHOWN, SHARES, at[0][1]))
+        largest = ", ".join(f"f/{curve.f_number:g} {off[np.abs(off).argmax()]:+.2f}" for curve, off in at)
+        where = "infinity" if np.isinf(focus_mm) else f"{focus_mm / 1e3:.3g} m"
+        yield f"| `{name}` | {where} | {shown} | {largest} |"
+
+
+def shape_row(name):
+    """The line of the table of distortion and lateral colour; None without either."""
+    figures = shape(name)
+    if figures.distortion_um is None and figures.red_um is None:
+        return None
+    focal = "" if figures.focal_mm is None else f"{figures.focal_mm:.1f} mm"
+    others = figures.distortion_um, figures.mean_um, figures.red_um, figures.blue_um
+    return f"| `{name}` | {focal} | {' | '.join('' if each is None else f'{each:.0f} µm' for each in others)} |"
+
+
+def table(head, rows):
+    return "\n".join([head, "|" + "---|" * (head.count("|") - 1), *rows])
+
+
+def tables():
+    """The tables of the page, by their heads."""
+    return {LIGHT_HEAD: table(LIGHT_HEAD, [row for name in PHOTOGRAPHED for row in light_rows(name)]),
+            SHAPE_HEAD: table(SHAPE_HEAD, filter(None, map(shape_row, PHOTOGRAPHED)))}
+
+
+def with_tables(page, by_head):
+    """The page with its tables replaced."""
+    for head, text in by_head.items():
+        page = re.sub(re.escape(head) + r"\n(?:\|.*\n)*", lambda _, text=text: text + "\n", page)
+    return page
+
+
+def main(page=None):
+    by_head = tables()
+    print("\n\n".join(by_head.values()))
+    if page:
+        path = Path(page)
+        path.write_text(with_tables(path.read_text(encoding="utf-8"), by_head), encoding="utf-8", newline="\n")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
