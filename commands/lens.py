@@ -1,4 +1,4 @@
-"""`lensfield lens`: inspect, check, plot, bake, import and convert lens data."""
+"""`lensfield lens`: inspect, check, plot, bake, fit, import and convert lens data."""
 
 import json
 from collections import Counter
@@ -23,12 +23,13 @@ from ..engine.lens_files.package import write_package
 from ..engine.library import baked, bundled_names, find_bundled, has_rings, prescription_as_stated, prescription_of
 from ..engine.library.rays import lens_rays
 from ..engine.pictures.spectral_exr import write_rgb_exr
+from ..engine.prescription.photographs import NOT_COMPARED
 from ..engine.rays.rings import in_metres, ring_ends
 from ..engine.runtime import cache
 from ..engine.runtime.files import atomic_path
 from ..engine.runtime.values import json_value
 from ..engine.spectral.spectra import parse_wavelengths
-from . import bake
+from . import bake, fit
 from .arguments import (
     LENSES,
     add_iris,
@@ -60,6 +61,8 @@ def add_options(command):
     listing = lens.add_parser("list", help="list the bundled lenses: names, titles and makers")
     listing.add_argument("words", nargs="*", metavar="WORD",
                          help="list only lenses that match every word: maker, year, 50mm, swirl ...")
+    listing.add_argument("--compared", action="store_true",
+                         help="list only lenses that were compared with photographs, and how closely they agree")
     listing.set_defaults(run=_list)
     _add_cache(lens)
     _add_check(lens)
@@ -67,12 +70,16 @@ def add_options(command):
     _add_stmap(lens)
     _add_import(lens)
     bake.add(lens)
+    fit.add(lens)
     _add_export_macro(lens)
 
 
 def _list(options):
     for name, lens in find_bundled(options.words).items():
-        say(f"{name:<30} {lens.title:<48} {lens.maker}")
+        if not options.compared:
+            say(f"{name:<30} {lens.title:<48} {lens.maker}")
+        elif lens.photographs:
+            say(f"{name:<30} {lens.photographs}")
 
 
 def _add_cache(lens):
@@ -95,12 +102,15 @@ def _info(options):
     ends = ring_ends(prescription) if prescription else ()
     if options.json:
         provenance = dict(prescription.provenance) if prescription else {}
-        print(json.dumps(info | {"rings": json_value([asdict(end) for end in ends]), "provenance": provenance},
-                         indent=2))
+        photographs = asdict(prescription.photographs) if prescription and prescription.photographs else None
+        print(json.dumps(info | {"rings": json_value([asdict(end) for end in ends]), "provenance": provenance,
+                                 "photographs": photographs}, indent=2))
         return
     say(*lens_text(info).split("\n"))
     if prescription and prescription.passport:
         say("", f"figures                  {prescription.passport}")
+    if prescription:
+        say(f"photographs              {prescription.photographs or NOT_COMPARED}")
     if ends:
         far, near = ends
         say("", f"focus ring               {in_metres(far.focus_mm)} to {in_metres(near.focus_mm)}",

@@ -1,9 +1,9 @@
 """The light of an even field on the sensor, for any sizes of a lens's rims.
 
 Rays are traced once for each focus, from points of the sensor through the widest stop. An f-number takes those within
-its own stop, and rims block some of them, so a fit needs no further tracing. The light is the projected solid angle of
-the rays that arrive at a point of the sensor: radiance is conserved along them. It is that of pictures, which move the
-light of object points by their PSFs (`tests/engine/fitting/test_even_light.py` compares both).
+its own stop, and rims block some of them, so a fit traces rays only once. The light is the projected solid angle of the
+rays that arrive at a point of the sensor: radiance is conserved along them. Pictures, which move the light of object
+points by their PSFs, have the same light (`tests/engine/fitting/test_even_light.py` compares both).
 """
 
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ import numpy as np
 
 from ..prescription.prescription import Prescription
 from ..prescription.system import System, system_of
-from ..rays.aiming import aim_at_image
+from ..rays.aiming import aim_at_image, farthest_aim_mm
 from ..rays.lost_rays import continued
 from ..rays.pupil import PupilSplines, covered, gauss_legendre
 from ..rays.rays import HalfPupil
@@ -24,7 +24,18 @@ from ..runtime.errors import LensError
 GREEN_NM = 550.0  # photographs are compared in their green channel
 PUPIL = HalfPupil(33, 33)
 RADII, AZIMUTHS = 20, 24  # samples of half of a stop: 0.002 of the light
+CORNER = 1.01  # of the way to the corner of the frame: light there is blurred into it
+INSIDE = 0.98  # of the farthest height that a chief ray reaches
 ORDER = 2  # of the differences that continue lost rays
+
+
+def picture_corner_mm(prescription: Prescription, focus_mm: float) -> float:
+    """Distance from the axis at which the picture ends: just beyond the corner of the frame, or where the farthest
+    chief ray arrives if that is closer; at the last paraxial height without a frame."""
+    system = system_of(turned(prescription, Rings(focus_mm=focus_mm)).prescription)
+    sides_mm = prescription.sensor_mm
+    frame_mm = CORNER * np.hypot(*sides_mm) / 2 if sides_mm else system.last_height_mm
+    return float(min(frame_mm, INSIDE * farthest_aim_mm(system, system.indices_at([GREEN_NM]))))
 
 
 @dataclass(frozen=True, eq=False)

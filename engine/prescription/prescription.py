@@ -11,13 +11,15 @@ import numpy as np
 from ..runtime.errors import LensError
 from .coatings import BUILT_IN, IDEAL, NONE, Coating
 from .glasses import LARGEST_INDEX, Glass
+from .photographs import Agreement
 
 APERTURES = ("stop", "entrance_pupil_diameter_mm", "f_number", "working_f_number", "object_na")
 FIELDS = ("angle_deg", "image_height_mm", "object_height_mm")
 FOCUSES = ("as given", "paraxial", "best", "field")
 PARTS = ("figures", "surfaces", "aspheres", "glasses", "stop", "apertures", "coatings")
 """Parts of a design; "figures" are all that are not listed."""
-ORIGINS = ("patent", "published", "estimated", "guessed")
+FITTED = "fitted to photographs"
+ORIGINS = ("patent", "published", "estimated", "guessed", FITTED)
 HIGHEST_F_NUMBER = 22.0  # default of the aperture ring
 CLOSEST_FOCUS = 10  # default of the focus ring, in focal lengths
 LEAST_MM, LARGEST_MM = 1e-6, 1e12  # lengths: squares outside this range lose digits
@@ -224,8 +226,10 @@ class Prescription:
         Private coatings.
     provenance : tuple of (str, str)
         Parts of the design, of `PARTS`, and the origin of their figures, of `ORIGINS`: typed from a patent, published
-        elsewhere (by the maker or in a book), estimated from other figures or drawings, or guessed. () if unknown.
-        Lenses that differ only in it are equal, and share a bake.
+        elsewhere (by the maker or in a book), estimated from other figures or drawings, guessed, or fitted to
+        photographs. () if unknown. Lenses that differ only in it are equal, and share a bake.
+    photographs : Agreement or None
+        How closely the lens agrees with photographs; None if it was not compared. Does not count for equality either.
     """
 
     name: str
@@ -253,6 +257,7 @@ class Prescription:
     coating: str = ""
     coatings: tuple[Coating, ...] = ()
     provenance: tuple[tuple[str, str], ...] = dataclass_field(default=(), compare=False)
+    photographs: Agreement | None = dataclass_field(default=None, compare=False)
 
     def __post_init__(self):
         _check(self)

@@ -18,7 +18,7 @@ READ = ReadingOptions(("angle_deg", 14.0), "2", "ignore", ("1.5168/64.2=N-BK7", 
 COMMANDS = ("render S.blend", "lint S.blend", "farm openjd S.blend --job D", "apply R.exr --lens L",
             "filter R.exr --lens L --output E.exr", "tradeoff --lens L --output D", "lens info L", "lens check L",
             "lens plot L", "lens stmap L --resolution 9x9 --output D", "lens bake L -o P.npz",
-            "lens convert L -o T.toml")
+            "lens convert L -o T.toml", "lens fit L --vignetting V.csv -o T.toml")
 
 
 @pytest.fixture

@@ -14,6 +14,7 @@ from ...spectral.dispersion import FORMULAS
 from ...spectral.refraction import Formula
 from ..coatings import Coating, MeasuredReflectance
 from ..glasses import Glass
+from ..photographs import FIGURES, Agreement
 from ..prescription import APERTURES, FIELDS, MOST_TERMS, ORIGINS, PARTS, Pose, Prescription, Surface
 from .reading import AS_IT_IS, Reading, ReadingOptions, with_stop
 
@@ -22,7 +23,8 @@ TEXTS = ("name", "title", "maker", "story", "source", "notes", "focus", "coating
 NUMBERS = ("object_distance_mm", "reference_wavelength_nm", "highest_f_number")
 OF_THE_LENS = ("focal_length_mm", "closest_focus_mm")  # numbers that `scale` does not change; sensor_mm neither
 FIELDS_OF_FILE = ("format", "version", "scale", "aperture", "field", "sensor_mm", "surfaces", "year", "character",
-                  "focused_at_mm", "glasses", "provenance", "image_pose", "coatings", *TEXTS, *NUMBERS, *OF_THE_LENS)
+                  "focused_at_mm", "glasses", "provenance", "photographs", "image_pose", "coatings", *TEXTS, *NUMBERS,
+                  *OF_THE_LENS)
 SURFACE_NUMBERS = ("radius_mm", "semi_aperture_mm", "semi_obstruction_mm", "conic", "radius_x_mm", "conic_x",
                    "reflectance")
 FIELDS_OF_GLASS = ("formula", "coefficients", "range_nm")
@@ -31,6 +33,7 @@ FIELDS_OF_SURFACE = (*SURFACE_NUMBERS, "thickness_mm", "glass", "aspheric", "sto
                      "coating", "mirror", "half_widths_mm")
 MEASURED = ("wavelengths_nm", "angles_deg", "reflectance")
 FIELDS_OF_COATING = ("name", "layers", *MEASURED)
+FIELDS_OF_AGREEMENT = ("source", "date", *FIGURES)
 FIELDS_OF_POSE = ("offset_mm", "tilt_deg")
 HIGHEST_POWER = 2 * MOST_TERMS
 WRITTEN = ("name", "title", "maker", "year", "focal_length_mm", "character", "story", "source", "notes",
@@ -58,7 +61,8 @@ def read_lensfield(path: Path, options: ReadingOptions = AS_IT_IS) -> Prescripti
         **{"name": path.stem} | facts, surfaces=with_stop(path, _surfaces(table), options),
         aperture=_figure(table, "aperture", APERTURES), field=field or _figure(table, "field", FIELDS),
         year=_year(table), character=_character(table), glasses=_glasses(table),
-        coatings=_coatings(table), provenance=_provenance(table), image_pose=_pose(table, "image_pose"))
+        coatings=_coatings(table), provenance=_provenance(table), photographs=_agreement(table),
+        image_pose=_pose(table, "image_pose"))
     prescription = prescription if scale == 1 else prescription.scaled(scale)
     of_the_lens: dict[str, Any] = {name: table.number(name) for name in OF_THE_LENS if name in table}
     of_the_lens |= {"field": field} if field else {}  # the requested field is not scaled
@@ -80,6 +84,7 @@ class Description(NamedTuple):
     character: tuple[str, ...]
     story: str
     source: str
+    photographs: Agreement | None
 
 
 def read_description(path: Path) -> Description:
@@ -87,7 +92,7 @@ def read_description(path: Path) -> Description:
     table = read_toml(path, FORMAT, VERSION, before=SURFACES)
     focal_length_mm = table.number("focal_length_mm") if "focal_length_mm" in table else None
     return Description(table.line("title"), table.line("maker"), _year(table), focal_length_mm, _character(table),
-                       table.line("story"), table.line("source"))
+                       table.line("story"), table.line("source"), _agreement(table))
 
 
 def _year(table):
@@ -112,6 +117,18 @@ def _provenance(table):
     origins = TomlTable(table.path, origins, "provenance, ")
     check_known(origins, PARTS)
     return tuple((part, origins.choice(part, ORIGINS)) for part in PARTS if part in origins)
+
+
+def _agreement(table):
+    """Agreement with photographs; None without any."""
+    if "photographs" not in table:
+        return None
+    if not isinstance(table.values["photographs"], dict):
+        raise table.refusal("photographs", 'expected a table such as { source = "Lensfun", illumination = 0.03 }')
+    stated = TomlTable(table.path, table.values["photographs"], "photographs, ")
+    check_known(stated, FIELDS_OF_AGREEMENT)
+    figures = {name: stated.number(name) for name in FIGURES if name in stated}
+    return Agreement(stated.text("source"), stated.line("date"), **figures)
 
 
 def _sensor_mm(table):
@@ -247,9 +264,11 @@ def write_prescription(prescription: Prescription) -> str:
     facts = vars(prescription) | {name: dict([getattr(prescription, name)]) for name in ("aperture", "field")}
     facts |= {"image_pose": _pose_table(prescription.image_pose)}
     origins = {f"provenance.{part}": origin for part, origin in prescription.provenance}
+    agreement = vars(prescription.photographs) if prescription.photographs else {}
+    compared = {f"photographs.{name}": value for name, value in agreement.items() if value not in (None, "")}
     lines = [f"# {MARK}", f'format = "{FORMAT}"', f"version = {VERSION}",
              *pairs({name: facts[name] for name in WRITTEN}, DEFAULTS | {"object_distance_mm": first_mm}),
-             *pairs(origins, {})]
+             *pairs(origins | compared, {})]
     rows = (f"  {{ {', '.join(pairs(_fields_of(surface), DEFAULTS))} }}" for surface in prescription.surfaces)
     glasses = (line for glass in prescription.glasses for line in _glass_lines(glass))
     coatings = (line for coating in prescription.coatings for line in _coating_lines(coating))

@@ -1,12 +1,14 @@
 """The light of an even field: closed forms of discs in front of the sensor, and the pictures of baked lenses."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from lensfield.engine import LensError, load_lens
 from lensfield.engine.field.radial.distortion import FieldGeometry
 from lensfield.engine.field.radial.uniform_light import picture_illumination
-from lensfield.engine.fitting.even_light import GREEN_NM, EvenField
+from lensfield.engine.fitting.even_light import GREEN_NM, EvenField, picture_corner_mm
 from lensfield.engine.library import prescription_of
 from lensfield.engine.prescription.prescription import Prescription, Surface
 from lensfield.engine.rays.rings import Rings
@@ -72,6 +74,13 @@ def test_pixels_lose_light_by_its_angle():
     assert np.allclose(light.at([], np.zeros(0), 3.0) / lossless, np.exp(-3 * square_sine), rtol=1e-4)
 
 
+def test_lost_rays_carry_no_light():
+    field = EvenField(prescription_of("sony-zeiss-55mm-f1.8"), np.inf, np.array([0.0, 12.0, 21.0]))
+    dark = field.through(field.f_number).weight == 0
+    assert not field.lost[0].any() and not dark[0].any() and field.lost[2].mean() > 0.02
+    assert dark[2].mean() == pytest.approx(field.lost[2].mean(), abs=0.1) and dark[2].any()
+
+
 @pytest.mark.parametrize("name, f_number", [("helios-44-2-58mm", 2.0), ("nikkor-z-50mm-f1.8", 4.0)])
 def test_it_is_the_light_of_pictures(name, f_number):
     """Also wide open, where PSFs are wide: they add 0.004 to the noise of both integrals."""
@@ -92,6 +101,16 @@ def test_lenses_with_mirrors_or_without_symmetry_are_refused():
         EvenField(prescription_of("nikkor-reflex-500mm"), np.inf, HEIGHTS_MM)
     with refused(LensError, field="surface 1", where="atlas-42mm-1.5x"):
         EvenField(prescription_of("atlas-42mm-1.5x"), np.inf, HEIGHTS_MM)
+
+
+def test_the_picture_ends_behind_the_corner_or_with_the_chief_rays():
+    assert picture_corner_mm(prescription_of("helios-44-2-58mm"), np.inf) == pytest.approx(1.01 * np.hypot(18, 12))
+    fisheye = prescription_of("pentax-fisheye-17mm")
+    wide_mm = picture_corner_mm(replace(fisheye, sensor_mm=(60.0, 40.0)), np.inf)
+    assert 19.2 < wide_mm < 28, "beyond the picture of 31.6 x 21.1 mm, and less than to the corner of this frame"
+    EvenField(fisheye, np.inf, np.array([0.0, wide_mm]))
+    with refused(LensError, field="height on the sensor"):
+        EvenField(fisheye, np.inf, np.array([0.0, 1.1 * wide_mm]))
 
 
 def test_heights_beyond_the_field_are_refused():

@@ -11,6 +11,7 @@ from lens_texts import OPTBENCH, PBRT, SURFACES, TOML, changed
 from lensfield.engine import LensError
 from lensfield.engine.library import BUNDLED, bundled_names, prescription_of
 from lensfield.engine.prescription.glasses import find_glass
+from lensfield.engine.prescription.photographs import Agreement
 from lensfield.engine.prescription.prescription import Prescription, Surface
 from lensfield.engine.prescription.readers import SUFFIXES, ReadingOptions, read_prescription
 from lensfield.engine.prescription.readers.toml import read_lensfield, write_prescription
@@ -123,13 +124,34 @@ def test_an_unknown_origin_is_an_error(read, text, message):
         read(changed(TOML, ("version = 1", f"version = 1\nprovenance = {text}")))
 
 
+def test_a_file_states_its_agreement_with_photographs(read):
+    stated = 'photographs = { source = "Lensfun: A B", date = "2026-11-29", illumination = 0.021, distortion_um = 11 }'
+    lens = read(changed(TOML, ("version = 1", f"version = 1\n{stated}")))
+    assert lens.photographs == Agreement("Lensfun: A B", "2026-11-29", 0.021, 11.0) and read(TOML).photographs is None
+    assert str(lens.photographs) == (
+        "agrees with photographs of this lens: illumination ± 0.02, distortion ± 11 µm (Lensfun: A B)")
+    assert lens == read(TOML) and digest_of(lens) == digest_of(read(TOML)), "pictures and bakes stay valid"
+
+
+@pytest.mark.parametrize("text, message", [
+    ('"Lensfun"', "photographs is Lensfun: expected a table such as { source"),
+    ('{ source = "a", mtf = 0.1 }', "photographs, mtf is unknown: expected source, date, illumination, "),
+    ("{ illumination = 0.1 }", "photographs, source is missing: expected a string"),
+    ('{ source = "a", illumination = "good" }', "photographs, illumination is good: expected a number"),
+    ('{ source = "a", distortion_um = -1 }', "distortion_um is -1.0: expected a number from 0")])
+def test_a_damaged_agreement_is_an_error(read, text, message):
+    with pytest.raises(LensError, match=re.escape(message)):
+        read(changed(TOML, ("version = 1", f"version = 1\nphotographs = {text}")))
+
+
 AWKWARD = Prescription(
     'Ein "Petzval" \\ 85 mm', (
         Surface(-2e-6, 1 / 3, "SCHOTT N-BK7", 8.25, conic=-1.5, aspheric=(0.0, 1e-5, 0.0), odd_aspheric=(0.0, -2e-22)),
         Surface(thickness_mm=3.0, stop=True, gaps_mm=(3.0, 4.0)), Surface(50.0, 47.0, "", 1e6)),
     ("f_number", 1.9), ("image_height_mm", 21.6), 1e3, (36.0, 24.0), 546.07, "best", "Voigtländer, Wien",
     "It swirls. " * 20 + "\\", 'by """hand"""', "1.5 < n", "A Petzval", 1840, ("soft", "swirl"), 85.0,
-    (1e3, 500.0), 400.0, 11.0, provenance=(("figures", "published"), ("stop", "guessed")))
+    (1e3, 500.0), 400.0, 11.0, provenance=(("figures", "published"), ("stop", "guessed")),
+    photographs=Agreement('Lensfun: "A B"', "2026-11-29", 0.021, None, 3.5))
 
 
 @pytest.mark.sample(12)
@@ -150,7 +172,8 @@ def assert_reads_as_written(lens, tmp_path):
     tidy = replace(lens, story=" ".join(lens.story.split()))
     (tmp_path / "lens.toml").write_text(text, encoding="utf-8")
     read = read_lensfield(tmp_path / "lens.toml")
-    assert read == tidy and read.provenance == lens.provenance and write_prescription(tidy) == text
+    assert read == tidy and read.provenance == lens.provenance and read.photographs == lens.photographs
+    assert write_prescription(tidy) == text
     assert max(len(line) for line in text.splitlines() if not line.startswith("  {")) <= 120
 
 
