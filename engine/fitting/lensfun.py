@@ -28,7 +28,7 @@ class Photographed(NamedTuple):
     ----------
     lens : lensfunpy.Lens
     name : str
-        Its maker and model.
+        Its maker and model, or the model alone if that begins with the maker.
     """
 
     lens: Any
@@ -55,7 +55,7 @@ def find_photographed(name: str) -> Photographed:
         lensfunpy is not installed, or its data contain no such lens.
     """
     lensfunpy = _lensfunpy()
-    named = [(f"{lens.maker} {lens.model}", lens) for lens in lensfunpy.Database(load_common=False).lenses
+    named = [(_name(lens), lens) for lens in lensfunpy.Database(load_common=False).lenses
              if lens.min_focal == lens.max_focal]
     found = [lens for each, lens in named if each.casefold() == name.casefold()]
     if not found:
@@ -64,7 +64,11 @@ def find_photographed(name: str) -> Photographed:
         raise InputError("lensfun", "lens", name, "expected the maker and the model of a lens with one focal length, "
                          f"as Lensfun names them{f', such as {similar}' if similar else ''}")
     best = min(found, key=lambda lens: lens.crop_factor)
-    return Photographed(best, f"{best.maker} {best.model}")
+    return Photographed(best, _name(best))
+
+
+def _name(lens):
+    return lens.model if lens.model.casefold().startswith(lens.maker.casefold()) else f"{lens.maker} {lens.model}"
 
 
 def _lensfunpy():

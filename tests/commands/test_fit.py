@@ -130,3 +130,11 @@ def test_info_and_list_show_the_agreement_with_photographs(tmp_path, truth, caps
     assert f"photographs              {words}\n" in capsys.readouterr().out
     assert run("lens", "info", "tessar-50mm", "--wavelengths", 550, "--lens-quality", "preview") == 0
     assert f"photographs              {NOT_COMPARED}\n" in capsys.readouterr().out
+
+
+def test_the_list_of_compared_lenses_has_their_agreement(capsys):
+    assert run("lens", "list", "--compared", "sony") == 0
+    line, = capsys.readouterr().out.splitlines()
+    assert line.startswith("sony-zeiss-55mm-f1.8") and line.endswith("(Lensfun: Sony FE 55mm f/1.8 ZA)")
+    assert f" {prescription_of('sony-zeiss-55mm-f1.8').photographs}" in line
+    assert run("lens", "list", "--compared", "tessar") == 0 and not capsys.readouterr().out

@@ -49,7 +49,7 @@ def ripple(picture, many):
 
 @pytest.mark.parametrize("name, f_number, shape_px, centre_px, count, most", [
     ("angenieux-50mm", 1.1, (170, 178), (85.0, 89.0), PREVIEW, 0.0135),
-    ("nikkor-z-50mm-f1.8", 1.8, (110, 134), (255.0, 467.0), PREVIEW, 0.016),
+    ("nikkor-z-50mm-f1.8", 1.8, (110, 134), (255.0, 467.0), PREVIEW, 0.019),
     ("nikkor-z-50mm-f1.8", 1.8, (110, 134), (255.0, 467.0), STANDARD, 0.0067),
     ("angenieux-50mm", 1.1, (170, 178), (85.0, 89.0), STANDARD, 0.0111)])
 def test_discs_do_not_show_the_pattern_of_rays(monkeypatch, name, f_number, shape_px, centre_px, count, most):

@@ -16,7 +16,7 @@ from lensfield.engine.fitting.lensfun import (
 from lensfield.engine.library import prescription_of
 from refusals import refused
 
-SONY, CANON = "Sony FE 55mm f/1.8 ZA", "Canon Canon RF 85mm F1.2L USM"
+SONY, CANON = "Sony FE 55mm f/1.8 ZA", "Canon RF 85mm F1.2L USM"
 
 
 def test_without_lensfunpy_one_line_says_how_to_get_it(monkeypatch):
@@ -78,7 +78,7 @@ def test_red_and_blue_differ_from_green(lensfunpy):
 
 def test_lenses_without_a_measurement_have_none(lensfunpy):
     helios, nikkor = find_photographed("KMZ Helios-44 58mm 1:2"), find_photographed(
-        "Nikon Nikon AF-S Nikkor 58mm f/1.4G")
+        "Nikon AF-S Nikkor 58mm f/1.4G")
     assert straight_and_real_mm(helios) is not None and channel_heights_mm(nikkor) is None
     with refused(LensError, field="vignetting", value="missing", match="Nikkor 58mm f/1.4G"):
         vignetting_of(nikkor, prescription_of("nikkor-58mm-f1.4"))

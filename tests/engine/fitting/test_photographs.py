@@ -1,15 +1,31 @@
 """The page of lenses beside photographs: its tables, and a new run of the comparison if lensfunpy is installed."""
 
 import re
+from dataclasses import replace
 
 import pytest
 
-from lensfield.engine.library import bundled_names
-from photographs import LIGHT_HEAD, PHOTOGRAPHED, SHAPE_HEAD, tables, with_tables
+from lensfield.engine.library import bundled_names, prescription_of
+from lensfield.engine.prescription.photographs import Agreement
+from lensfield.engine.prescription.prescription import FITTED
+from lensfield.engine.prescription.readers.toml import write_prescription
+from library_rims import agreement, with_agreement, with_apertures
+from photographs import (
+    BEFORE_FIT,
+    LIGHT_HEAD,
+    PHOTOGRAPHED,
+    RIMS_HEAD,
+    SHAPE_HEAD,
+    fitted,
+    light_table,
+    rims_row,
+    shape_table,
+    with_tables,
+)
 from places import ROOT
 
 NUMBER = re.compile(r"(?<![\w./-])[-+]?\d+(?:\.\d+)?(?![\w.-]*`)")
-ROUNDING = {LIGHT_HEAD: 0.0101, SHAPE_HEAD: 1.01}  # a unit of the last digit: rounding, on other processors
+ROUNDING = {LIGHT_HEAD: 0.0101, RIMS_HEAD: 0.0301, SHAPE_HEAD: 1.01}  # rounding, on other processors
 
 
 def rows(text, head):
@@ -34,10 +50,49 @@ def test_tables_are_replaced_whole(page):
     assert changed.split(SHAPE_HEAD)[0] == page.split(SHAPE_HEAD)[0]
 
 
-def test_the_page_has_the_figures_of_a_new_run(page):
+@pytest.fixture
+def lensfunpy():
     pytest.importorskip("lensfunpy", reason="Lensfun's data come with lensfunpy: make test-photographs")
-    for head, text in tables().items():
-        for stated, renewed in zip(rows(page, head), rows(text, head), strict=True):
-            assert NUMBER.sub("", stated) == NUMBER.sub("", renewed)
-            for own, new in zip(NUMBER.findall(stated), NUMBER.findall(renewed), strict=True):
-                assert abs(float(own) - float(new)) <= ROUNDING[head], f"{stated} against {renewed}"
+
+
+def assert_alike(stated, renewed, head):
+    assert NUMBER.sub("", stated) == NUMBER.sub("", renewed)
+    for own, new in zip(NUMBER.findall(stated), NUMBER.findall(renewed), strict=True):
+        assert abs(float(own) - float(new)) <= ROUNDING[head], f"{stated} against {renewed}"
+
+
+@pytest.mark.parametrize("head, table", [(LIGHT_HEAD, light_table), (SHAPE_HEAD, shape_table)],
+                         ids=["light", "distortion"])
+def test_the_page_has_the_figures_of_a_new_run(page, lensfunpy, head, table):
+    for stated, renewed in zip(rows(page, head), rows(table(), head), strict=True):
+        assert_alike(stated, renewed, head)
+
+
+@pytest.mark.sample(2)
+@pytest.mark.parametrize("name", BEFORE_FIT)
+def test_a_new_fit_has_the_rims_of_the_page_and_of_the_library(page, lensfunpy, name):
+    stated, = [row for row in rows(page, RIMS_HEAD) if f"`{name}`" in row]
+    assert_alike(stated, rims_row(name), RIMS_HEAD)
+    lens, fit = prescription_of(name), fitted(name)
+    sizes_mm = [surface.semi_aperture_mm for surface in fit.prescription.surfaces]
+    assert sizes_mm == pytest.approx([surface.semi_aperture_mm for surface in lens.surfaces], abs=0.03)
+    assert agreement(name, fit).figures == pytest.approx(lens.photographs.figures, abs=1.01, rel=0.1)
+    assert lens.photographs.illumination == pytest.approx(fit.judged, abs=0.002)
+
+
+def test_the_library_states_which_lenses_are_compared_and_fitted():
+    lenses = {name: prescription_of(name) for name in bundled_names()}
+    assert {name for name, lens in lenses.items() if lens.photographs} == set(PHOTOGRAPHED)
+    assert {name for name, lens in lenses.items() if ("apertures", FITTED) in lens.provenance} == set(BEFORE_FIT)
+
+
+def test_files_change_in_their_apertures_and_agreement_alone():
+    lens = prescription_of("tessar-50mm")
+    wider = replace(lens, surfaces=tuple(replace(surface, semi_aperture_mm=9.75) for surface in lens.surfaces))
+    text = write_prescription(lens).replace("provenance.figures", "provenance = { apertures = \"estimated\" }\n#")
+    agreed = Agreement("a source", "2026-11-29", 0.02)
+    changed = with_agreement(with_apertures(text, wider), agreed)
+    assert changed.count("semi_aperture_mm = 9.75") == len(lens.surfaces)
+    assert f'provenance = {{ apertures = "{FITTED}" }}' in changed
+    assert 'photographs = { source = "a source", date = "2026-11-29", illumination = 0.02 }\ncoating = ' in changed
+    assert with_agreement(changed, agreed) == changed

@@ -228,13 +228,13 @@ def test_modern_lenses_with_moving_gaps_are_sharp_at_close_range(name):
 
 
 def test_a_lens_moved_as_a_unit_blurs_where_moving_gaps_do_not():
-    """A 40 mm f/1.4 at its closest distance: 31 um if moved as a unit, 4 um with its own gaps."""
+    """A 40 mm f/1.4 at its closest distance: 25 um if moved as a unit, 4 um with its own gaps."""
     lens = prescription_of("sigma-40mm-f1.4")
     rigid = replace(lens, focused_at_mm=(), closest_focus_mm=lens.focused_at_mm[-1],
                     surfaces=tuple(replace(surface, gaps_mm=()) for surface in lens.surfaces))
     with_gaps = turned(lens, Rings(1.0))
     assert axial_rms_um(with_gaps.prescription) == pytest.approx(4, abs=1)
-    assert axial_rms_um(turned(rigid, Rings(with_gaps.focus_mm)).prescription) == pytest.approx(31, abs=2)
+    assert axial_rms_um(turned(rigid, Rings(with_gaps.focus_mm)).prescription) == pytest.approx(25, abs=2)
 
 
 @pytest.mark.one_blender
