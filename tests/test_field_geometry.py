@@ -26,6 +26,7 @@ OTHER_GEOMETRY = {
     "engine.lens.iris": "blades around the stop",
     "engine.field.ray_blur": "the radius of places in the stop",
     "engine.stray.ghost_beams": "the plane of a source and the axis of a rotationally symmetric lens",
+    "engine.stray.ghost_nodes": "the plane of a source and the axis of a rotationally symmetric lens",
     "engine.stray.ghost_survey": "that plane, and the slope of the light's edge",
     "engine.stray.ghost_table": "the field of the point whose ghosts are listed",
     "engine.stray.ghosts": "the plane of a source and the axis of a rotationally symmetric lens",
