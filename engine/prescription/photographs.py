@@ -53,4 +53,4 @@ class Agreement:
 
     def __str__(self):
         texts = [FIGURES[name].format(value) for name, value in self.figures.items()]
-        return f"agrees with photographs of this lens: {', '.join(texts)} ({self.source})"
+        return f"compared with photographs of this lens: {', '.join(texts)} ({self.source})"

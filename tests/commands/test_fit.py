@@ -124,7 +124,7 @@ def test_bad_input_is_one_line(tmp_path, monkeypatch, capsys, table, arguments, 
 def test_info_and_list_show_the_agreement_with_photographs(tmp_path, truth, capsys):
     agreement = Agreement("the source", "2026-11-29", 0.021, 11.2, 3.4)
     (tmp_path / "own.toml").write_text(write_prescription(replace(truth, photographs=agreement)))
-    words = ("agrees with photographs of this lens: illumination ± 0.02, distortion ± 11 µm, lateral colour ± 3 µm "
+    words = ("compared with photographs of this lens: illumination ± 0.02, distortion ± 11 µm, lateral colour ± 3 µm "
              "(the source)")
     assert run("lens", "info", tmp_path / "own.toml", "--wavelengths", 550, "--lens-quality", "preview") == 0
     assert f"photographs              {words}\n" in capsys.readouterr().out

@@ -129,7 +129,7 @@ def test_a_file_states_its_agreement_with_photographs(read):
     lens = read(changed(TOML, ("version = 1", f"version = 1\n{stated}")))
     assert lens.photographs == Agreement("Lensfun: A B", "2026-11-29", 0.021, 11.0) and read(TOML).photographs is None
     assert str(lens.photographs) == (
-        "agrees with photographs of this lens: illumination ± 0.02, distortion ± 11 µm (Lensfun: A B)")
+        "compared with photographs of this lens: illumination ± 0.02, distortion ± 11 µm (Lensfun: A B)")
     assert lens == read(TOML) and digest_of(lens) == digest_of(read(TOML)), "pictures and bakes stay valid"
 
 
