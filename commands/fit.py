@@ -44,7 +44,7 @@ def add(commands):
     flat.add_argument("--focus", metavar="DISTANCE",
                       help="that the lens was set to, from its entrance pupil (default: inf)")
     flat.add_argument("--camera-sensor", metavar="WIDTHxHEIGHT",
-                      help=f"of the camera in mm, or one of {', '.join(FORMATS)} (default: the lens's)")
+                      help=f"of the camera in mm, or one of {', '.join(FORMATS)} (default: the sensor of the lens)")
     add_reading(fit)
     fit.set_defaults(run=_fit)
 

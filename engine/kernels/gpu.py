@@ -86,8 +86,8 @@ class Gpu:
 def usable_gpu() -> Gpu | None:
     """The graphics processor that casts and spreads, or None if C or numpy does.
 
-    LENSFIELD_KERNELS=gpu accepts any adapter, also one that the processor emulates. Other values name what is used
-    instead. Without the variable, real graphics processors are accepted.
+    LENSFIELD_KERNELS=gpu accepts any adapter, also one that the processor emulates. Other values name other loops.
+    Without the variable, real graphics processors are accepted.
     """
     requested = os.environ.get(VARIABLE) or None
     if requested not in (None, GPU) or os.getpid() != PROCESS:

@@ -141,7 +141,7 @@ class CachedBuffers:
 
     @contextmanager
     def of(self, owner: object, kind: Any, make: Callable[[], Buffers]) -> Iterator[Buffers]:
-        """The buffers of a kind for an object, for use in a block; `make` makes them if there are none."""
+        """The buffers of a kind for an object, for use in a block; `make` makes missing ones."""
         key = id(owner), kind
         if key not in self._cached or self._cached[key][0]() is not owner:
             self._close(key)

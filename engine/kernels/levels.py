@@ -1,4 +1,4 @@
-"""A layer of a capture at several resolutions: what its levels are, and how numpy makes them."""
+"""Levels of a layer, at several resolutions: their descriptions for all loops, and how numpy makes them."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass

@@ -75,7 +75,7 @@ def test_rays_look_up_whole_pixels_of_wide_discs(lens):
 @pytest.mark.parametrize("variant", available())
 @pytest.mark.parametrize("blur", [3.0, -3.0])
 def test_light_in_focus_stays_out_of_narrow_blur_beside_it(lens, blur, variant):
-    """A bright wall in focus, beside dim stripes before or behind it."""
+    """A bright wall in focus, next to dim stripes in front of it or behind it."""
     fine = scene(lens, 0.0)
     layer, (_, columns) = fine.layers[0], fine.grid.shape_px
     edge = columns // 2 + 1  # within a pixel

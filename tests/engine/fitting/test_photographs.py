@@ -1,4 +1,4 @@
-"""The page of lenses beside photographs: its tables, and a new run of the comparison if lensfunpy is installed."""
+"""The page that compares lenses with photographs: its tables, and a new comparison if lensfunpy is installed."""
 
 import re
 from dataclasses import replace

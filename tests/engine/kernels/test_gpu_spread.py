@@ -1,4 +1,4 @@
-"""Spreading on a graphics processor: against C, C in its place, and what stays in its memory."""
+"""Spreading on a graphics processor: compared with C, replaced by C, and its cached tables."""
 
 import gc
 
