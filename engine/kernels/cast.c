@@ -30,8 +30,16 @@ typedef double pair __attribute__((aligned(4), may_alias));
 
 INLINE rays chosen(masks mask, rays yes, rays no) { return (rays)(((masks)yes & mask) | ((masks)no & ~mask)); }
 INLINE rays kept(masks mask, rays a) { return (rays)((masks)a & mask); }
+#if defined(__AVX__) /* compilers do not recognize these instructions in `chosen` */
+INLINE rays larger(rays a, float b) { return __builtin_ia32_maxps256(a, (rays){0} + b); }
+INLINE rays smaller(rays a, float b) { return __builtin_ia32_minps256(a, (rays){0} + b); } /* of NaN: b */
+#elif defined(__SSE__)
+INLINE rays larger(rays a, float b) { return __builtin_ia32_maxps(a, (rays){0} + b); }
+INLINE rays smaller(rays a, float b) { return __builtin_ia32_minps(a, (rays){0} + b); }
+#else
 INLINE rays larger(rays a, float b) { return chosen(a > b, a, (rays){0} + b); }
-INLINE rays smaller(rays a, float b) { return chosen(a < b, a, (rays){0} + b); } /* of NaN: b */
+INLINE rays smaller(rays a, float b) { return chosen(a < b, a, (rays){0} + b); }
+#endif
 INLINE rays at(const float *p) { return *(const rays *)p; }
 INLINE rays between(rays a, rays b, rays weight) { return a + weight * (b - a); }
 
@@ -141,9 +149,9 @@ INLINE void meet(const lf_cast_of *c, const lf_layer *l, const pencil *p, const 
     }
     if (m->steps < 2) return; /* before was only the start */
     const rays change = depth_before - *depth, x = p->by_x * change, y = p->by_y * change;
-    const masks apart = x * x + y * y > APART, nearer = change > 0; /* else steps between pixels of one surface */
-    *depth = chosen(apart, chosen(nearer, depth_before, *depth), 0.5f * (depth_before + *depth));
-    *share = chosen(apart, chosen(nearer, share_before, *share), 0.5f * (share_before + *share));
+    const masks nearer = change > 0, between_pixels = (change != 0) & (x * x + y * y <= APART); /* of one surface */
+    *depth = chosen(between_pixels, 0.5f * (depth_before + *depth), chosen(nearer, depth_before, *depth));
+    *share = chosen(between_pixels, 0.5f * (share_before + *share), chosen(nearer, share_before, *share));
 }
 
 /* The part of a cell that is beyond the border between two pixels, at a distance of its middle from the first one's. */

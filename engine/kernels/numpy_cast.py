@@ -181,8 +181,8 @@ def _meet(layer: LayerArrays, places, meeting, casting):
         return depth, share
     change, half = before[0] - depth, np.float32(0.5)
     x, y = (by * change for by in places[2:])
-    apart, nearer = x * x + y * y > APART, change > 0
-    return tuple(np.where(apart, np.where(nearer, first, second), half * (first + second))
+    nearer, between_pixels = change > 0, (change != 0) & (x * x + y * y <= APART)
+    return tuple(np.where(between_pixels, half * (first + second), np.where(nearer, first, second))
                  for first, second in zip(before, (depth, share), strict=True))
 
 

@@ -17,8 +17,10 @@ from lensfield.engine.field.radial.first_order import first_order_rays
 from lensfield.engine.image.layers import Layer, LayeredRadiance
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.image.projection import FISHEYE, PLANE, Projection
+from lensfield.engine.kernels.cast import cast as cast_row
 from lensfield.engine.kernels.levels import sharpened
 from lensfield.engine.kernels.library import available, running
+from lensfield.engine.kernels.sample_casting import sample_casting
 from lensfield.engine.lens.entrance_pupil import entrance_pupil_diameter_mm, focus_nearness
 from lensfield.engine.lens.iris import Iris
 from lensfield.engine.library.rays import lens_rays
@@ -257,6 +259,26 @@ def test_variants_agree_bit_for_bit_and_with_numpy_up_to_rounding(lens, grid, ir
         np.testing.assert_allclose(plane.blurred, close.blurred, rtol=0, atol=ROUNDING)
         np.testing.assert_allclose(plane.clear, close.clear, rtol=0, atol=ROUNDING)
         assert np.isfinite(plane.blurred).all() and plane.clear.min() >= 0 and plane.clear.max() <= 1
+
+
+@pytest.mark.skipif(len(available()) < 2, reason="no library of the loops: no compiler")
+@pytest.mark.parametrize("steps", [1, 2, 3])
+def test_the_rays_that_are_followed_together_do_not_change_the_result(steps):
+    """Where the search ends with the depth before, but from another pixel with another focus share."""
+    casting, random, results = sample_casting(2, False), np.random.default_rng(3), []
+    casting.meetings["steps"], casting.meetings["focused"] = steps, 1
+    for layer in casting.layers:
+        layer.depth[..., 0] *= random.choice([1, 0.99], layer.depth.shape[:2])
+        layer.depth[..., 1] = random.random(layer.depth.shape[:2])
+    for name in available():
+        with using(name):
+            blurred, clear = np.zeros((2, 2, 27, 43), np.float32)
+            for row in range(2):
+                cast_row(casting, row, blurred, clear)
+            results.append((blurred, clear))
+    by_numpy, expected, *others = results
+    assert all(np.array_equal(one, other) for result in others for one, other in zip(result, expected, strict=True))
+    np.testing.assert_allclose(by_numpy, expected, rtol=0, atol=16 * ROUNDING)
 
 
 def test_threads_do_not_change_the_result(lens, monkeypatch):
