@@ -118,7 +118,7 @@ def cast_all(layers, lens, grid, options, rays):
     begin_s = time.process_time()
     planes = [plane.blurred for plane in cast(
         LayeredRadiance(layers, wavelengths_nm, grid, lens.capture_focal_length_mm), lens, lambda: rays,
-        most_rays=options.most_rays, most_of_lamps=options.most_of_lamps)]
+        most_rays=options.most_rays, most_of_lamps=options.most_of_lamps, finest_px=options.finest_cell_px)]
     return planes, time.process_time() - begin_s
 
 

@@ -16,7 +16,7 @@ from .cast import CastPlane, cast
 
 
 def capture_planes(radiance: Radiance, lens: Lens, rays: Callable[[float], LensRays], *, fireflies: str,
-                   most_rays: int, most_of_lamps: int, iris: Iris | None, times: int,
+                   most_rays: int, most_of_lamps: int, finest_px: float, iris: Iris | None, times: int,
                    progress: Callable[[float], object],
                    stage: Callable[[str], AbstractContextManager[object]]) -> Iterator[CastPlane]:
     """Yield the planes of a capture, wavelength by wavelength. Flat radiance counts as in focus.
@@ -29,7 +29,7 @@ def capture_planes(radiance: Radiance, lens: Lens, rays: Callable[[float], LensR
         Called only for layers: traces the lens's rays, as far out as the iris reaches.
     fireflies : "refuse" or "clamp"
         See `Options`.
-    most_rays, most_of_lamps : int
+    most_rays, most_of_lamps, finest_px : int, int, float
         See `cast`.
     iris : Iris or None
     times : int
@@ -56,8 +56,8 @@ def capture_planes(radiance: Radiance, lens: Lens, rays: Callable[[float], LensR
         with stage("rays"):
             return rays(opening(iris, lens).reach)
 
-    planes = cast(layered, lens, trace, most_rays=most_rays, most_of_lamps=most_of_lamps, iris=iris, times=times,
-                  progress=progress)
+    planes = cast(layered, lens, trace, most_rays=most_rays, most_of_lamps=most_of_lamps, finest_px=finest_px,
+                  iris=iris, times=times, progress=progress)
     return _in_depth(planes, clamped, stage)
 
 

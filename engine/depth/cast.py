@@ -58,7 +58,7 @@ class CastPlane:
 
 
 def cast(layered: LayeredRadiance, lens: Lens, trace: Callable[[], LensRays], *, most_rays: int = 64,
-         most_of_lamps: int | None = None, iris: Iris | None = None, times: int = 1,
+         most_of_lamps: int | None = None, finest_px: float = 0.5, iris: Iris | None = None, times: int = 1,
          progress: Callable[[float], object] = lambda fraction: None) -> Iterator[CastPlane]:
     """Cast layered radiance along the lens's rays: yield a plane for each wavelength.
 
@@ -79,6 +79,8 @@ def cast(layered: LayeredRadiance, lens: Lens, trace: Callable[[], LensRays], *,
         Maximum number of rays of a pixel. The number depends on the size of the blur.
     most_of_lamps : int, optional
         Maximum where something small and bright in the blur requires more rays; `most_rays` by default.
+    finest_px : float
+        Smallest side of a ray's part of a blur, in pixels of the capture: smaller blur receives fewer rays.
     iris : Iris, optional
         The blades that stop the lens down; by default the stop is round. Both openings have the same area, so light and
         f-number do not change.
@@ -94,8 +96,8 @@ def cast(layered: LayeredRadiance, lens: Lens, trace: Callable[[], LensRays], *,
     layers = prepare_layers(layered.layers, layered.capture, lens)
     if not _blurred(layers):
         return _in_focus(layers, layered, times, progress)
-    return _cast(layers, layered, lens, trace(), most_rays, most_of_lamps or most_rays, opening(iris, lens), times,
-                 progress)
+    limits = most_rays, most_of_lamps or most_rays, finest_px
+    return _cast(layers, layered, lens, trace(), limits, opening(iris, lens), times, progress)
 
 
 def _blurred(layers):
@@ -115,11 +117,12 @@ def _in_focus(layers, layered, times, progress):
         progress((index + 1) / layered.wavelengths_nm.size)
 
 
-def _cast(layers, layered, lens, rays, most_rays, most_of_lamps, stop, times, progress):
+def _cast(layers, layered, lens, rays, limits, stop, times, progress):
     """The planes of `cast` if light is out of focus.
 
     capture       PixelGrid of the layers, which may have finer columns than the sensor
     sensor        PixelGrid of the frame, in the capture's columns
+    limits        `most_rays`, `most_of_lamps` and `finest_px`
     known         parts of a pixel whose light is known, down and across
     ends          rays at the first and last wavelength, for the reach of all
     per_focal     tangent per pixel of the capture
@@ -143,7 +146,7 @@ def _cast(layers, layered, lens, rays, most_rays, most_of_lamps, stop, times, pr
     layers = [layer.in_place(parallax_per_nearness_px(lens, ends, layered.capture, layer.layer.place,
                                                       float(wavelengths_nm[0])), lens) for layer in layers]
     meetings = plan_meetings(layers, ends, sensor, CaptureView(capture.projection, capture.pitch_um * 1e-3 / focal_mm),
-                             most_rays, most_of_lamps, known)
+                             *limits, known)
     shares = _sharp_shares(layers, capture.shape_px)
 
     # the wavelengths, a group at a time

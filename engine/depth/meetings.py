@@ -20,9 +20,9 @@ TILE_PX, BLOCK_PX = 16, 8
 LAMP_PX = 4  # side of the squares whose light counts as a lamp: wider things have rims as soft as they are wide
 QUANTITIES = {True: 8, False: 10}  # with extremes in the lookup: on a plane, and in a panorama
 COUNTS = np.array(RAY_COUNTS)  # of rays
-FINEST_PX, FINEST_OF_PARTS_PX = 0.5, 0.14  # smallest useful side of a ray's cell in a blur; and if the light of the
-# parts of pixels is known: the rays of lamps with sharp cores are closer together than a cell's
-RAYS_PER_PX = 4  # of a blur, at most, for light without lamps
+FINEST_OF_PARTS = 0.28  # of the smallest side of a ray's cell, if the light of the parts of pixels is known: the rays
+# of lamps with sharp cores are closer together than a cell's
+RAYS_IN_CELL = 2  # the most, in a square of the smallest side, for light without lamps
 OVERLAP = 1.75  # side of a look-up in distances between rays: aberrations stretch the rays' pattern, and narrower
 # look-ups show it in the discs of lamps
 REACH = 1.5  # of a look-up, beyond its middle, in its sides
@@ -34,6 +34,7 @@ OPAQUE = 0.998
 EVEN_SHARE = 2e-3  # largest difference of focus shares in a tile whose rays all have the mean of both
 AREA_ROWS = 8  # of tiles that are cast together, for which layers are divided into parts
 BESIDE_PX = 96  # pixels around what the rays of such tiles reach: for the pixels of levels
+LEAST_PX = 0.5  # side of a blur that whole pixels show
 SLIGHT_PX, NARROW_PX = 3.0, 12.0  # largest blur of tiles whose rays look up parts of pixels: of any light; and of lamps
 RISE = 1.0  # whose discs rise this much above the light around. Pixels misplace 0.04 of a disc as wide as NARROW_PX
 STEPS_PX = (0.25, 1.0, 4.0)  # largest differences in blur for 0, 1 and 2 steps of the search; 3 beyond
@@ -57,7 +58,7 @@ class Meetings:
 
 
 def plan_meetings(layers: list[PreparedLayer], rays: RaySample, sensor: PixelGrid,
-                  view: CaptureView, most_rays: int, most_of_lamps: int, parts: int = 1) -> Meetings:
+                  view: CaptureView, most_rays: int, most_of_lamps: int, finest_px: float, parts: int = 1) -> Meetings:
     """Find the layers that the tiles of a sensor meet.
 
     Parameters
@@ -69,7 +70,7 @@ def plan_meetings(layers: list[PreparedLayer], rays: RaySample, sensor: PixelGri
     sensor : PixelGrid
     view : CaptureView
         Where the capture shows rays.
-    most_rays, most_of_lamps : int
+    most_rays, most_of_lamps, finest_px : int, int, float
         See `cast`.
     parts : int
         Parts of a pixel, down and across, whose light is known.
@@ -108,19 +109,20 @@ def plan_meetings(layers: list[PreparedLayer], rays: RaySample, sensor: PixelGri
         matters = blur.met & ((blur.look.blurred > 0) | (blur.look.dullest < 1) & lit_beyond)
         narrow |= matters & blur.narrow(even) & (parts > 1)
         for of_size, size in zip(needed, (1, parts), strict=True):
-            np.maximum(of_size, np.where(matters, blur.rays(even, most_rays, size), 0), out=of_size)
+            np.maximum(of_size, np.where(matters, blur.rays(even, most_rays, finest_px, size), 0), out=of_size)
         lit_beyond |= blur.met & (blur.look.lit > 0)
-    whole, through_parts = (_meetings(meetings, blurs, bounds, np.where(where, of_size, 0), most_of_lamps, size)
-                            for where, of_size, size in zip((~narrow, narrow), needed, (1, parts), strict=True))
+    whole, through_parts = (
+        _meetings(meetings, blurs, bounds, np.where(where, of_size, 0), most_of_lamps, finest_px, size)
+        for where, of_size, size in zip((~narrow, narrow), needed, (1, parts), strict=True))
     return replace(whole, through_parts=through_parts if narrow.any() else None)
 
 
-def _meetings(kinds, blurs, bounds_px, needed, most_of_lamps, parts):
+def _meetings(kinds, blurs, bounds_px, needed, most_of_lamps, finest_px, parts):
     """Meetings of tiles that need these numbers of rays, which look up `parts` x `parts` parts of pixels."""
     counts = COUNTS[np.minimum(np.searchsorted(COUNTS, needed), np.searchsorted(COUNTS, most_of_lamps, "right") - 1)]
     counts, kinds, narrowest_px = np.where(needed > 0, counts, 0), kinds.copy(), np.full(needed.shape, np.inf)
     for here, blur in zip(np.moveaxis(kinds, -1, 0), blurs, strict=True):
-        side_px = blur.side_px(np.maximum(counts, 1), parts)
+        side_px = blur.side_px(np.maximum(counts, 1), _cell_px(finest_px, parts))
         here["level"], here["cells"] = blur.level(parts * side_px)
         narrowest_px = np.where(blur.met, np.minimum(narrowest_px, np.where(here["focused"], 0, side_px)), narrowest_px)
     return Meetings(kinds, counts, STEPS[np.searchsorted(STEPS[1:] * SMOOTH, narrowest_px, "right")], bounds_px)
@@ -178,16 +180,17 @@ def areas_of(meetings: Meetings) -> Iterator[Area]:
 
 def around_px(area_px: np.ndarray) -> np.ndarray:
     """The farthest that a look-up reaches beyond a blur of this area, with the fewest rays."""
-    return 1 + np.ceil(REACH * _look_up_px(area_px, COUNTS[0]))
+    return 1 + np.ceil(REACH * _look_up_px(area_px, COUNTS[0], LEAST_PX))
 
 
-def _finest_px(parts):
-    return FINEST_PX if parts == 1 else FINEST_OF_PARTS_PX
+def _cell_px(finest_px, parts):
+    """Smallest side of a ray's cell, if the light of these parts of pixels is known."""
+    return finest_px if parts == 1 else FINEST_OF_PARTS * finest_px
 
 
-def _look_up_px(area_px, counts, parts=1):
+def _look_up_px(area_px, counts, finest_px):
     """Side of the squares that this number of rays look up in a blur of this area."""
-    return np.maximum(OVERLAP * np.sqrt(area_px / counts), _finest_px(parts))
+    return np.maximum(OVERLAP * np.sqrt(area_px / counts), finest_px)
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,32 +207,32 @@ class _Blur:
     sharpest: np.ndarray
     look: "_Look"
 
-    def rays(self, even, most_rays, parts):
+    def rays(self, even, most_rays, finest_px, parts):
         """The number of rays that show the layer well, next to light of this mean.
 
         A lamp's disc rises above the light around it by its light over the disc's area. Its rim is as soft as a ray's
         cell is wide. The error of this softness, relative to the light around, shall not exceed the error of a
-        disc that rises by STEP and is gathered by `most_rays` rays. No blur requires cells smaller than FINEST_PX, or
-        FINEST_OF_PARTS_PX if rays look up `parts` x `parts` parts of pixels.
+        disc that rises by STEP and is gathered by `most_rays` rays. No cell is smaller than `finest_px`,
+        or than FINEST_OF_PARTS of it if rays look up `parts` x `parts` parts of pixels.
         """
-        finest_px = _finest_px(parts)
-        areas = [np.maximum(self.reach.area_px(nearness), finest_px**2)
+        cell_px = _cell_px(finest_px, parts)
+        areas = [np.maximum(self.reach.area_px(nearness), cell_px**2)
                  for nearness in (self.sharpest, self.least, self.most)]
         largest = np.maximum.reduce(areas)
         lamp = np.sqrt(most_rays) * np.divide(self.look.excess, STEP * even, out=np.zeros_like(even), where=even > 0)
-        area = np.clip(np.cbrt(finest_px * lamp) ** 2, np.minimum.reduce(areas), largest)
-        lamps = np.minimum((lamp / area) ** 2, area / finest_px**2)
-        return np.maximum(lamps, np.minimum(most_rays, RAYS_PER_PX * parts**2 * largest))
+        area = np.clip(np.cbrt(cell_px * lamp) ** 2, np.minimum.reduce(areas), largest)
+        lamps = np.minimum((lamp / area) ** 2, area / cell_px**2)
+        return np.maximum(lamps, np.minimum(most_rays, RAYS_IN_CELL * (parts / finest_px) ** 2 * largest))
 
     def narrow(self, even):
         """Whether the capture's pixels soften the blur noticeably, next to light of this mean."""
         area_px = np.minimum.reduce([self.reach.area_px(each) for each in (self.least, self.most)])
-        rises = self.look.excess > RISE * even * np.maximum(area_px, FINEST_PX**2)
+        rises = self.look.excess > RISE * even * np.maximum(area_px, LEAST_PX**2)
         return area_px < np.pi / 4 * np.where(rises, NARROW_PX, SLIGHT_PX) ** 2
 
-    def side_px(self, counts, parts):
+    def side_px(self, counts, finest_px):
         """Side of the squares that this number of rays look up."""
-        return _look_up_px(self.reach.area_px((self.least + self.most) / 2), counts, parts)
+        return _look_up_px(self.reach.area_px((self.least + self.most) / 2), counts, finest_px)
 
     def level(self, side_px):
         """The level of the layer's pixels that suits look-ups of this side, 0 for light in focus and for rays that miss

@@ -13,7 +13,9 @@ from ..runtime.setting import check_choices, setting
 AUTO, OFF, ON = "auto", "off", "on"
 DEFAULT_ACCURACY = 0.01
 TIER_ACCURACY = {"preview": 0.1, "standard": DEFAULT_ACCURACY, "reference": 0.001}
-MOST_RAYS = ((0.05, 64, 256), (0.005, 64, 1024), (0.0, 256, 4096))  # least accuracy, rays of a pixel, with lamps
+RAYS = ((0.05, 64, 256, 1.0), (0.005, 64, 1024, 0.7), (0.0, 256, 4096, 0.5))
+"""From each accuracy on: the most rays of a pixel, without and with lamps, and the smallest side of their cells in a
+blur, in pixels."""
 KNOBS = ("section_size", "azimuths", "psf_energy", "flat_tolerance", "precision")
 MOST_SUPERSAMPLING = 16  # it reduces the error to a 256th
 BY_KNOBS = "sections"  # if a knob is set and no method
@@ -179,8 +181,13 @@ class Options:
         return self._rays[1]
 
     @property
+    def finest_cell_px(self) -> float:
+        """Smallest side of a ray's part of a blur, in pixels of the capture."""
+        return self._rays[2]
+
+    @property
     def _rays(self):
-        return next(rays for least, *rays in MOST_RAYS if self.depth_accuracy >= least)
+        return next(rays for least, *rays in RAYS if self.depth_accuracy >= least)
 
     @property
     def knobs(self) -> dict[str, object]:

@@ -86,8 +86,9 @@ def simulate(radiance: Radiance, lens: Lens, options: Options = BY_RESULT, *,
     with report.stage("plan"):
         plan = cache.plan(options, lens, radiance, out is not None and np.may_share_memory(out, radiance.light))
     views = capture_planes(radiance, lens, partial(rays, lens), fireflies=options.fireflies,
-                           most_rays=options.most_rays, most_of_lamps=options.most_of_lamps, iris=iris,
-                           times=plan.parts, stage=report.stage, progress=progress or (lambda fraction: None))
+                           most_rays=options.most_rays, most_of_lamps=options.most_of_lamps,
+                           finest_px=options.finest_cell_px, iris=iris, times=plan.parts, stage=report.stage,
+                           progress=progress or (lambda fraction: None))
     shape = (len(sampling.wavelengths_nm), *sampling.grid.frame_px)
     irradiance = zeros_stored_like(radiance.light, shape) if out is None else out
     if irradiance.shape != shape or irradiance.dtype != np.float32:

@@ -333,6 +333,28 @@ def test_lamps_receive_more_rays(lens):
     np.testing.assert_allclose(few[:, 144:], many[:, 144:], rtol=1e-4)  # positions are rounded
 
 
+@pytest.mark.parametrize("blur", [-8.0, 5.0, 14.0])
+def test_larger_cells_take_fewer_rays(lens, monkeypatch, blur):
+    """A lamp in noise: the misplaced light is that of the tiers, which are at most as accurate as these cells."""
+    grid = PixelGrid((70, 90), PITCH_UM, (-40.3, 55.2))
+    light, counts, pictures = np.random.default_rng(2).random((2, *grid.shape_px)), [], []
+    light[:, 30:33, 40:43] = 200
+    scene = [layer(np.ones(grid.shape_px), depth_of_blur(lens, blur), light)]
+
+    def planned(*given):
+        plan = plan_meetings(*given)
+        counts.append(plan.counts.sum())
+        return plan
+
+    monkeypatch.setattr(cast_module, "plan_meetings", planned)
+    for cell_px, of_lamps in ((0.25, 4096), (0.5, 1024), (0.7, 1024), (1.0, 1024)):
+        pictures.append(planes(scene, lens, grid, most_rays=64, most_of_lamps=of_lamps, finest_px=cell_px)[0].blurred)
+    assert counts[1] > 1.2 * counts[2] and counts[1] > 2 * counts[3]
+    for picture, off in zip(pictures[1:], (0.006, 0.015, 0.025), strict=True):
+        assert np.abs(picture - pictures[0]).sum() < off * pictures[0].sum()
+        assert picture.sum() == pytest.approx(pictures[0].sum(), rel=1e-3)
+
+
 @pytest.mark.parametrize("blur, rays", [(16.0, 64), (26.0, 256), (-40.0, 256), (40.0, 576)])
 def test_the_disc_of_a_lamp_is_even_and_has_all_of_its_light(lens, blur, rays):
     """The lens's own opening is even, so all light and dark inside the disc is an error of the rays' places."""
