@@ -37,6 +37,9 @@
 #                  scene is rendered once, to build/raw-scene
 # make validate-photographs  compare the library's lenses with photographs in Lensfun's database (through lensfunpy, which it
 #                  installs in .venv-photographs), and write the tables of docs/photographs.md (seconds)
+# make validate-plate PLATE=FOLDER  compare photographs of measured plates with their renders through the measured lens;
+#                  FOLDER is a clone of https://github.com/DLR-RM/BlenderProc; write the table and the picture in
+#                  docs/photographs.md (with OpenCV, in .venv-opencv; five minutes)
 # make scenes      render two hundred ordinary scenes through a nearly perfect lens and by Cycles alone, and five of them
 #                  by every command: all must agree (an hour); SCENES="hdri lamps" selects scenes or themes; the table,
 #                  pictures and .blend files are in build/scenes. make test renders two, chosen by SEED
@@ -52,6 +55,7 @@
 # make test-sensor  run a small part of make validate-sensor, and compare it with docs/camera.md, in .venv-sensor; and
 #                  validate raw files with Adobe's DNG SDK
 # make test-photographs  compare docs/photographs.md with a new run of make validate-photographs
+# make test-plate PLATE=FOLDER  compare docs/photographs.md with a new run of make validate-plate
 # make test-farm   run the tests of Open Job Description and Dask, in .venv-farm
 # make lenses      bake the library's lens packages again from their prescriptions (seconds)
 # make lens-rims   fit the rims of the library's lenses to photographs in Lensfun's database (two minutes)
@@ -75,6 +79,7 @@ BPY ?= 5.0.1
 export SEED ?= 0
 export ALL_CASES ?=
 export HEAVY ?= 6
+export PLATE ?=
 unexport PYTHONDONTWRITEBYTECODE  # the tests start hundreds of Pythons; without bytecode, each compiles all modules
 VENV = $(if $(filter 5.0.1,$(BPY)),.venv,.venv-$(BPY))
 READY = $(VENV)/.ready
@@ -109,13 +114,14 @@ VALIDATE = .venv-validate
 FARM = .venv-farm
 SENSOR = .venv-sensor
 PHOTOGRAPHS = .venv-photographs
+OPENCV = .venv-opencv
 RAW_SCENE = build/raw-scene
 TABLES = .venv-tables
 LINT = .venv-lint
 RELEASE = .venv-release
 LOCK = packaging/lock-5.0.1.txt
 
-.PHONY: demo kernels test heavy fuzz long-runs kill-test test-kernels test-engine test-blender ui-test bench bench-device bench-all validate validate-sensor validate-raw validate-photographs scenes extension release test-bake test-sensor test-photographs test-farm lens-rims stop-places glasses lenses lens-pictures hero camera-pictures cameras tables bench-tables \
+.PHONY: demo kernels test heavy fuzz long-runs kill-test test-kernels test-engine test-blender ui-test bench bench-device bench-all validate validate-sensor validate-raw validate-photographs validate-plate scenes extension release test-bake test-sensor test-photographs test-plate test-farm lens-rims stop-places glasses lenses lens-pictures hero camera-pictures cameras tables bench-tables \
         test-numpy ci lint lock
 
 demo: $(READY) kernels
@@ -200,6 +206,9 @@ validate-sensor: $(SENSOR)/.ready
 validate-photographs: $(PHOTOGRAPHS)/.ready kernels
 	$(PHOTOGRAPHS)/bin/python validation/photographs.py docs/photographs.md
 
+validate-plate: $(OPENCV)/.ready kernels
+	$(OPENCV)/bin/python -W ignore validation/plate_photographs.py "$(PLATE)" docs/photographs.md docs/plate.jpg
+
 validate-raw: $(SENSOR)/.ready $(RAW_SCENE)/evening_chess_Scene_0001_irradiance.exr
 	$(SENSOR)/bin/python validation/raw_scene.py $(RAW_SCENE)/evening_chess_Scene_0001_irradiance.exr $(RAW_SCENE) docs/camera.md
 
@@ -237,6 +246,9 @@ test-sensor: $(SENSOR)/.ready
 
 test-photographs: $(PHOTOGRAPHS)/.ready kernels
 	$(PHOTOGRAPHS)/bin/python -m pytest -q tests/engine/fitting
+
+test-plate: $(OPENCV)/.ready kernels
+	$(OPENCV)/bin/python -m pytest -q tests/addon/job/test_plate.py
 
 test-farm: $(FARM)/.ready kernels
 	$(FARM)/bin/python -m pytest -q tests/farm/test_openjd.py tests/farm/test_dask.py
@@ -289,6 +301,9 @@ $(SENSOR)/.ready: pyproject.toml packaging/environment.sh
 
 $(PHOTOGRAPHS)/.ready: pyproject.toml packaging/environment.sh
 	packaging/environment.sh $(PHOTOGRAPHS) photographs
+
+$(OPENCV)/.ready: pyproject.toml packaging/environment.sh $(LOCK)
+	packaging/environment.sh $(OPENCV) 5.0.1 opencv
 
 $(FARM)/.ready: pyproject.toml packaging/environment.sh $(LOCK)
 	packaging/environment.sh $(FARM) 5.0.1 farm,openjd
