@@ -159,8 +159,8 @@ def _cast(layers, layered, lens, rays, limits, stop, times, progress):
         for completed in caster.cast(layers, sensor, meetings, group, wavelengths_nm[group], faint, blurred, clear):
             progress((first + completed * len(sharp)) / count)
         if meetings.through_parts:
-            caster.cast_through_parts(layers, sensor, meetings.through_parts, group, wavelengths_nm, faint, known,
-                                      blurred, clear)
+            caster.cast_through_parts(layers, sensor, meetings.through_parts, group, wavelengths_nm[group], faint,
+                                      known, blurred, clear)
         progress(group.stop / count)
         for number, nm in enumerate(wavelengths_nm[group]):
             if times > 1:
@@ -196,24 +196,20 @@ class _Caster:
     def cast_through_parts(self, layers, sensor, meetings, group, wavelengths_nm, faint, times, blurred, clear):
         """Write the tiles with rays that look up layers in `times` x `times` parts of the capture's pixels. They come
         from all quarters of a pixel, so that their mean is one over its area."""
-        counts, together = np.unique(meetings.counts[meetings.counts > 0]), max(1, TOGETHER // times)
-        pixel_rays = self.field.pixel_rays(self.rays, sensor.finer(times))
-        for first in range(group.start, group.stop, together):
-            some = slice(first, min(first + together, group.stop))
-            nm, planes = wavelengths_nm[some], slice(some.start - group.start, some.stop - group.start)
-            packed = pixel_rays.packed(nm, self.focal_mm, counts.tolist(), self.stop.reach).from_quarters(times)
-            for area in areas_of(meetings):
-                kinds, near, region = area.met(layers)
-                place = area.place(sensor.shape_px)
-                grid = sensor.part(place)
-                parts = [layer.in_parts(region, times, some, nm) for layer in near]
-                of_area = [np.full((len(nm), *grid.shape_px), value, np.float32) for value in (0, 1)]
-                for _ in self._cast(packed, parts, grid.centre_px, kinds, counts, slice(len(nm)), faint[planes],
-                                    *of_area):
-                    pass
-                lit = area.pixels(sensor.shape_px)
-                for to, cast_planes in zip((blurred, clear), of_area, strict=True):
-                    np.copyto(to[planes, *place], cast_planes, where=lit)
+        counts = np.unique(meetings.counts[meetings.counts > 0])
+        packed = self.field.pixel_rays(self.rays, sensor.finer(times)).packed(
+            wavelengths_nm, self.focal_mm, counts.tolist(), self.stop.reach).from_quarters(times)
+        for area in areas_of(meetings):
+            kinds, near, region = area.met(layers)
+            place = area.place(sensor.shape_px)
+            grid = sensor.part(place)
+            parts = [layer.in_parts(region, times, group, wavelengths_nm) for layer in near]
+            of_area = [np.full((len(blurred), *grid.shape_px), value, np.float32) for value in (0, 1)]
+            for _ in self._cast(packed, parts, grid.centre_px, kinds, counts, slice(len(blurred)), faint, *of_area):
+                pass
+            lit = area.pixels(sensor.shape_px)
+            for to, cast_planes in zip((blurred, clear), of_area, strict=True):
+                np.copyto(to[:, *place], cast_planes, where=lit)
 
     def _cast(self, packed, layers, centre_px, meetings, counts, group, faint, blurred, clear):
         capture = layers[0].capture
@@ -258,15 +254,15 @@ def casting_bytes(layered: Radiance, lens: Lens, most_of_lamps: int) -> float:
     group = together * (capture_px + 2 * frame_px) + max(rays + max(levels, TABLE_VALUES),
                                                          TABLE_VALUES + RAY_PLANES * frame_px)
     if layered.detail_times > 1:
-        group = max(group, together * (capture_px + 2 * frame_px) + _parts_values(layered, rays))
+        group = max(group, together * (capture_px + 2 * frame_px) + _parts_values(layered, rays, together))
     is_plane = layered.grid.projection.is_plane
     looked_up = max(PREPARING_PLANES * pixels + values_of_blocks(pixels, is_plane) for pixels in layers_px)
     return SAMPLE_BYTES * (capture_px + LAYER_PLANES * sum(layers_px) + max(group, looked_up))
 
 
-def _parts_values(layered, rays):
+def _parts_values(layered, rays, together):
     """Values in memory while the rays of an area's tiles look up parts of pixels."""
-    together, (rows, columns) = max(1, TOGETHER // layered.detail_times), layered.grid.shape_px
+    rows, columns = layered.grid.shape_px
     share = min(1.0, (AREA_ROWS * TILE_PX + 4 * BESIDE_PX) / rows)
     layers_px = sum(layer.alpha.size for layer in layered.layers)
     planes = LEVELS_PX * (together + 1) + LAYER_PLANES + 2 * together
