@@ -10,13 +10,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
-from ..prescription.photographs import Agreement
+from ..prescription.photographs import Agreement, Vignetting
 from ..prescription.prescription import FITTED, Prescription
 from ..rays.rings import ring_ends
 from ..runtime.errors import LensError
 from .even_light import EvenField, picture_corner_mm
 from .rims import GROUPS, RimRange, glass_ends_mm, rim_ranges, with_rims
-from .vignetting import Vignetting, light_of, measured_heights_mm
+from .vignetting import light_of, measured_heights_mm
 
 HELD_OUT_OF, LEAST_CURVES = 3, 4  # every third curve is left out, if there are as many
 FIGURES_PER_CURVE = 3  # that are independent: curves are smooth, and Lensfun's have three terms

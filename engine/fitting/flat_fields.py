@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ..prescription.photographs import Vignetting
 from ..runtime.errors import ImageError
 from ..runtime.inputs import check_input
-from .vignetting import Vignetting
 
 RAW_BYTES = 2**30
 TILES = 60  # along the longer side, each with the median of its green pixels

@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..prescription.photographs import MM_PER_M, Vignetting
 from ..prescription.prescription import Prescription
 from ..prescription.system import system_of
 from ..rays.rings import ring_ends, turned
 from ..runtime.errors import InputError, LensError, listed
-from .vignetting import MM_PER_M, Vignetting
 
 FULL_FRAME_MM = 36.0, 24.0
 FAR_M = 100.0  # distances from here on are infinity: Lensfun writes 1000

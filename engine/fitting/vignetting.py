@@ -1,46 +1,19 @@
-"""Measured curves of the light of even fields, the light of a lens at their heights, and a reader of tables."""
+"""The light of a lens at the heights of measured curves, and a reader of their tables."""
 
 import csv
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from ..prescription.photographs import MM_PER_M, Vignetting
 from ..prescription.prescription import Prescription
 from ..runtime.errors import LensError
 from ..runtime.text import read_text
-from ..runtime.values import Value
 from .even_light import EvenField
 
 COLUMNS = "f_number", "focus_m", "height_mm", "light"
 MOST_LIGHT = 1.2  # relative to the axis
-MM_PER_M = 1e3
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Vignetting(Value):
-    """The light of an even field at one f-number and focus.
-
-    Attributes
-    ----------
-    f_number : float
-    focus_mm : float
-        From the entrance pupil; inf for infinity.
-    heights_mm : array (height,)
-        Ascending distances from the axis, more than 0.
-    light : array (height,)
-        Relative to the axis.
-    """
-
-    f_number: float
-    focus_mm: float
-    heights_mm: np.ndarray
-    light: np.ndarray
-
-    def __str__(self):
-        at = "infinity" if np.isinf(self.focus_mm) else f"{self.focus_mm / MM_PER_M:.3g} m"
-        return f"f/{self.f_number:g} at {at}"
 
 
 def light_of(prescription: Prescription, curves: Sequence[Vignetting], pixel_loss: float = 0.0) -> list[np.ndarray]:

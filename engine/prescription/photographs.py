@@ -5,11 +5,38 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..runtime.errors import LensError
+from ..runtime.values import Value
 
 FIGURES = {"illumination": "illumination ± {:.2f}", "distortion_um": "distortion ± {:.0f} µm",
            "lateral_colour_um": "lateral colour ± {:.0f} µm"}
 """The figures of an Agreement, and their text."""
 NOT_COMPARED = "not compared with photographs"
+MM_PER_M = 1e3
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Vignetting(Value):
+    """The light of an even field at one f-number and focus.
+
+    Attributes
+    ----------
+    f_number : float
+    focus_mm : float
+        From the entrance pupil; inf for infinity.
+    heights_mm : array (height,)
+        Ascending distances from the axis, more than 0.
+    light : array (height,)
+        Relative to the axis.
+    """
+
+    f_number: float
+    focus_mm: float
+    heights_mm: np.ndarray
+    light: np.ndarray
+
+    def __str__(self):
+        at = "infinity" if np.isinf(self.focus_mm) else f"{self.focus_mm / MM_PER_M:.3g} m"
+        return f"f/{self.f_number:g} at {at}"
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,10 @@ from flat_pictures import flat_light, mounted, write_flat
 from lenses import make_lens
 from lensfield.engine.fitting.even_light import EvenField
 from lensfield.engine.fitting.rims import with_rims
-from lensfield.engine.fitting.vignetting import COLUMNS, Vignetting, light_of
+from lensfield.engine.fitting.vignetting import COLUMNS, light_of
 from lensfield.engine.lens_files.package import write_package
 from lensfield.engine.library import prescription_of
-from lensfield.engine.prescription.photographs import NOT_COMPARED, Agreement
+from lensfield.engine.prescription.photographs import NOT_COMPARED, Agreement, Vignetting
 from lensfield.engine.prescription.readers import read_prescription
 from lensfield.engine.prescription.readers.toml import write_prescription
 from rgb_files import failure, run

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from lensfield.engine import SpectralImage
-from lensfield.engine.fitting.vignetting import Vignetting, light_of
+from lensfield.engine.fitting.vignetting import light_of
 from lensfield.engine.pictures.dng import MountedLens, write_dng
+from lensfield.engine.prescription.photographs import Vignetting
 from lensfield.engine.sensor.exposure import Exposure, expose
 from raw_pictures import small_camera
 

@@ -11,8 +11,9 @@ from lensfield.engine.fitting.even_light import EvenField
 from lensfield.engine.fitting.fit import RESPONSE_DEG, fit_rims
 from lensfield.engine.fitting.flat_fields import read_flat_field
 from lensfield.engine.fitting.rims import with_rims
-from lensfield.engine.fitting.vignetting import Vignetting, light_of
+from lensfield.engine.fitting.vignetting import light_of
 from lensfield.engine.library import prescription_of
+from lensfield.engine.prescription.photographs import Vignetting
 from refusals import refused
 from seed import SEED
 

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from lensfield.engine import LensError
-from lensfield.engine.fitting.vignetting import Vignetting, light_of, read_vignetting
+from lensfield.engine.fitting.vignetting import light_of, read_vignetting
 from lensfield.engine.library import prescription_of
+from lensfield.engine.prescription.photographs import Vignetting
 from refusals import refused
 
 HEAD = "f_number,focus_m,height_mm,light\n"
