@@ -3,22 +3,19 @@
 from datetime import date
 from pathlib import Path
 
-from ..engine import InputError, LensError
-from ..engine.fitting.fit import fit_rims
-from ..engine.fitting.flat_fields import read_flat_field
+from ..engine import InputError
+from ..engine.fitting.fit import fit_own_photographs, fit_rims
+from ..engine.fitting.flat_fields import read_flat_fields
 from ..engine.fitting.lensfun import find_photographed, vignetting_of
 from ..engine.fitting.vignetting import COLUMNS, read_vignetting
 from ..engine.lens.formats import FORMATS, format_mm
 from ..engine.library import has_rings, prescription_of
 from ..engine.prescription.readers.toml import write_prescription
-from ..engine.runtime.errors import listed
 from ..engine.runtime.files import atomic_path
 from .arguments import LENSES, check_outputs, distance_mm
 from .fit_kit import KIT
 from .prescription_file import add_reading, errors_of, lens_source
 from .terminal import say
-
-MOST_NAMED = 3
 
 
 def add(commands):
@@ -58,9 +55,7 @@ def _fit(options):
     given = options.flat or [path for path in [options.vignetting] if path]
     check_outputs([(options.output, ".toml")], [options.lens, *given])
     prescription = prescription_of(lens_source(options, options.lens))
-    curves, source = _curves(options, prescription)
-    with errors_of(options.lens):
-        fit = fit_rims(prescription, curves, source, date.today().isoformat())
+    fit = _fitted(options, prescription, given)
     say(*fit.lines())
     _write(options.output, write_prescription(fit.prescription))
 
@@ -78,35 +73,22 @@ def _write(path, text):
     say(path)
 
 
-def _curves(options, prescription):
-    """The measured curves, and their source."""
+def _fitted(options, prescription, paths):
+    """The fit to Lensfun's photographs or to the ones in files."""
     if options.lensfun:
         photographed = find_photographed(options.lensfun)
-        return vignetting_of(photographed, prescription), f"Lensfun: {photographed.name}"
-    if options.vignetting:
-        return read_vignetting(options.vignetting), options.vignetting.name
-    fields = _flat_fields(options, prescription)
+        curves = vignetting_of(photographed, prescription)
+        with errors_of(options.lens):
+            return fit_rims(prescription, curves, f"Lensfun: {photographed.name}", date.today().isoformat())
+    curves = read_vignetting(options.vignetting) if options.vignetting else _flat_curves(options, prescription)
+    with errors_of(options.lens):
+        return fit_own_photographs(prescription, curves, paths)
+
+
+def _flat_curves(options, prescription):
+    """The curves of the raw pictures; prints a line about each."""
+    sensor_mm = format_mm(options.camera_sensor) if options.camera_sensor else None
+    fields = list(read_flat_fields(options.flat, prescription, options.f_numbers or "", sensor_mm,
+                                   distance_mm(options.focus or "inf", "--focus")))
     say(*fields)
-    return [field.curve for field in fields], listed([path.name for path in options.flat], MOST_NAMED)
-
-
-def _flat_fields(options, prescription):
-    f_numbers = [None] * len(options.flat) if options.f_numbers is None else _f_numbers(options)
-    sensor_mm = format_mm(options.camera_sensor) if options.camera_sensor else prescription.sensor_mm
-    if sensor_mm is None:
-        raise LensError(prescription.name, "sensor_mm", "missing", "give the camera's sensor: --camera-sensor 36x24")
-    focus_mm = distance_mm(options.focus or "inf", "--focus")
-    return [read_flat_field(path, sensor_mm, prescription.focal_length_mm, f_number, focus_mm)
-            for path, f_number in zip(options.flat, f_numbers, strict=True)]
-
-
-def _f_numbers(options):
-    """The f-numbers that the command line gives, one for each picture."""
-    try:
-        f_numbers = [float(word) for word in options.f_numbers.split(",")]
-    except ValueError:
-        f_numbers = []
-    if len(f_numbers) != len(options.flat) or not all(0 < each < float("inf") for each in f_numbers):
-        raise InputError("options", "--f-numbers", options.f_numbers,
-                         f"expected {len(options.flat)} f-numbers, one for each picture, such as 2,2.8,4")
-    return f_numbers
+    return [field.curve for field in fields]

@@ -24,7 +24,7 @@ from ..engine.library import baked, bundled_names, find_bundled, has_rings, pres
 from ..engine.library.rays import lens_rays
 from ..engine.pictures.spectral_exr import write_rgb_exr
 from ..engine.prescription.photographs import NOT_COMPARED
-from ..engine.rays.rings import in_metres, ring_ends
+from ..engine.rays.rings import in_metres, ring_ends, turned
 from ..engine.runtime import cache
 from ..engine.runtime.files import atomic_path
 from ..engine.runtime.values import json_value
@@ -39,6 +39,7 @@ from .arguments import (
     chosen_lens,
     distance_mm,
     resolution,
+    rings_option,
     shown_iris,
 )
 from .prescription_file import add_reading, lens_source, reading_options_for
@@ -104,7 +105,7 @@ def _info(options):
         provenance = dict(prescription.provenance) if prescription else {}
         photographs = asdict(prescription.photographs) if prescription and prescription.photographs else None
         print(json.dumps(info | {"rings": json_value([asdict(end) for end in ends]), "provenance": provenance,
-                                 "photographs": photographs}, indent=2))
+                                 "photographs": json_value(photographs)}, indent=2))
         return
     say(*lens_text(info).split("\n"))
     if prescription and prescription.passport:
@@ -191,8 +192,17 @@ def _plot(options):
     if options.depth is not None:
         lens = lens_at_depth(lens, lens_rays(lens), distance_mm(options.depth, "--depth"))
     path = _sheet_path(options)
-    write_lens_plot(lens, path, frequencies)
+    write_lens_plot(lens, path, frequencies, _photographs(options))
     say(path)
+
+
+def _photographs(options):
+    """How closely the lens agrees with photographs, with their light at its focus and f-stop; None without any."""
+    source = lens_source(options, options.lens)
+    if not has_rings(source) or not (photographs := prescription_of(source).photographs):
+        return None
+    lens = turned(prescription_of(source), rings_option(options))
+    return photographs.at(lens.f_number, lens.focus_mm)
 
 
 def _sheet_path(options, ending=""):

@@ -4,7 +4,10 @@ At most one rim of each group of the lens is fitted, with the pixels' response t
 as they are. Some of the f-stops and focus distances are left out, and judge the fit.
 """
 
+import datetime
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,7 +16,7 @@ import scipy
 from ..prescription.photographs import Agreement, Vignetting
 from ..prescription.prescription import FITTED, Prescription
 from ..rays.rings import ring_ends
-from ..runtime.errors import LensError
+from ..runtime.errors import LensError, listed
 from .even_light import EvenField, picture_corner_mm
 from .rims import GROUPS, RimRange, glass_ends_mm, rim_ranges, with_rims
 from .vignetting import light_of, measured_heights_mm
@@ -29,7 +32,8 @@ MOST_PIXEL_LOSS = 3.0
 STEP, SCALE, TOLERANCE, MOST_STEPS = 1e-3, 0.2, 1e-7, 30  # of the search
 CANNOT_PASS = 0.1  # of the light on the axis: more than the lens's surfaces pass
 WIDER = 0.9  # of the lens's lowest f-number: photographs with a lower one are of another lens
-DIGITS = 3  # of the illumination in a file
+DIGITS, LIGHT_DIGITS = 3, 4  # of lengths and of the illumination in a file, and of the curves of light
+MOST_NAMED = 3  # files
 RESPONSE_DEG = 20.0  # at which the pixels' response is reported
 
 
@@ -128,7 +132,8 @@ class RimFit:
                    "degrees")
 
 
-def fit_rims(prescription: Prescription, curves: list[Vignetting], source: str, date: str) -> RimFit:
+def fit_rims(prescription: Prescription, curves: list[Vignetting], source: str, date: str,
+             keep_light: bool = False) -> RimFit:
     """Fit rims of a lens to the light of even fields in photographs.
 
     Parameters
@@ -138,6 +143,8 @@ def fit_rims(prescription: Prescription, curves: list[Vignetting], source: str, 
         Of one f-stop: one rim at most.
     source, date : str
         Of the photographs, and of the fit, for `Prescription.photographs`.
+    keep_light : bool
+        Whether `Prescription.photographs` also has the curves.
 
     Raises
     ------
@@ -160,8 +167,27 @@ def fit_rims(prescription: Prescription, curves: list[Vignetting], source: str, 
                        strict=True)]
     fit = RimFit(fitted, rims, pixel_loss, float(sigmas[-1]) if pixel_loss else 0.0, tuple(comparisons))
     provenance = dict(prescription.provenance) | {"apertures": FITTED}
-    agreement = Agreement(source, date, round(fit.judged, DIGITS))
+    light = tuple(map(_rounded, curves)) if keep_light else ()
+    agreement = Agreement(source, date, round(fit.judged, DIGITS), light=light)
     return replace(fit, prescription=replace(fitted, provenance=tuple(provenance.items()), photographs=agreement))
+
+
+def fit_own_photographs(prescription: Prescription, curves: list[Vignetting], paths: Sequence[Path]) -> RimFit:
+    """As `fit_rims`, for photographs that the user took: `Prescription.photographs` also has their curves.
+
+    Parameters
+    ----------
+    prescription : Prescription
+    curves : list of Vignetting
+    paths : sequence of Path
+        The files of the photographs.
+    """
+    source = listed([path.name for path in paths], MOST_NAMED)
+    return fit_rims(prescription, curves, source, datetime.date.today().isoformat(), keep_light=True)
+
+
+def _rounded(curve):
+    return replace(curve, heights_mm=curve.heights_mm.round(DIGITS), light=curve.light.round(LIGHT_DIGITS))
 
 
 def _chosen_rims(problem):

@@ -1,13 +1,15 @@
 """Flat fields: the light of an even field in raw pictures, with the tilt of its illumination taken out."""
 
 import os
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from ..prescription.photographs import Vignetting
-from ..runtime.errors import ImageError
+from ..prescription.prescription import Prescription
+from ..runtime.errors import ImageError, InputError, LensError
 from ..runtime.inputs import check_input
 
 RAW_BYTES = 2**30
@@ -51,6 +53,48 @@ class FlatField:
                 f"{self.towards_deg:.0f} degrees, uneven by {self.roughness:.1%}")
 
 
+def read_flat_fields(paths: Sequence[Path], prescription: Prescription, f_numbers: str = "",
+                     sensor_mm: tuple[float, float] | None = None, focus_mm: float = np.inf) -> Iterator[FlatField]:
+    """Read raw pictures of an even field through a lens, one after the other.
+
+    Parameters
+    ----------
+    paths : sequence of path
+    prescription : Prescription
+    f_numbers : str
+        Of the pictures, in their order, separated by commas; "" for those in EXIF.
+    sensor_mm : (float, float), optional
+        Width and height of the camera's sensor; by default, the sensor of the lens.
+    focus_mm : float
+        Distance at which the lens was focused.
+
+    Raises
+    ------
+    InputError
+        As `read_flat_field`; the sensor is unknown; or the number of f-numbers is not the number of pictures.
+    """
+    sensor_mm = sensor_mm or prescription.sensor_mm
+    if sensor_mm is None:
+        raise LensError(prescription.name, "sensor_mm", "missing",
+                        "give the camera's sensor: --camera-sensor 36x24, or Sensor in the window")
+    for path, f_number in zip(paths, _f_numbers(f_numbers, len(paths)), strict=True):
+        yield read_flat_field(path, sensor_mm, prescription.focal_length_mm, f_number, focus_mm)
+
+
+def _f_numbers(text, count):
+    """The f-numbers in a text, one for each picture; None for each if it is empty."""
+    if not text.strip():
+        return [None] * count
+    try:
+        f_numbers = [float(word) for word in text.split(",")]
+    except ValueError:
+        f_numbers = []
+    if len(f_numbers) != count or not all(0 < each < np.inf for each in f_numbers):
+        raise InputError("flat fields", "f-numbers", text,
+                         f"expected {count} f-numbers, one for each picture, such as 2,2.8,4")
+    return f_numbers
+
+
 def read_flat_field(path: str | os.PathLike[str], sensor_mm: tuple[float, float], focal_mm: float | None,
                     f_number: float | None = None, focus_mm: float = np.inf) -> FlatField:
     """Read a raw picture of an even field: a DNG, or any other file that LibRaw opens.
@@ -80,7 +124,8 @@ def read_flat_field(path: str | os.PathLike[str], sensor_mm: tuple[float, float]
                          f"expected about {focal_mm:g} mm: a flat field of this lens")
     f_number = f_number or stated_f
     if not f_number:
-        raise ImageError(path, "f-number in EXIF", "missing", "give it for each file: --f-numbers 2,2.8,4")
+        raise ImageError(path, "f-number in EXIF", "missing",
+                         "give one for each picture: --f-numbers 2,2.8,4, or F-Numbers in the window")
     light = _tiles(levels)
     if light.max() < LEAST_SIGNAL:
         raise ImageError(path, "exposure", f"{light.max():.1%} of saturation at most", "expose longer: a half in the "

@@ -6,14 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ..prescription.photographs import MM_PER_M, Vignetting
+from ..prescription.photographs import MM_PER_M, MOST_LIGHT, Vignetting
 from ..prescription.prescription import Prescription
 from ..runtime.errors import LensError
 from ..runtime.text import read_text
 from .even_light import EvenField
 
 COLUMNS = "f_number", "focus_m", "height_mm", "light"
-MOST_LIGHT = 1.2  # relative to the axis
 
 
 def light_of(prescription: Prescription, curves: Sequence[Vignetting], pixel_loss: float = 0.0) -> list[np.ndarray]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..lens import Lens
+from ..prescription.photographs import Vignetting
 from .curves import airy_radius_um
 from .page import ILLUMINATION, LATERAL_COLOUR, MTF, add_panel
 from .psf_map import even_indices, shown_wavelengths
@@ -50,6 +51,8 @@ class PathCurves:
         Lateral colour, if it is drawn.
     corner_mm : float or None
         The sensor's corner, to be marked.
+    photographed : tuple of Vignetting
+        The light in photographs, along a path from the middle.
     """
 
     along_mm: np.ndarray
@@ -62,6 +65,7 @@ class PathCurves:
     cosine: np.ndarray
     lateral_um: np.ndarray | None
     corner_mm: float | None = None
+    photographed: tuple[Vignetting, ...] = ()
 
 
 def illumination_nm(lens: Lens) -> np.ndarray:
@@ -96,7 +100,7 @@ def _draw_mtf(figure, paths, frequencies_per_mm, key):
 
 
 def _draw_illumination(figure, paths, wavelengths_nm):
-    """Draw the relative illumination along each path, and the cosine fourth law."""
+    """Draw the relative illumination along each path, in photographs too, and the cosine fourth law."""
     left, bottom, width, height = ILLUMINATION
     alone = len(paths) == 1
     panels = _side_by_side(figure, (left, bottom, width if alone else width - LABEL_ROOM, height), len(paths))
@@ -105,6 +109,9 @@ def _draw_illumination(figure, paths, wavelengths_nm):
         for one, colour, curve in zip(wavelengths_nm, wavelength_colours(wavelengths_nm), path.illumination,
                                       strict=True):
             panel.plot(path.along_mm, curve, color=colour, linewidth=1.8, label=f"{one:.4g} nm")
+        for photograph in path.photographed:
+            panel.plot(photograph.heights_mm, photograph.light, "o", color=INK, markersize=4, markerfacecolor="white",
+                       zorder=3, label=f"photograph, {photograph}")
         panel.plot(path.along_mm, path.cosine, ":", color="black", linewidth=1.8, label="cos⁴ of the field angle")
         panel.set_ylim(0, HEADROOM * max(1, most))
         _dress(panel, path, len(paths), "Relative illumination" if path is paths[0] else "")

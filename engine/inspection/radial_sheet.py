@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..lens import RadialLens
+from ..prescription.photographs import Vignetting
 from .curves import (
     cosine_fourth,
     distortion_grid,
@@ -39,16 +40,17 @@ def radial_facts(lens: RadialLens) -> tuple[str, str]:
     return focal_length_text(lens.efl_mm), f"±{degrees:.3g}°"
 
 
-def draw_radial_panels(figure: "Figure", lens: RadialLens, frequencies_per_mm: Sequence[float]) -> None:
-    """Draw the PSFs of a lens, and its curves over image height."""
+def draw_radial_panels(figure: "Figure", lens: RadialLens, frequencies_per_mm: Sequence[float],
+                       photographed: Sequence[Vignetting] = ()) -> None:
+    """Draw the PSFs of a lens, and its curves over image height, with the light in photographs."""
     field = field_of(lens)
     _draw_psfs(figure, lens, field)
     _draw_distortion(add_panel(figure, *DISTORTION), lens, field)
-    draw_curves(figure, lens, [_outwards(lens, field, frequencies_per_mm)], frequencies_per_mm,
+    draw_curves(figure, lens, [_outwards(lens, field, frequencies_per_mm, photographed)], frequencies_per_mm,
                 "solid: sagittal   dashed: tangential")
 
 
-def _outwards(lens, field, frequencies_per_mm):
+def _outwards(lens, field, frequencies_per_mm, photographed):
     """The curves from the axis outwards."""
     def angle_rad(height_mm):
         return field_angle_rad(lens, field.geometry.paraxial_height_mm(height_mm))
@@ -57,7 +59,8 @@ def _outwards(lens, field, frequencies_per_mm):
     return PathCurves(
         field.optics.real_height_mm, 0.0, angle_rad, "image height in mm, field angle", sagittal, tangential,
         relative_illumination(lens, illumination_nm(lens)), cosine_fourth(lens, lens.heights_mm),
-        lateral_colour_um(lens, lateral_nm(lens)), np.hypot(*lens.sensor_mm) / 2 if field.reaches_corner else None)
+        lateral_colour_um(lens, lateral_nm(lens)), np.hypot(*lens.sensor_mm) / 2 if field.reaches_corner else None,
+        tuple(photographed))
 
 
 def _draw_psfs(figure, lens, field):

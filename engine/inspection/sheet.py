@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..lens import GridLens, Lens
+from ..prescription.photographs import Agreement
 from ..runtime.build_identity import software
 from ..runtime.errors import InputError
 from ..runtime.files import atomic_path
@@ -24,7 +25,7 @@ LONGEST_NAME, LONGEST_LINE = 50, 140
 
 
 def write_lens_plot(lens: Lens, path: str | os.PathLike,
-                    frequencies_per_mm: Sequence[float] | None = None) -> None:
+                    frequencies_per_mm: Sequence[float] | None = None, photographs: Agreement | None = None) -> None:
     """Draw the sheet of a lens as a PNG: PSFs, distortion, MTF, relative illumination, lateral colour.
 
     The file appears complete or not at all.
@@ -35,6 +36,9 @@ def write_lens_plot(lens: Lens, path: str | os.PathLike,
     path : path
     frequencies_per_mm : sequence of one to five floats, optional
         Frequencies of the MTF in cycles per mm; by default `preferred_frequencies_per_mm`.
+    photographs : Agreement, optional
+        How closely the lens agrees with photographs, which the sheet states. Its curves of light are drawn next to the
+        lens's: pass `Agreement.at` of the lens's f-number and focus.
 
     Raises
     ------
@@ -49,15 +53,17 @@ def write_lens_plot(lens: Lens, path: str | os.PathLike,
     if not 1 <= len(frequencies_per_mm) <= len(FREQUENCY_COLOURS):
         raise InputError("lens sheet", "frequencies", f"{len(frequencies_per_mm)} of them",
                          f"expected 1 to {len(FREQUENCY_COLOURS)}")
-    _draw(figure, lens, frequencies_per_mm)
+    _draw(figure, lens, frequencies_per_mm, photographs)
     _save(figure, path)
 
 
-def _draw(figure, lens, frequencies_per_mm):
-    facts, draw_panels = ((grid_facts, draw_grid_panels) if isinstance(lens, GridLens) else
-                          (radial_facts, draw_radial_panels))
-    _draw_header(figure, lens, facts(lens))
-    draw_panels(figure, lens, frequencies_per_mm)
+def _draw(figure, lens, frequencies_per_mm, photographs):
+    if isinstance(lens, GridLens):
+        _draw_header(figure, lens, grid_facts(lens), photographs)
+        draw_grid_panels(figure, lens, frequencies_per_mm)
+    else:
+        _draw_header(figure, lens, radial_facts(lens), photographs)
+        draw_radial_panels(figure, lens, frequencies_per_mm, photographs.light if photographs else ())
 
 
 def _give_canvas(figure):
@@ -85,8 +91,9 @@ def _save(figure, path):
                                                                                        pnginfo=texts)
 
 
-def _draw_header(figure, lens, field_facts):
-    """Draw name, maker, first-order data and story, and the source of the figures at the foot."""
+def _draw_header(figure, lens, field_facts, photographs):
+    """Draw name, maker, first-order data and story, and at the foot the agreement with photographs and the source of the
+    figures."""
     top = right = SIDE - MARGIN
     name = _short(lens.name, LONGEST_NAME)
     write(figure, MARGIN, top, name, HEAD, "black", fontweight="bold")
@@ -95,7 +102,8 @@ def _draw_header(figure, lens, field_facts):
     write(figure, MARGIN, top - 0.86, _wrapped(lens.story), TEXT, PALE_INK)
     enclosed = lens.enclosed_energy.min()
     windows = f"PSF windows contain at least {100 * enclosed:.3g} % of the light" if enclosed < ENCLOSED_LIGHT else ""
-    foot = ". ".join(filter(None, (lens.source.rstrip(". "), windows)))
+    agreement = f"Compared with photographs: {photographs.differences}" if photographs else ""
+    foot = ". ".join(filter(None, (agreement, lens.source.rstrip(". "), windows)))
     write(figure, MARGIN, 0.35, _wrapped(foot), SMALL - 1, PALE_INK)
 
 

@@ -1,6 +1,7 @@
 """Agreement: how closely a design agrees with photographs through real copies of the lens."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -12,6 +13,8 @@ FIGURES = {"illumination": "illumination ± {:.2f}", "distortion_um": "distortio
 """The figures of an Agreement, and their text."""
 NOT_COMPARED = "not compared with photographs"
 MM_PER_M = 1e3
+MOST_LIGHT = 1.2  # relative to the axis
+SAME_STOP = 2 ** (1 / 12)  # ratio of f-numbers: half a third of a stop
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -55,6 +58,8 @@ class Agreement:
     distortion_um, lateral_colour_um : float or None
         Of chief rays' distances from the axis, with the focal length free, and of the distances between red or blue and
         green.
+    light : tuple of Vignetting
+        The light in photographs that the user took. Empty for others', which have licences of their own.
 
     Raises
     ------
@@ -67,6 +72,7 @@ class Agreement:
     illumination: float | None = None
     distortion_um: float | None = None
     lateral_colour_um: float | None = None
+    light: tuple[Vignetting, ...] = ()
 
     def __post_init__(self) -> None:
         for name, value in self.figures.items():
@@ -78,6 +84,17 @@ class Agreement:
         """The figures that were compared, by name."""
         return {name: value for name in FIGURES if (value := getattr(self, name)) is not None}
 
+    def at(self, f_number: float, focus_mm: float) -> Self:
+        """This with a single curve of light or none: at this f-number, and at the nearest focus distance."""
+        same_stop = [curve for curve in self.light if 1 / SAME_STOP < curve.f_number / f_number < SAME_STOP]
+        nearest = sorted(same_stop, key=lambda curve: (abs(1 / curve.focus_mm - 1 / focus_mm),
+                                                       abs(curve.f_number - f_number)))
+        return replace(self, light=tuple(nearest[:1]))
+
+    @property
+    def differences(self) -> str:
+        """The figures as text."""
+        return ", ".join(FIGURES[name].format(value) for name, value in self.figures.items())
+
     def __str__(self):
-        texts = [FIGURES[name].format(value) for name, value in self.figures.items()]
-        return f"compared with photographs of this lens: {', '.join(texts)} ({self.source})"
+        return f"compared with photographs of this lens: {self.differences} ({self.source})"

@@ -14,7 +14,7 @@ from ...spectral.dispersion import FORMULAS
 from ...spectral.refraction import Formula
 from ..coatings import Coating, MeasuredReflectance
 from ..glasses import Glass
-from ..photographs import FIGURES, Agreement
+from ..photographs import FIGURES, MOST_LIGHT, Agreement, Vignetting
 from ..prescription import APERTURES, FIELDS, MOST_TERMS, ORIGINS, PARTS, Pose, Prescription, Surface
 from .reading import AS_IT_IS, Reading, ReadingOptions, with_stop
 
@@ -34,6 +34,7 @@ FIELDS_OF_SURFACE = (*SURFACE_NUMBERS, "thickness_mm", "glass", "aspheric", "sto
 MEASURED = ("wavelengths_nm", "angles_deg", "reflectance")
 FIELDS_OF_COATING = ("name", "layers", *MEASURED)
 FIELDS_OF_AGREEMENT = ("source", "date", *FIGURES)
+FIELDS_OF_LIGHT = ("f_number", "focus_mm", "heights_mm", "light")
 FIELDS_OF_POSE = ("offset_mm", "tilt_deg")
 HIGHEST_POWER = 2 * MOST_TERMS
 WRITTEN = ("name", "title", "maker", "year", "focal_length_mm", "character", "story", "source", "notes",
@@ -126,9 +127,32 @@ def _agreement(table):
     if not isinstance(table.values["photographs"], dict):
         raise table.refusal("photographs", 'expected a table such as { source = "Lensfun", illumination = 0.03 }')
     stated = TomlTable(table.path, table.values["photographs"], "photographs, ")
-    check_known(stated, FIELDS_OF_AGREEMENT)
+    check_known(stated, (*FIELDS_OF_AGREEMENT, "light"))
     figures = {name: stated.number(name) for name in FIGURES if name in stated}
-    return Agreement(stated.text("source"), stated.line("date"), **figures)
+    return Agreement(stated.text("source"), stated.line("date"), **figures, light=_light(stated))
+
+
+def _light(table):
+    """Curves of the light in photographs."""
+    rows = table.values.get("light", [])
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        raise table.refusal("light", "expected a list of [[photographs.light]]")
+    return tuple(_curve(TomlTable(table.path, row, f"photographs, light {number}, "))
+                 for number, row in enumerate(rows, 1))
+
+
+def _curve(table):
+    check_known(table, FIELDS_OF_LIGHT)
+    f_number, focus_mm = table.number("f_number"), table.number("focus_mm")
+    heights_mm = np.array(table.numbers("heights_mm"))
+    light = np.array(table.numbers("light", heights_mm.size))
+    for field, valid, expected in (
+            ("f_number", 0 < f_number < np.inf, "a positive number"), ("focus_mm", focus_mm > 0, "a positive number"),
+            ("heights_mm", np.all(np.diff(heights_mm, prepend=0, append=np.inf) > 0), "ascending numbers above 0"),
+            ("light", np.all((light > 0) & (light <= MOST_LIGHT)), f"numbers from 0 to {MOST_LIGHT:g}")):
+        if not valid:
+            raise table.refusal(field, f"expected {expected}")
+    return Vignetting(f_number, focus_mm, heights_mm, light)
 
 
 def _sensor_mm(table):
@@ -264,15 +288,17 @@ def write_prescription(prescription: Prescription) -> str:
     facts = vars(prescription) | {name: dict([getattr(prescription, name)]) for name in ("aperture", "field")}
     facts |= {"image_pose": _pose_table(prescription.image_pose)}
     origins = {f"provenance.{part}": origin for part, origin in prescription.provenance}
-    agreement = vars(prescription.photographs) if prescription.photographs else {}
-    compared = {f"photographs.{name}": value for name, value in agreement.items() if value not in (None, "")}
+    agreed = prescription.photographs
+    compared = {f"photographs.{name}": value for name in FIELDS_OF_AGREEMENT
+                if agreed and (value := getattr(agreed, name)) not in (None, "")}
     lines = [f"# {MARK}", f'format = "{FORMAT}"', f"version = {VERSION}",
              *pairs({name: facts[name] for name in WRITTEN}, DEFAULTS | {"object_distance_mm": first_mm}),
              *pairs(origins | compared, {})]
     rows = (f"  {{ {', '.join(pairs(_fields_of(surface), DEFAULTS))} }}" for surface in prescription.surfaces)
     glasses = (line for glass in prescription.glasses for line in _glass_lines(glass))
     coatings = (line for coating in prescription.coatings for line in _coating_lines(coating))
-    return "\n".join([*lines, "surfaces = [", ",\n".join(rows), "]", *glasses, *coatings, ""])
+    light = (line for curve in (agreed.light if agreed else ()) for line in _light_lines(curve))
+    return "\n".join([*lines, "surfaces = [", ",\n".join(rows), "]", *glasses, *coatings, *light, ""])
 
 
 def _fields_of(surface):
@@ -310,3 +336,10 @@ def _coating_lines(coating):
     measured = zip(MEASURED, vars(coating.measured).values(), strict=True) if coating.measured else ()
     return ["", "[[coatings]]", *pairs({"name": coating.name, "layers": coating.layers, **dict(measured)},
                                        {"layers": ()})]
+
+
+def _light_lines(curve):
+    """Lines of the table of a curve of light."""
+    numbers = {"heights_mm": tuple(curve.heights_mm), "light": tuple(curve.light)}
+    return ["", "[[photographs.light]]",
+            *pairs({"f_number": curve.f_number, "focus_mm": curve.focus_mm} | numbers, {})]
