@@ -27,6 +27,7 @@ from .ui import (
     comparison,
     compositor_panel,
     favourites,
+    fit_lens,
     fixes,
     flamenco,
     lens_assets,
@@ -53,9 +54,9 @@ __all__ = ["Animation", "RenderRequest", "apply_lens", "camera_settings", "camer
            "opened_preview", "plan_comparison", "preflight", "register", "render_animation", "render_comparison",
            "render_through_lens", "set_blend_folder", "source_digest", "take_session", "unregister"]
 
-_MODULES = (properties, preferences, favourites, fixes, operators, open_lens, animation, another_lens, comparison,
-            preview_panel, live, quick_look, lens_assets, compositor_panel, camera_presets, click_focus, panels,
-            lint_panel, spectra_panels, trust_panel, flamenco)
+_MODULES = (properties, preferences, favourites, fixes, operators, open_lens, fit_lens, animation, another_lens,
+            comparison, preview_panel, live, quick_look, lens_assets, compositor_panel, camera_presets, click_focus,
+            panels, lint_panel, spectra_panels, trust_panel, flamenco)
 _CLASSES = [cls for module in _MODULES for cls in module.classes]
 for _operator in (cls for cls in _CLASSES if issubclass(cls, bpy.types.Operator)):
     _operator.bl_description = " ".join(_operator.__doc__.split())  # tooltips show line breaks

@@ -51,7 +51,7 @@ def with_apertures(text, prescription):
 
 def with_agreement(text, agreed):
     """The text of a file with this Agreement."""
-    figures = {name: value for name, value in vars(agreed).items() if value is not None}
+    figures = {name: value for name, value in vars(agreed).items() if value not in (None, ())}
     return BEFORE.sub(f"photographs = {{ {', '.join(pairs(figures, {}))} }}\n", OF_PHOTOGRAPHS.sub("", text), count=1)
 
 

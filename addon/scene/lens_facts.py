@@ -11,6 +11,7 @@ from ...engine.lens import Lens, RadialLens
 from ...engine.lens.conventions import four_by_three
 from ...engine.lens.entrance_pupil import focus_rise
 from ...engine.library import LensSource, has_rings, prescription_of
+from ...engine.prescription.photographs import Agreement
 from ...engine.prescription.system import system_of
 from ...engine.rays import field_heights, fields
 from ...engine.rays.light_end import light_end
@@ -46,6 +47,8 @@ class LensFacts:
         Whether the lens is rotationally symmetric.
     squeeze : float
         As in `Lens`.
+    photographs : Agreement or None
+        How closely it agrees with photographs, with their light at its settings; None if it was not compared.
     """
 
     rings: Rings
@@ -59,6 +62,7 @@ class LensFacts:
     fields: tuple[tuple[tuple[float, float], ...], ...]
     radial: bool
     squeeze: float
+    photographs: Agreement | None = None
 
     @property
     def last_mm(self):
@@ -140,7 +144,8 @@ def _facts(source, changed, rings, focal_mm):
     return LensFacts(
         rings, system.efl_mm, system.capture_focal_length_mm,
         lens.prescription.sensor_mm or four_by_three(curves[-1][-1][0]), lens.f_number, lens.focus_mm,
-        _reach(source, changed), lens.words, curves, lens.prescription.radial, system.squeeze)
+        _reach(source, changed), lens.words, curves, lens.prescription.radial, system.squeeze,
+        prescription.photographs and prescription.photographs.at(lens.f_number, lens.focus_mm))
 
 
 def _curves(system):

@@ -10,6 +10,7 @@ from pathlib import Path
 import bpy
 
 from ...engine import LensError
+from ...engine.prescription.prescription import Prescription
 from ...engine.prescription.readers import AS_IT_IS, ReadingOptions, read_prescription
 from ...engine.prescription.readers.toml import write_prescription
 from ...engine.runtime.files import atomic_path
@@ -41,10 +42,21 @@ def lens_file_for_scene(path: str | os.PathLike, options: ReadingOptions = AS_IT
         lens_facts(source)
     except LensError as error:
         raise error.at(path) from None
-    if source is not path:
-        which = f"-{bpy.path.clean_name(options.which)}" if options.which else ""
-        path = _written(source, Path(path).stem + which)
-    return _setting(path)
+    which = f"-{bpy.path.clean_name(options.which)}" if options.which else ""
+    return _setting(path) if source is path else stored_lens(source, Path(path).stem + which)
+
+
+def stored_lens(prescription: Prescription, name: str) -> str:
+    """A prescription in a file with this name, as a path for the scene's settings.
+
+    The file is in the same folder as those of `lens_file_for_scene`. Existing files are never overwritten.
+
+    Raises
+    ------
+    InputError
+        The file cannot be written.
+    """
+    return _setting(_written(prescription, name))
 
 
 def _written(prescription, name):

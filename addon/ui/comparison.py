@@ -17,7 +17,7 @@ from ..scene.linked import check_editable
 from . import window_render
 from .common.plain_words import plain
 from .common.previews import lens_picture
-from .common.properties import lens_title, matching_lenses, offered_lenses
+from .common.properties import lens_title, matching_lenses, offered_lenses, offered_title
 from .common.session import session
 from .operators import LensRender
 
@@ -129,7 +129,7 @@ def _page(lenses, search, page, most):
 
 
 def _offered_title(scene, name):
-    return lens_title(camera_settings(scene).lens_text() if name == FROM_FILE else name)
+    return lens_title(camera_settings(scene).lens_text()) if name == FROM_FILE else offered_title(name)
 
 
 def _size_px(scene, side_px):

@@ -9,19 +9,19 @@ from ...engine.lens.entrance_pupil import focus_nearness
 from ...engine.library import described_lenses
 from ...engine.look.lens_tables import COLOURS_NM
 from ...engine.rays.rings import AT_REST
-from ...engine.runtime.errors import InputError, one_line
+from ...engine.runtime.errors import InputError
 from ..scene.compositor import QUICK_LOOK
 from ..scene.lens_cache import load_lens
 from ..scene.lens_facts import lens_facts
 from ..scene.quick_look import new_quick_look, set_lens
 from .common.previews import asset_preview
+from .common.stepped import Stepped
 from .live.live import QUALITY
 from .live.quick_look import compositor_lens
 
 FILE, CATALOGUES = "lensfield_lenses.blend", "blender_assets.cats.txt"
 CATALOGUE, CATALOGUE_ID = "Lensfield", "6a3a9f0e-5f0b-4b0e-9c53-3f9b6a1d7c42"
 UNIT_MM = 1000.0  # of a new file
-STEP_S = 0.01
 
 
 def lens_asset_steps(folder: Path):
@@ -74,7 +74,7 @@ def _add_catalogue(path):
         path.write_text(f"{text.rstrip()}\n\n{CATALOGUE_ID}:{CATALOGUE}:{CATALOGUE}\n", encoding="utf-8")
 
 
-class LENSFIELD_OT_write_lens_assets(bpy.types.Operator):
+class LENSFIELD_OT_write_lens_assets(Stepped, bpy.types.Operator):
     """Write an asset library with a Quick Look node group for each lens, at rest. Then add its folder in Preferences >
     File Paths > Asset Libraries"""
 
@@ -88,42 +88,13 @@ class LENSFIELD_OT_write_lens_assets(bpy.types.Operator):
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
 
-    def execute(self, context):
+    def steps(self, context):
+        """Write the library, and report it."""
         folder = Path(bpy.path.abspath(self.directory))
         if not self.directory or not folder.is_dir():
-            self.report({"ERROR"}, f"folder is {self.directory!r}: choose an existing folder")
-            return {"CANCELLED"}
-        self._steps = lens_asset_steps(folder)
-        context.window_manager.progress_begin(0, 1)
-        if bpy.app.background:
-            while (result := self._step(context)) == {"RUNNING_MODAL"}:
-                pass
-            return result
-        self._timer = context.window_manager.event_timer_add(STEP_S, window=context.window)
-        context.window_manager.modal_handler_add(self)
-        return {"RUNNING_MODAL"}
-
-    def modal(self, context, event):
-        if event.type == "ESC":
-            return self._end(context, {"CANCELLED"})
-        return self._step(context) if event.type == "TIMER" else {"PASS_THROUGH"}
-
-    def _step(self, context):
-        try:
-            context.window_manager.progress_update(next(self._steps))
-            return {"RUNNING_MODAL"}
-        except StopIteration:
-            self.report({"INFO"}, f"{FILE} written")
-            return self._end(context, {"FINISHED"})
-        except (InputError, OSError, RuntimeError) as error:
-            self.report({"ERROR"}, one_line(error))
-            return self._end(context, {"CANCELLED"})
-
-    def _end(self, context, result):
-        context.window_manager.progress_end()
-        if not bpy.app.background:
-            context.window_manager.event_timer_remove(self._timer)
-        return result
+            raise InputError("asset library", "folder", repr(self.directory), "choose an existing folder")
+        yield from lens_asset_steps(folder)
+        self.report({"INFO"}, f"{FILE} written")
 
 
 classes = (LENSFIELD_OT_write_lens_assets,)

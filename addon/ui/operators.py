@@ -19,6 +19,7 @@ from .common.plain_words import plain
 from .common.previews import SHEET_MARK, load_sheet
 from .common.properties import searched_lens_items
 from .common.session import session
+from .fit_lens import agreement_of, agreement_text
 from .sheets import draw_sheet, drawn_sheet, stored_sheet
 
 
@@ -218,6 +219,10 @@ class LENSFIELD_OT_show_sheet(bpy.types.Operator):
     bl_label = "Show Lens Sheet"
 
     @classmethod
+    def description(cls, context, properties):
+        return ".\n".join(filter(None, (agreement_text(context.scene), cls.bl_description)))
+
+    @classmethod
     def poll(cls, context):
         return camera_data(context.scene) is not None and bool(camera_settings(context.scene).lens_text())
 
@@ -240,9 +245,9 @@ class LENSFIELD_OT_show_sheet(bpy.types.Operator):
 def _drawn_sheet(scene):
     """The file of the lens sheet; in a window, None until it is drawn."""
     if bpy.app.background:
-        return draw_sheet(lens_now(scene))
+        return draw_sheet(lens_now(scene), facts_now(scene).photographs)
     lens = requested_lens(scene)
-    return lens and drawn_sheet(lens)
+    return lens and drawn_sheet(lens, agreement_of(scene))
 
 
 def _present(operator, context, path, image):

@@ -46,6 +46,7 @@ from .common.text_wrap import draw_wrapped
 from .comparison import CHOOSE, draw_compare
 from .compositor_panel import draw_compositor, draw_shown
 from .favourites import draw_favourite
+from .fit_lens import MARK, agreement_of, agreement_text, draw_fit
 from .fixes import draw_refusal
 from .lint_panel import draw_check
 from .live.live import draw_live, draw_live_status
@@ -121,8 +122,10 @@ def _draw_lens(layout, scene, camera):
     if settings.lens == FROM_FILE:
         layout.prop(settings, "lens_file")
         if settings.lens_file:
-            options = layout.operator("lensfield.open_lens", text="Lens File Options", icon="OPTIONS")
+            row = layout.row(align=True)
+            options = row.operator("lensfield.open_lens", text="Lens File Options", icon="OPTIONS")
             options.filepath = settings.lens_name_or_path()
+            draw_fit(row)
     else:
         layout.template_icon_view(settings, "lens", show_labels=True, scale=LENS_PICTURE,
                                   scale_popup=OFFERED_PICTURE)
@@ -132,7 +135,10 @@ def _draw_lens(layout, scene, camera):
     if camera != camera_data(scene):
         return
     facts = _facts(scene)
-    layout.label(text=_figures(*facts) if facts else "")
+    row = layout.row()
+    row.label(text=_figures(*facts) if facts else "")
+    if agreement_of(scene):
+        row.operator("lensfield.show_sheet", text="", icon=MARK, emboss=False)
     if facts and facts[0].squeeze != 1:
         layout.label(text=f"{facts[0].squeeze:.2f}\u00d7 anamorphic squeeze")
     draw_compare(layout)
@@ -333,7 +339,10 @@ def _draw_stage(layout, render):
 
 
 def _draw_sheet(layout, scene):
-    """Draw the lens sheet at the current focus and f-stop."""
+    """Draw how closely the lens agrees with photographs, and its sheet at the current focus and f-stop."""
+    if text := agreement_text(scene):
+        draw_wrapped(layout.column(align=True), text, MARK)
+    draw_fit(layout)
     try:
         path = _sheet(scene)
     except InputError as error:
@@ -352,7 +361,7 @@ def _sheet(scene):
     if not name or (stored := stored_sheet(name)):
         return name and stored
     lens = requested_lens(scene)
-    return lens and drawn_sheet(lens)
+    return lens and drawn_sheet(lens, agreement_of(scene))
 
 
 def _draw_stray(layout, scene):

@@ -1,4 +1,4 @@
-"""The sheet of a lens at its focus and f-stop: drawn in a thread, and cached by the lens's digest.
+"""The sheet of a lens at its focus and f-stop: drawn in a thread, and cached by its contents.
 
 If `lensfield lens plot` has written a sheet next to a lens package, it is shown unchanged.
 """
@@ -14,6 +14,7 @@ from ...engine.inspection.sheet import write_lens_plot
 from ...engine.library import has_rings
 from ...engine.runtime import cache
 from ...engine.runtime.files import atomic_path
+from ...engine.runtime.values import digest_of
 from ..render.child import work_folder
 from .common.background import Answers, result
 
@@ -27,24 +28,24 @@ def stored_sheet(name_or_path):
     return path if not has_rings(name_or_path) and path.is_file() else None
 
 
-def drawn_sheet(lens):
-    """The file of a lens's sheet; None until it is drawn.
+def drawn_sheet(lens, photographs):
+    """The file of a lens's sheet, with its agreement with photographs; None until it is drawn.
 
     Raises
     ------
     InputError
         The sheet cannot be drawn.
     """
-    drawing = _sheets.to(lens, _folder().name)
+    drawing = _sheets.to(lens, photographs, _folder().name)
     if drawing.done() and not drawing.exception() and not drawing.result().is_file():
         _sheets.forget()
-        drawing = _sheets.to(lens, _folder().name)
+        drawing = _sheets.to(lens, photographs, _folder().name)
     return result(drawing) if drawing.done() else None
 
 
-def draw_sheet(lens):
-    """The file of a lens's sheet, for operators: blocks until it is drawn."""
-    return _drawn(lens, _folder().name)
+def draw_sheet(lens, photographs):
+    """Like `drawn_sheet`, for operators: blocks until it is drawn."""
+    return _drawn(lens, photographs, _folder().name)
 
 
 def forget_sheets():
@@ -68,16 +69,17 @@ def _png(content):
     return content
 
 
-def _drawn(lens, folder):
+def _drawn(lens, photographs, folder):
     """Draw a sheet into a folder, or take it from the cache, and return its path."""
-    path = Path(folder, f"Lens Sheet {lens.digest.hex()[:8]}.png")
-    known = cache.load(KIND, lens.digest, _png)
+    key = digest_of((lens.digest.hex(), photographs))  # lenses that differ only in their photographs are equal
+    path = Path(folder, f"Lens Sheet {key.hex()[:8]}.png")
+    known = cache.load(KIND, key, _png)
     if known is not None:
         with atomic_path(path, overwrite=True) as temporary:
             temporary.write_bytes(known)
         return path
-    write_lens_plot(lens, path)
-    cache.store(KIND, lens.digest, path.read_bytes(), MOST_BYTES)
+    write_lens_plot(lens, path, photographs=photographs)
+    cache.store(KIND, key, path.read_bytes(), MOST_BYTES)
     return path
 
 

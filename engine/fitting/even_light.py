@@ -29,6 +29,14 @@ INSIDE = 0.98  # of the farthest height that a chief ray reaches
 ORDER = 2  # of the differences that continue lost rays
 
 
+def check_even_light(prescription: Prescription) -> None:
+    """Raise a LensError for a lens that `EvenField` cannot trace: not rotationally symmetric, or with mirrors."""
+    prescription.require_radial("the light of an even field")
+    if prescription.mirrors:
+        raise LensError(prescription.name, f"surface {prescription.mirrors[0] + 1}", "a mirror",
+                        "the light of an even field needs a lens without mirrors")
+
+
 def picture_corner_mm(prescription: Prescription, focus_mm: float) -> float:
     """Distance from the axis at which the picture ends: just beyond the corner of the frame, or where the farthest
     chief ray arrives if that is closer; at the last paraxial height without a frame."""
@@ -96,14 +104,11 @@ class EvenField:
     Raises
     ------
     LensError
-        The lens is not rotationally symmetric or has mirrors; or no ray reaches a height.
+        As `check_even_light`; or no ray reaches a height.
     """
 
     def __init__(self, prescription: Prescription, focus_mm: float, heights_mm: np.ndarray) -> None:
-        prescription.require_radial("the light of an even field")
-        if prescription.mirrors:
-            raise LensError(prescription.name, f"surface {prescription.mirrors[0] + 1}", "a mirror",
-                            "the light of an even field needs a lens without mirrors")
+        check_even_light(prescription)
         lens = turned(prescription, Rings(focus_mm=focus_mm))
         self.f_number, self.focus_mm, self.heights_mm = lens.f_number, lens.focus_mm, heights_mm
         self.system: System = system_of(lens.prescription)

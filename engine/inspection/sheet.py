@@ -92,7 +92,7 @@ def _save(figure, path):
 
 
 def _draw_header(figure, lens, field_facts, photographs):
-    """Draw name, maker, first-order data and story, and at the foot the agreement with photographs and the source of the
+    """Draw name, maker, first-order data and story; at the foot, the agreement with photographs and the source of the
     figures."""
     top = right = SIDE - MARGIN
     name = _short(lens.name, LONGEST_NAME)

@@ -102,9 +102,9 @@ def test_lensfuns_data_give_a_prescription(tmp_path, capsys):
 @pytest.mark.parametrize("arguments, line", [
     (("--vignetting", "light.csv"), "options: lens is missing: give the name or the prescription of the lens"),
     (("lens.npz", "--vignetting", "light.csv"), "lens.npz: kind of file is a lens package: it contains no rims"),
-    ((NAME, "--flat", "a.dng", "b.dng", "--f-numbers", "2"), "options: --f-numbers is 2: expected 2 f-numbers, one"),
-    ((NAME, "--flat", "a.dng", "--f-numbers", "two"), "options: --f-numbers is two: expected 1 f-numbers"),
-    ((NAME, "--flat", "a.dng", "--f-numbers", "0"), "options: --f-numbers is 0: expected"),
+    ((NAME, "--flat", "a.dng", "b.dng", "--f-numbers", "2"), "flat fields: f-numbers is 2: expected 2 f-numbers, one"),
+    ((NAME, "--flat", "a.dng", "--f-numbers", "two"), "flat fields: f-numbers is two: expected 1 f-numbers"),
+    ((NAME, "--flat", "a.dng", "--f-numbers", "0"), "flat fields: f-numbers is 0: expected"),
     ((NAME, "--flat", "missing.dng"), "missing.dng: raw picture is missing"),
     ((NAME, "--flat", "light.csv"), "light.csv: raw picture is not readable: expected a raw file"),
     ((NAME, "--vignetting", "missing.csv"), "missing.csv: file is missing"),

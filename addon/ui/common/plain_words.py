@@ -26,6 +26,11 @@ def plain_line(line):
     return f"In focus{axis or ''}: {near} to {far}. The rest ({rest} of the frame) {blurred}"
 
 
+def sentence(text):
+    """A text with a capital letter."""
+    return text[:1].upper() + text[1:]
+
+
 def plain(error):
     """An InputError or OSError in one line, as windows show it."""
     if not isinstance(error, InputError):

@@ -42,6 +42,7 @@ from ...scene.compositor import refresh
 from ...scene.linked import stated_path
 from ...scene.trust import check_trusted, trust
 from ...shading.assigned import spectrum_path
+from .plain_words import sentence
 from .preferences import favourite_lenses
 from .previews import lens_picture
 from .shown_exposure import fixed_value
@@ -55,6 +56,7 @@ MORE_ITEMS = {"tier": [("RESULT", "Custom", "Set the accuracy of colours and blu
               "view": [("SENSOR", "Custom Sensor", "The lens's field of view on a sensor of your size")],
               "stray_light": [("PARTS", "Chosen Parts", "Only the parts you tick, even if they are faint")]}
 """Items that only the panel has."""
+FAVOURITE, COMPARED = "\u2605 ", "\U0001F4F7 "  # marks in the names of lenses: a star, and a camera
 NO_BODY = "NONE"
 OWN_BODY = "Your own camera (.toml), with the parameters of EMVA 1288"
 OWN_LENS = f"Your own prescription ({', '.join(SUFFIXES)}), with adjustable focus and f-stop, or a lens package (.npz)"
@@ -126,14 +128,21 @@ def lens_items(self, context):
 
 @cache
 def offered_lenses():
-    """The lenses to choose from, favourites first, by title: list of (identifier, name, description, icon, number)."""
+    """The lenses to choose from, favourites first, by title: list of (identifier, name, description, icon, number).
+    Names start with marks of favourites and of lenses that were compared with photographs."""
     favourites, lenses = favourite_lenses(), described_lenses()
-    bundled = [(name, f"\u2605 {lenses[name].title}" if name in favourites else lenses[name].title,
-                f"{lenses[name].maker}: {', '.join(lenses[name].character)}. {lenses[name].story}",
-                lens_picture(name) or "CAMERA_DATA", _lasting_number(name))
+    bundled = [(name, f"{FAVOURITE * (name in favourites)}{COMPARED * bool(lenses[name].photographs)}"
+                      f"{lenses[name].title}", _tooltip(lenses[name]), lens_picture(name) or "CAMERA_DATA",
+                _lasting_number(name))
                for name in sorted(lenses, key=lambda name: (name not in favourites, _collated(lenses[name].title)))]
     from_file = FROM_FILE, "From File", OWN_LENS, "FILE_FOLDER", _lasting_number(FROM_FILE)
     return [*bundled, from_file]
+
+
+def _tooltip(lens):
+    """Maker, character, story and agreement with photographs."""
+    agreement = f"\n{sentence(str(lens.photographs))}" if lens.photographs else ""
+    return f"{lens.maker}: {', '.join(lens.character)}. {lens.story}{agreement}"
 
 
 def _collated(title):
@@ -200,7 +209,13 @@ def _auto(name, title):
 
 def lens_title(name_or_path):
     """The name of a lens in panels: its title, or its file name."""
-    return next((title for name, title, *_ in offered_lenses() if name == name_or_path), os.path.basename(name_or_path))
+    lens = described_lenses().get(name_or_path)
+    return lens.title if lens else os.path.basename(name_or_path)
+
+
+def offered_title(name):
+    """The name of a bundled lens with its marks, as the list shows it."""
+    return next(title for offered, title, *_ in offered_lenses() if offered == name)
 
 
 def _as_set(number):

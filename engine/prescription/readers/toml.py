@@ -4,12 +4,13 @@ import json
 import re
 from dataclasses import fields, replace
 from pathlib import Path
+from textwrap import wrap
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ...runtime.build_identity import MARK
-from ...runtime.toml_fields import TomlTable, check_known, pairs, read_toml
+from ...runtime.toml_fields import WIDTH, TomlTable, check_known, pairs, read_toml
 from ...spectral.dispersion import FORMULAS
 from ...spectral.refraction import Formula
 from ..coatings import Coating, MeasuredReflectance
@@ -148,7 +149,8 @@ def _curve(table):
     light = np.array(table.numbers("light", heights_mm.size))
     for field, valid, expected in (
             ("f_number", 0 < f_number < np.inf, "a positive number"), ("focus_mm", focus_mm > 0, "a positive number"),
-            ("heights_mm", np.all(np.diff(heights_mm, prepend=0, append=np.inf) > 0), "ascending numbers above 0"),
+            ("heights_mm", 0 < heights_mm[0] and heights_mm[-1] < np.inf and np.all(heights_mm[1:] > heights_mm[:-1]),
+             "ascending numbers above 0"),
             ("light", np.all((light > 0) & (light <= MOST_LIGHT)), f"numbers from 0 to {MOST_LIGHT:g}")):
         if not valid:
             raise table.refusal(field, f"expected {expected}")
@@ -340,6 +342,6 @@ def _coating_lines(coating):
 
 def _light_lines(curve):
     """Lines of the table of a curve of light."""
-    numbers = {"heights_mm": tuple(curve.heights_mm), "light": tuple(curve.light)}
-    return ["", "[[photographs.light]]",
-            *pairs({"f_number": curve.f_number, "focus_mm": curve.focus_mm} | numbers, {})]
+    facts = {name: tuple(value) if np.ndim(value) else value for name, value in vars(curve).items()}
+    lines = pairs({name: facts[name] for name in FIELDS_OF_LIGHT}, {})
+    return ["", "[[photographs.light]]", *(part for line in lines for part in wrap(line, WIDTH))]

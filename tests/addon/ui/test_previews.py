@@ -17,6 +17,7 @@ from lensfield.addon.ui import sheets
 from lensfield.addon.ui.common import lens_worker, previews
 from lensfield.addon.ui.panels import draw_settings
 from lensfield.engine.library import BUNDLED
+from lensfield.engine.prescription.photographs import Agreement
 from lensfield.engine.runtime import cache
 from lensfield.engine.runtime.errors import InputError
 from refusals import refused
@@ -43,7 +44,7 @@ def drawing(monkeypatch, tmp_path):
     sheets.forget_sheets()
     drawn = []
 
-    def write(lens, path):
+    def write(lens, path, photographs):
         drawn.append(round(lens.f_number_effective))
         paint(path, BLUE)
     monkeypatch.setattr(sheets, "write_lens_plot", write)
@@ -189,6 +190,13 @@ def test_a_sheet_is_cached(scene, user_lens, drawing):
     assert "picture" in drawn(scene).shown and len(drawing) == 1
 
 
+def test_a_sheet_is_drawn_again_with_other_photographs(scene, drawing):
+    lens = lens_worker.lens_now(scene)
+    first, second = (sheets.draw_sheet(lens, agreement) for agreement in (None, Agreement("mine", illumination=0.01)))
+    assert first != second and len(drawing) == 2
+    assert sheets.draw_sheet(lens, None) == first and len(drawing) == 2
+
+
 def test_a_forged_sheet_is_drawn_again(scene, user_lens, drawing, tmp_path):
     settle(scene)
     forge(tmp_path / "cache", "sheets", b"\x89PNG\r\n\x1a\n" + bytes(40))
@@ -206,7 +214,7 @@ def test_a_deleted_sheet_is_drawn_again(scene, user_lens, drawing):
 
 
 def test_the_panel_says_why_a_sheet_is_missing(scene, user_lens, drawing, monkeypatch):
-    def refuse(lens, path):
+    def refuse(lens, path, photographs):
         raise InputError("matplotlib", "module", "not there", "pip install lensfield[plots]")
     monkeypatch.setattr(sheets, "write_lens_plot", refuse)
     settle(scene)

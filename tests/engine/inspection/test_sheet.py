@@ -1,6 +1,7 @@
 """The lens sheet: its drawings, and its command."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,9 @@ from lensfield.engine.inspection.psf_map import hidden_share, tile
 from lensfield.engine.inspection.sheet import write_lens_plot
 from lensfield.engine.inspection.style import degree_labels
 from lensfield.engine.lens_files.package import write_package
+from lensfield.engine.library import prescription_of
+from lensfield.engine.prescription.photographs import Agreement, Vignetting
+from lensfield.engine.prescription.readers.toml import write_prescription
 from refusals import refused
 
 SIDE_PX = 1680
@@ -58,6 +62,19 @@ def test_a_sheet_is_white_paper_with_something_in_every_panel(sheet):
     for place in ((6.85, 7.15, 4.4, 2.9), (6.85, 3.9, 4.4, 2.4), (1.05, 0.95, 4.9, 1.8), (6.85, 0.95, 4.4, 1.8)):
         assert 0.01 < np.mean(part(sheet, *place).min(axis=-1) < 128) < 0.5
     assert np.mean(part(sheet, 1.05, 7.0, 4.5, 2.5).max(axis=-1) < 32) > 0.2  # the dark background of the tiles
+
+
+def test_photographs_are_points_next_to_the_light_of_the_lens(sheet, tmp_path):
+    heights_mm, relative = np.array([0.5, 1.1, 1.6]), 0.7
+    light = Vignetting(5.6, np.inf, heights_mm, np.full(3, relative))
+    write_lens_plot(comatic_lens(), tmp_path / "own.png", photographs=Agreement("mine", "", 0.02, light=(light,)))
+    differs = np.any(np.abs(pixels(tmp_path / "own.png").astype(int) - sheet) > 60, axis=-1)  # more than the palettes
+    end_mm = comatic_lens().real_height_mm[-1, -1]
+    for height_mm in heights_mm:
+        left, bottom = 1.05 + 4.9 * height_mm / end_mm, 0.95 + 1.8 * relative / 1.03
+        assert part(differs, left - 0.04, bottom - 0.04, 0.08, 0.08).mean() > 0.3
+        assert not part(differs, left - 0.04, bottom + 0.06, 0.08, 0.08).any()
+    assert part(differs, 0.3, 0.0, 9.0, 0.4).any() and not part(differs, 0.3, 3.5, 11.0, 8.0).any()
 
 
 def test_the_row_in_white_light_shows_lateral_colour(sheet, tmp_path):
@@ -144,14 +161,26 @@ def test_the_command_draws_a_bundled_lens_in_the_current_folder(tmp_path, monkey
     monkeypatch.chdir(tmp_path)
     assert run("edmund-54852", "--frequencies", "40, 80") == 0
     assert capsys.readouterr().out == "edmund-54852.png\n"
-    assert drawn == [(load_lens("edmund-54852"), Path("edmund-54852.png"), [40.0, 80.0])]
+    assert drawn == [(load_lens("edmund-54852"), Path("edmund-54852.png"), [40.0, 80.0], None)]
+
+
+def test_the_command_draws_photographs_at_the_lens_s_f_stop_and_focus(tmp_path, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(sheet_module, "write_lens_plot", lambda *arguments: drawn.append(arguments[-1]))
+    curves = [Vignetting(f_number, focus_mm, np.array([5.0, 20.0]), np.array([0.9, 0.6]))
+              for f_number in (5.5, 11.0) for focus_mm in (np.inf, 1500.0)]
+    lens = replace(prescription_of("tessar-50mm"), photographs=Agreement("mine", "", 0.01, light=tuple(curves)))
+    (tmp_path / "own.toml").write_text(write_prescription(lens))
+    for settings in ((), ("--f-number", "11", "--focus", "2m"), ("--f-number", "8")):
+        assert run(tmp_path / "own.toml", *settings, "--lens-quality", "preview") == 0
+    assert [each.light for each in drawn] == [(curves[0],), (curves[3],), ()]
 
 
 def test_the_command_draws_points_out_of_focus(lens_file, monkeypatch):
     drawn = []
     monkeypatch.setattr(sheet_module, "write_lens_plot", lambda *arguments: drawn.append(arguments))
     assert run(lens_file, "--depth", "40cm") == 0
-    (lens, _, _), here = drawn[0], load_lens(lens_file)
+    (lens, *_), here = drawn[0], load_lens(lens_file)
     assert lens.name == "hand-made, points at 0.4 m" and np.array_equal(lens.heights_mm, here.heights_mm)
     assert lens.psf_pitch_um * lens.psf.shape[-1] > 3 * here.psf_pitch_um * here.psf.shape[-1]
 

@@ -11,7 +11,7 @@ from lens_texts import OPTBENCH, PBRT, SURFACES, TOML, changed
 from lensfield.engine import LensError
 from lensfield.engine.library import BUNDLED, bundled_names, prescription_of
 from lensfield.engine.prescription.glasses import find_glass
-from lensfield.engine.prescription.photographs import Agreement
+from lensfield.engine.prescription.photographs import Agreement, Vignetting
 from lensfield.engine.prescription.prescription import Prescription, Surface
 from lensfield.engine.prescription.readers import SUFFIXES, ReadingOptions, read_prescription
 from lensfield.engine.prescription.readers.toml import read_lensfield, write_prescription
@@ -144,6 +144,43 @@ def test_a_damaged_agreement_is_an_error(read, text, message):
         read(changed(TOML, ("version = 1", f"version = 1\nphotographs = {text}")))
 
 
+LIGHT = """
+[[photographs.light]]
+f_number = 2.8
+focus_mm = 1500
+heights_mm = [3, 9.5, 20]
+light = [0.98, 0.9, 0.55]
+"""
+
+
+@pytest.mark.parametrize("changes, message", [
+    (("f_number = 2.8", "f_number = 0"), "photographs, light 1, f_number is 0: expected a positive number"),
+    (("focus_mm = 1500", "focus_mm = -1"), "photographs, light 1, focus_mm is -1: expected a positive number"),
+    (("9.5", "2.5"), "photographs, light 1, heights_mm is [3, 2.5, 20]: expected ascending numbers above 0"),
+    (("[3, 9.5, 20]", "[3, 9.5, inf]"), "heights_mm is [3, 9.5, inf]: expected ascending numbers above 0"),
+    (("[0.98, ", "["), "photographs, light 1, light is [0.9, 0.55]: expected 3 numbers in brackets"),
+    (("0.55", "55"), "photographs, light 1, light is [0.98, 0.9, 55]: expected numbers from 0 to 1.2"),
+    (("light = [", "colour = ["), "photographs, light 1, colour is unknown: expected f_number, focus_mm, heights_mm"),
+    (("[[photographs.light]]", "[photographs.light]"), "light is ")])
+def test_damaged_light_is_an_error(read, changes, message):
+    stated = changed(TOML, ("version = 1", 'version = 1\nphotographs.source = "mine"')) + LIGHT
+    light, = read(stated).photographs.light
+    assert light == Vignetting(2.8, 1500.0, np.array([3, 9.5, 20]), np.array([0.98, 0.9, 0.55]))
+    with pytest.raises(LensError, match=re.escape(message)):
+        read(changed(stated, changes))
+
+
+def test_the_light_of_a_lens_at_its_settings_is_that_of_the_nearest_photograph():
+    curves = [Vignetting(f_number, focus_mm, np.array([5.0, 20.0]), np.array([0.9, 0.5]))
+              for f_number in (1.8, 2.0, 2.8) for focus_mm in (np.inf, 2000.0, 500.0)]
+    agreement = Agreement("mine", light=tuple(curves))
+    for settings, expected in (((2.05, np.inf), (2.0, np.inf)), ((1.85, 700.0), (1.8, 500.0)),
+                               ((2.9, 5000.0), (2.8, np.inf)), ((2.8, 3000.0), (2.8, 2000.0))):
+        light, = agreement.at(*settings).light
+        assert (light.f_number, light.focus_mm) == expected
+    assert agreement.at(2.4, np.inf).light == () and agreement.at(2.4, np.inf).source == "mine"
+
+
 AWKWARD = Prescription(
     'Ein "Petzval" \\ 85 mm', (
         Surface(-2e-6, 1 / 3, "SCHOTT N-BK7", 8.25, conic=-1.5, aspheric=(0.0, 1e-5, 0.0), odd_aspheric=(0.0, -2e-22)),
@@ -151,7 +188,9 @@ AWKWARD = Prescription(
     ("f_number", 1.9), ("image_height_mm", 21.6), 1e3, (36.0, 24.0), 546.07, "best", "Voigtländer, Wien",
     "It swirls. " * 20 + "\\", 'by """hand"""', "1.5 < n", "A Petzval", 1840, ("soft", "swirl"), 85.0,
     (1e3, 500.0), 400.0, 11.0, provenance=(("figures", "published"), ("stop", "guessed")),
-    photographs=Agreement('Lensfun: "A B"', "2026-11-29", 0.021, None, 3.5))
+    photographs=Agreement('Lensfun: "A B"', "2026-11-29", 0.021, None, 3.5, (
+        Vignetting(2.0, np.inf, np.linspace(1, 21, 30), np.linspace(1.001, 1 / 3, 30)),
+        Vignetting(8.0, 1 / 3, np.array([1.0]), np.array([1.2])))))
 
 
 @pytest.mark.sample(12)
