@@ -122,10 +122,10 @@ def _draw_lens(layout, scene, camera):
     if settings.lens == FROM_FILE:
         layout.prop(settings, "lens_file")
         if settings.lens_file:
-            row = layout.row(align=True)
-            options = row.operator("lensfield.open_lens", text="Lens File Options", icon="OPTIONS")
+            column = layout.column(align=True)
+            options = column.operator("lensfield.open_lens", text="Lens File Options", icon="OPTIONS")
             options.filepath = settings.lens_name_or_path()
-            draw_fit(row)
+            draw_fit(column)
     else:
         layout.template_icon_view(settings, "lens", show_labels=True, scale=LENS_PICTURE,
                                   scale_popup=OFFERED_PICTURE)

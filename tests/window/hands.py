@@ -4,6 +4,7 @@ Functions that take time are generators of the seconds to wait: `yield from` the
 """
 
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -563,3 +564,39 @@ def _lensfield_nodes():
     scene = bpy.context.scene
     tree = scene.compositing_node_group if hasattr(scene, "compositing_node_group") else scene.node_tree
     return [node for node in tree.nodes if node.bl_idname == "CompositorNodeGroup"] if tree else []
+
+
+def write_flat_fields(lens, paths):
+    """Write raw pictures of an even field through a lens with narrower rims; their names are their f-numbers. The
+    functions for tests find the extension by the engine's usual name."""
+    for name, module in list(sys.modules.items()):
+        if name.startswith(MODULE):
+            sys.modules[f"lensfield{name[len(MODULE):]}"] = module
+    from flat_pictures import flat_light, mounted, write_flat
+    from lensfield.engine.fitting.even_light import EvenField
+    from lensfield.engine.fitting.rims import with_rims
+    from lensfield.engine.library import prescription_of
+
+    prescription = prescription_of(lens)
+    narrower = with_rims(prescription, [EvenField(prescription, np.inf, np.array([0.0, 10.0, 21.6]))],
+                         {2: 13.0, 10: 10.6})
+    for path in paths:
+        f_number = float(path.stem)
+        write_flat(path, flat_light(narrower, f_number, (36.0, 24.0), (0.05, 0.02)), mounted(58.0, f_number))
+
+
+def fit_to_all_files(panel):
+    """Fit the lens to the raw pictures in the folder of this step, in the file browser."""
+    yield from click("lensfield.fit_lens", panel)
+    yield from until(lambda: area("FILE_BROWSER", newest_window()))
+    yield 1
+    with over("FILE_BROWSER", newest_window()):
+        bpy.context.space_data.params.directory = os.fsencode(FOLDER)
+    yield 1
+    with over("FILE_BROWSER", newest_window()):
+        bpy.ops.file.select_all(action="SELECT")
+    yield DRAW_S
+    shoot("browser")
+    with over("FILE_BROWSER", newest_window()):
+        bpy.ops.file.execute("INVOKE_DEFAULT")
+    yield from until(lambda: len(bpy.context.window_manager.windows) == 1)

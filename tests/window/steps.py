@@ -1,6 +1,7 @@
 """A user's actions, step by step. Each step runs in a separate Blender; the first installs the extension for all."""
 
 import functools
+import itertools
 import math
 import os
 import shutil
@@ -33,6 +34,7 @@ from hands import (
     drag,
     drawn,
     find,
+    fit_to_all_files,
     frame_as_drawn,
     frame_width_px,
     in_a_pass,
@@ -76,6 +78,7 @@ from hands import (
     type_number,
     until,
     write,
+    write_flat_fields,
 )
 
 LIVE_LENSES = ("olympus-fisheye-8mm", "muller-fisheye-25mm", "zeiss-hologon-15mm", "zeiss-flektogon-20mm",
@@ -85,7 +88,8 @@ LIVE_TILTED, LIVE_TILT_DEG = "zeiss-biotar-50mm", (1.5, -1.0)
 FAST_LENS = "angenieux-50mm"
 COMPARED_LENSES = "edmund-54852", "zeiss-biotar-50mm"
 PICTURE_PX = 100  # from the lens's name up to its picture
-STAR = 0.83  # of the panel's width
+STAR = MARK = 0.83  # of the panel's width
+TOOLTIP_S = 2
 PIECE, TOWN = (0.469, 0.36), (0.45, 0.5)  # a chess piece and a house in the viewport, in fractions of it
 SECOND_LENS = 0.175, 0.655  # its title in the dialog that compares lenses, in fractions of the window
 DOT_LENS = """# A Cooke triplet, without its field
@@ -263,6 +267,51 @@ def own_lens():
     yield DRAW_S
     shoot("preview")
     yield from start("preview")
+
+
+def fit_lens():
+    """A lens of the library is marked as compared with photographs. Fitted to raw pictures from the file browser, it
+    becomes a lens of the user's own, whose sheet shows a picture next to its light. Esc ends a fit."""
+    yield from open_sample()
+    turn(f_stop=2, distance=5)
+    lens_of, name = (lambda: bpy.context.scene.camera.data.lensfield), "helios-44-2-58mm"
+    lens_of().lens = name
+    bpy.ops.ed.undo_push(message="Choose Lens")
+    write_flat_fields(name, [FOLDER / f"{f_number}.dng" for f_number in (2.0, 2.8, 4.0, 8.0)])
+    panel = region(area("VIEW_3D"), "UI")
+    yield from until(lambda: lens_request().lens)
+    mark = yield from find("lensfield.show_sheet", panel, across=MARK)
+    yield from point(panel, MARK, mark - 1 / panel.height, wait_s=TOOLTIP_S)
+    shoot("mark")
+    yield from open_section("sheet", panel)
+    yield from scroll_to("lensfield.fit_lens", panel)
+    reader = sys.modules[f"{MODULE}.addon.ui.fit_lens"]
+    read = reader.read_flat_fields
+    reader.read_flat_fields = lambda *given: itertools.repeat(next(read(*given)))  # for ever
+    yield from fit_to_all_files(panel)
+    yield from until(lambda: main_window().modal_operators)
+    yield DRAW_S
+    shoot("under-way")
+    yield from press("ESC", area("VIEW_3D"))
+    yield from until(lambda: not main_window().modal_operators)
+    assert lens_of().lens == name
+    reader.read_flat_fields = read
+    yield from fit_to_all_files(panel)
+    yield from until(lambda: lens_of().lens == "FILE")
+    assert lens_of().lens_file == f"//lenses/{name}-fitted.toml"
+    yield from until(lambda: lens_request().lens)
+    assert [curve.f_number for curve in lens_request().facts.photographs.light] == [2]
+    yield 5  # for the sheet
+    shoot("fitted")
+    yield from scroll_up(panel)
+    shoot("own")
+    yield from click("lensfield.show_sheet", panel, across=MARK)
+    yield 2
+    shoot("page")
+    close_other_windows()
+    with over():
+        bpy.ops.ed.undo()
+    assert lens_of().lens == name
 
 
 def sensors():
