@@ -30,18 +30,21 @@ FITTED = re.compile(r"-fitted(-\d+)?$")
 
 def agreement_of(scene):
     """The Agreement of the scene's lens with photographs; None without one, or until the lens is read."""
-    with suppress(InputError):
-        facts = lens_request(scene).facts
-        return facts and facts.photographs
-    return None
+    facts = _facts(scene)
+    return facts and facts.photographs
 
 
 def agreement_text(scene):
     """How closely the scene's lens agrees with photographs, as a sentence; empty until the lens is read."""
+    facts = _facts(scene)
+    return sentence(str(facts.photographs or NOT_COMPARED)) if facts else ""
+
+
+def _facts(scene):
+    """The LensFacts of the scene's lens; None until they are read, and without a lens."""
     with suppress(InputError):
-        if facts := lens_request(scene).facts:
-            return sentence(str(facts.photographs or NOT_COMPARED))
-    return ""
+        return lens_request(scene).facts
+    return None
 
 
 def draw_fit(layout):

@@ -70,6 +70,9 @@ def test_raw_pictures_give_a_prescription(tmp_path, truth, capsys):
     out = capsys.readouterr().out
     assert "2.0.dng: f/2, illumination tilted by 6.0% towards" in out
     assert_has_the_rims(tmp_path / "mine.toml")
+    light = read_prescription(tmp_path / "mine.toml").photographs.light
+    assert [curve.f_number for curve in light] == [2.0, 2.8, 4.0, 8.0]
+    assert np.abs(light[1].light - light_of(truth, light)[1]).max() < 0.01
 
 
 def test_the_size_of_the_cameras_sensor_sets_the_heights(tmp_path, truth, capsys):
@@ -97,6 +100,7 @@ def test_lensfuns_data_give_a_prescription(tmp_path, capsys):
     assert run("lens", "fit", NAME, "--lensfun", "KMZ Helios-44 58mm 1:2", "-o", tmp_path / "mine.toml") == 0
     agreement = read_prescription(tmp_path / "mine.toml").photographs
     assert agreement.source == "Lensfun: KMZ Helios-44 58mm 1:2" and 0 < agreement.illumination < 0.03
+    assert not agreement.light, "Lensfun's data stay with Lensfun"
 
 
 @pytest.mark.parametrize("arguments, line", [

@@ -568,7 +568,7 @@ def _lensfield_nodes():
 
 def write_flat_fields(lens, paths):
     """Write raw pictures of an even field through a lens with narrower rims; their names are their f-numbers. The
-    functions for tests find the extension by the engine's usual name."""
+    tests' functions import the installed extension as `lensfield`."""
     for name, module in list(sys.modules.items()):
         if name.startswith(MODULE):
             sys.modules[f"lensfield{name[len(MODULE):]}"] = module

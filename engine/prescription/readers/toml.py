@@ -342,6 +342,6 @@ def _coating_lines(coating):
 
 def _light_lines(curve):
     """Lines of the table of a curve of light."""
-    facts = {name: tuple(value) if np.ndim(value) else value for name, value in vars(curve).items()}
-    lines = pairs({name: facts[name] for name in FIELDS_OF_LIGHT}, {})
+    lines = pairs({"f_number": curve.f_number, "focus_mm": curve.focus_mm, "heights_mm": tuple(curve.heights_mm),
+                   "light": tuple(curve.light)}, {})
     return ["", "[[photographs.light]]", *(part for line in lines for part in wrap(line, WIDTH))]

@@ -22,7 +22,6 @@ from lensfield.engine.prescription.photographs import Vignetting
 from lensfield.engine.prescription.readers import read_prescription
 from waiting import LAST_RESORT_S
 
-pytestmark = pytest.mark.one_blender
 NAME, RIMS_MM, SENSOR_MM = "helios-44-2-58mm", {2: 13.9, 10: 11.4}, (36.0, 24.0)
 
 

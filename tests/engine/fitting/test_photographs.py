@@ -83,6 +83,7 @@ def test_a_new_fit_has_the_rims_of_the_page_and_of_the_library(page, lensfunpy, 
 def test_the_library_states_which_lenses_are_compared_and_fitted():
     lenses = {name: prescription_of(name) for name in bundled_names()}
     assert {name for name, lens in lenses.items() if lens.photographs} == set(PHOTOGRAPHED)
+    assert not any(lens.photographs.light for lens in lenses.values() if lens.photographs), "not ours to publish"
     assert {name for name, lens in lenses.items() if ("apertures", FITTED) in lens.provenance} == set(BEFORE_FIT)
 
 
