@@ -4,7 +4,7 @@ from datetime import date
 from pathlib import Path
 
 from ..engine import InputError
-from ..engine.fitting.fit import fit_own_photographs, fit_rims
+from ..engine.fitting.fit import fit_rims, fit_to_files
 from ..engine.fitting.flat_fields import read_flat_fields
 from ..engine.fitting.lensfun import find_photographed, vignetting_of
 from ..engine.fitting.vignetting import COLUMNS, read_vignetting
@@ -82,7 +82,7 @@ def _fitted(options, prescription, paths):
             return fit_rims(prescription, curves, f"Lensfun: {photographed.name}", date.today().isoformat())
     curves = read_vignetting(options.vignetting) if options.vignetting else _flat_curves(options, prescription)
     with errors_of(options.lens):
-        return fit_own_photographs(prescription, curves, paths)
+        return fit_to_files(prescription, curves, paths)
 
 
 def _flat_curves(options, prescription):

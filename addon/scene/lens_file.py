@@ -49,7 +49,7 @@ def lens_file_for_scene(path: str | os.PathLike, options: ReadingOptions = AS_IT
 def stored_lens(prescription: Prescription, name: str) -> str:
     """A prescription in a file with this name, as a path for the scene's settings.
 
-    The file is in the same folder as those of `lens_file_for_scene`. Existing files are never overwritten.
+    The folder is as for `lens_file_for_scene`. Existing files are never overwritten.
 
     Raises
     ------

@@ -8,10 +8,10 @@ import bpy
 from bpy.props import CollectionProperty, FloatProperty, FloatVectorProperty, StringProperty
 
 from ...engine.fitting.even_light import check_even_light
-from ...engine.fitting.fit import fit_own_photographs
+from ...engine.fitting.fit import fit_to_files
 from ...engine.fitting.flat_fields import read_flat_fields
 from ...engine.fitting.vignetting import COLUMNS, read_vignetting
-from ...engine.library import has_rings, prescription_of
+from ...engine.library import bundled_names, has_rings, prescription_of
 from ...engine.prescription.photographs import MM_PER_M, NOT_COMPARED
 from ...engine.runtime.errors import InputError, one_line
 from ...engine.runtime.inputs import note_who_names
@@ -47,6 +47,12 @@ def _facts(scene):
     return None
 
 
+def fitted_name(name_or_path):
+    """The name of the file of a fitted lens, without its suffix."""
+    name = name_or_path if name_or_path in bundled_names() else Path(name_or_path).stem
+    return f"{FITTED.sub('', name)}-fitted"
+
+
 def draw_fit(layout):
     """Draw the button that fits a lens to photographs."""
     layout.operator("lensfield.fit_lens", icon="IMAGE_REFERENCE")
@@ -80,7 +86,7 @@ class LENSFIELD_OT_fit_lens(Stepped, bpy.types.Operator):
     def poll(cls, context):
         camera = camera_in(context)
         if camera is None or not has_rings(camera.lensfield.lens_text()):
-            cls.poll_message_set("A lens package has no rims: open the prescription of the lens" if camera else
+            cls.poll_message_set("Lens packages contain no rims: open the prescription of the lens" if camera else
                                  "Add a camera first")
             return False
         return True
@@ -110,8 +116,8 @@ class LENSFIELD_OT_fit_lens(Stepped, bpy.types.Operator):
         for read, more in enumerate(self._curves(paths, lens), 1):
             curves += more
             yield read / (len(paths) + 1)
-        fit = fit_own_photographs(lens, curves, paths)
-        settings.lens_file = stored_lens(fit.prescription, f"{FITTED.sub('', Path(name).stem)}-fitted")
+        fit = fit_to_files(lens, curves, paths)
+        settings.lens_file = stored_lens(fit.prescription, fitted_name(name))
         settings.lens = FROM_FILE
         self.report({"INFO"}, "; ".join([f"Lens: {settings.lens_file}", *map(str, fit.rims),
                                          fit.prescription.photographs.differences]))
@@ -131,7 +137,7 @@ class LENSFIELD_OT_fit_lens(Stepped, bpy.types.Operator):
         if [path.suffix.lower() for path in paths] == [TABLE]:
             yield read_vignetting(paths[0])
             return
-        sensor_mm, focus_mm = tuple(self.sensor_mm), self.focus_m * MM_PER_M
+        sensor_mm, focus_mm = tuple(self.sensor_mm), round(self.focus_m * MM_PER_M, 3)  # single precision
         for field in read_flat_fields(paths, lens, self.f_numbers, sensor_mm if all(sensor_mm) else None,
                                       focus_mm or float("inf")):
             self.report({"INFO"}, str(field))

@@ -172,7 +172,7 @@ def fit_rims(prescription: Prescription, curves: list[Vignetting], source: str, 
     return replace(fit, prescription=replace(fitted, provenance=tuple(provenance.items()), photographs=agreement))
 
 
-def fit_own_photographs(prescription: Prescription, curves: list[Vignetting], paths: Sequence[Path]) -> RimFit:
+def fit_to_files(prescription: Prescription, curves: list[Vignetting], paths: Sequence[Path]) -> RimFit:
     """As `fit_rims`, for photographs that the user took: `Prescription.photographs` also has their curves.
 
     Parameters

@@ -37,8 +37,8 @@ def write_lens_plot(lens: Lens, path: str | os.PathLike,
     frequencies_per_mm : sequence of one to five floats, optional
         Frequencies of the MTF in cycles per mm; by default `preferred_frequencies_per_mm`.
     photographs : Agreement, optional
-        How closely the lens agrees with photographs, which the sheet states. Its curves of light are drawn next to the
-        lens's: pass `Agreement.at` of the lens's f-number and focus.
+        How closely the lens agrees with photographs, which the sheet states. Its light is drawn next to the relative
+        illumination: pass `Agreement.at` with the f-number and the focus of the lens.
 
     Raises
     ------

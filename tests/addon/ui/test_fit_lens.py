@@ -11,7 +11,7 @@ from layouts import Layout
 from lensfield.addon.scene.lens_facts import lens_facts
 from lensfield.addon.ui.common import lens_worker
 from lensfield.addon.ui.common.properties import COMPARED, lens_title, offered_lenses
-from lensfield.addon.ui.fit_lens import LENSFIELD_OT_fit_lens
+from lensfield.addon.ui.fit_lens import LENSFIELD_OT_fit_lens, fitted_name
 from lensfield.addon.ui.operators import LENSFIELD_OT_show_sheet
 from lensfield.addon.ui.panels import draw_settings
 from lensfield.engine.fitting.even_light import EvenField
@@ -34,7 +34,7 @@ def truth():
 
 
 @pytest.fixture
-def own(scene, tmp_path):
+def chosen(scene, tmp_path):
     """The settings of a camera with the lens, in a saved .blend in a folder of its own."""
     (tmp_path / "film").mkdir()
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "film" / "scene.blend"))
@@ -59,24 +59,24 @@ def rims_of(path):
     return {index: read_prescription(path).surfaces[index].semi_aperture_mm for index in RIMS_MM}
 
 
-def test_raw_pictures_give_the_camera_a_fitted_lens(own, tmp_path, truth):
-    """Pictures of a smaller sensor, without f-numbers, in the order of their names, at 1.5 m."""
+def test_raw_pictures_give_the_camera_a_fitted_lens(chosen, tmp_path, truth):
+    """Pictures of a smaller sensor, without f-numbers, in the order of their names, at 0.7 m."""
     small_mm = 27.0, 18.0
     for name, f_number in (("c.dng", 2.0), ("a.dng", 8.0), ("b.dng", 2.8), ("d.dng", 4.0)):
-        write_flat(tmp_path / name, flat_light(truth, f_number, small_mm, (0.06, 0.03), focus_mm=1500.0))
+        write_flat(tmp_path / name, flat_light(truth, f_number, small_mm, (0.06, 0.03), focus_mm=700.0))
     assert fit(tmp_path, ["c.dng", "a.dng", "d.dng", "b.dng"], f_numbers="8, 2.8, 2, 4", sensor_mm=small_mm,
-               focus_m=1.5) == {"FINISHED"}
-    assert (own.lens, own.lens_file) == ("FILE", f"//lenses/{NAME}-fitted.toml")
+               focus_m=0.7) == {"FINISHED"}
+    assert (chosen.lens, chosen.lens_file) == ("FILE", f"//lenses/{NAME}-fitted.toml")
     stored = tmp_path / "film" / "lenses" / f"{NAME}-fitted.toml"
     assert rims_of(stored) == pytest.approx(RIMS_MM, rel=0.05)
     photographs = read_prescription(stored).photographs
     assert photographs.source == "a.dng, b.dng, c.dng and 1 more" and photographs.illumination < 0.03
     assert [(curve.f_number, curve.focus_mm) for curve in photographs.light] == [
-        (f_number, 1500.0) for f_number in (8.0, 2.8, 2.0, 4.0)]
+        (f_number, 700.0) for f_number in (8.0, 2.8, 2.0, 4.0)]
     assert photographs.light[0].heights_mm[-1] < np.hypot(*small_mm) / 2
 
 
-def test_a_table_of_light_gives_a_new_file_each_time(own, tmp_path, truth):
+def test_a_table_of_light_gives_a_new_file_each_time(chosen, tmp_path, truth):
     write_table(tmp_path / "light.csv", truth)
     assert fit(tmp_path, ["light.csv"]) == {"FINISHED"}
     first = tmp_path / "film" / "lenses" / f"{NAME}-fitted.toml"
@@ -85,10 +85,17 @@ def test_a_table_of_light_gives_a_new_file_each_time(own, tmp_path, truth):
     write_table(tmp_path / "other.csv", with_rims(truth, [EvenField(truth, np.inf, np.array([0.0, 10.0, 21.6]))],
                                                   {2: 13.2, 10: 11.0}))
     assert fit(tmp_path, ["other.csv"]) == {"FINISHED"}  # of the fitted lens
-    assert own.lens_file == f"//lenses/{NAME}-fitted-2.toml" and first.read_text() == text
+    assert chosen.lens_file == f"//lenses/{NAME}-fitted-2.toml" and first.read_text() == text
 
 
-def test_what_cannot_be_fitted_is_reported_and_the_camera_keeps_its_lens(own, tmp_path, truth):
+@pytest.mark.parametrize("lens, name", [
+    ("canon-rf-85mm-f1.2", "canon-rf-85mm-f1.2-fitted"), ("/film/lenses/mine.v2.toml", "mine.v2-fitted"),
+    ("/film/lenses/mine-fitted-3.toml", "mine-fitted")])
+def test_the_file_of_a_fitted_lens_has_its_name(lens, name):
+    assert fitted_name(lens) == name
+
+
+def test_what_cannot_be_fitted_is_reported_and_the_camera_keeps_its_lens(chosen, tmp_path, truth):
     write_table(tmp_path / "light.csv", truth)
     (tmp_path / "no.dng").write_bytes(b"II*\0")
     write_flat(tmp_path / "dark.dng", flat_light(truth, 2.0, SENSOR_MM), mounted(58.6, 2.0), level=0.01)
@@ -97,23 +104,23 @@ def test_what_cannot_be_fitted_is_reported_and_the_camera_keeps_its_lens(own, tm
                            (["light.csv", "dark.dng"], "dark.dng: exposure is .*: expose longer")):
         with pytest.raises(RuntimeError, match=message):
             fit(tmp_path, names)
-    own.lens = "edmund-54852"
+    chosen.lens = "edmund-54852"
     with pytest.raises(RuntimeError, match="edmund-54852: .*"):
         fit(tmp_path, ["light.csv"])
-    assert (own.lens, own.lens_file) == ("edmund-54852", "") and not (tmp_path / "film" / "lenses").exists()
+    assert (chosen.lens, chosen.lens_file) == ("edmund-54852", "") and not (tmp_path / "film" / "lenses").exists()
 
 
-def test_lenses_without_rims_to_fit_open_no_file_browser(own):
+def test_lenses_without_rims_to_fit_open_no_file_browser(chosen):
     reports = []
     operator = SimpleNamespace(report=lambda kind, text: reports.append(text))
     for lens, message in (("nikkor-reflex-500mm", "surface 5 is a mirror"), ("atlas-42mm-1.5x", "not rotationally")):
-        own.lens = lens
+        chosen.lens = lens
         assert LENSFIELD_OT_fit_lens.invoke(operator, bpy.context, None) == {"CANCELLED"} and message in reports[-1]
-    own.lens, own.lens_file = "FILE", "//a.npz"
+    chosen.lens, chosen.lens_file = "FILE", "//a.npz"
     assert not bpy.ops.lensfield.fit_lens.poll()
 
 
-def test_each_picture_is_a_step(own, tmp_path, truth):
+def test_each_picture_is_a_step(chosen, tmp_path, truth):
     for f_number in (2.0, 2.8):
         write_flat(tmp_path / f"{f_number}.dng", flat_light(truth, f_number, SENSOR_MM), mounted(58.6, f_number))
     reports, shown = [], []
@@ -123,8 +130,8 @@ def test_each_picture_is_a_step(own, tmp_path, truth):
     operator._paths = lambda: LENSFIELD_OT_fit_lens._paths(operator)
     operator._curves = lambda *read: LENSFIELD_OT_fit_lens._curves(operator, *read)
     for fraction in LENSFIELD_OT_fit_lens.steps(operator, bpy.context):
-        shown.append((round(fraction, 2), own.lens))
-    assert shown == [(0.33, NAME), (0.67, NAME)] and own.lens == "FILE"
+        shown.append((round(fraction, 2), chosen.lens))
+    assert shown == [(0.33, NAME), (0.67, NAME)] and chosen.lens == "FILE"
     assert reports[0].startswith("2.0.dng: f/2, illumination tilted by ") and "; illumination ± 0.0" in reports[-1]
 
 
@@ -159,7 +166,7 @@ def test_the_list_marks_the_lenses_that_the_command_lists(scene):
         assert text.endswith(f"\nC{str(lens.photographs)[1:]}")
 
 
-def test_the_facts_of_a_fitted_lens_have_the_photograph_of_its_f_stop(own, tmp_path, truth):
+def test_the_facts_of_a_fitted_lens_have_the_photograph_of_its_f_stop(chosen, tmp_path, truth):
     write_table(tmp_path / "light.csv", truth)
     fit(tmp_path, ["light.csv"])
     dof = bpy.context.scene.camera.data.dof
@@ -168,4 +175,4 @@ def test_the_facts_of_a_fitted_lens_have_the_photograph_of_its_f_stop(own, tmp_p
         dof.aperture_fstop = f_number
         facts = lens_worker.facts_now(bpy.context.scene)
         assert [curve.f_number for curve in facts.photographs.light] == expected
-    assert lens_facts(own.lens_name_or_path()).photographs.light[0].f_number == 2.0
+    assert lens_facts(chosen.lens_name_or_path()).photographs.light[0].f_number == 2.0
