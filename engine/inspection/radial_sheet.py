@@ -60,7 +60,7 @@ def _outwards(lens, field, frequencies_per_mm, photographed):
         field.optics.real_height_mm, 0.0, angle_rad, "image height in mm, field angle", sagittal, tangential,
         relative_illumination(lens, illumination_nm(lens)), cosine_fourth(lens, lens.heights_mm),
         lateral_colour_um(lens, lateral_nm(lens)), np.hypot(*lens.sensor_mm) / 2 if field.reaches_corner else None,
-        tuple(photographed))
+        photographed=tuple(photographed))
 
 
 def _draw_psfs(figure, lens, field):
