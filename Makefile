@@ -68,6 +68,8 @@
 # make camera-pictures  write the pictures of docs/camera.md, from raw files in build/camera (ten minutes)
 # make cameras     write the library's cameras again, from RAWTOACES=FOLDER, a copy of rawtoaces-data (seconds)
 # make tables      rewrite the spectra and the upsampling basis with colour-science; make bench-tables compares bases
+# make site        build the site from README.md, docs and the engine's docstrings, in build/site (seconds); it fails on
+#                  broken links, pages without a place in the side bar, and files from other hosts
 # make lint        check the style, and the types of the engine's public functions (seconds)
 # make test-engine COVERAGE=yes  also report the share of the engine's and the commands' lines that the tests run, for a
 #                  third more processor time; `.venv/bin/coverage report` then lists the other lines by file
@@ -118,11 +120,12 @@ OPENCV = .venv-opencv
 RAW_SCENE = build/raw-scene
 TABLES = .venv-tables
 LINT = .venv-lint
+SITE = .venv-site
 RELEASE = .venv-release
 LOCK = packaging/lock-5.0.1.txt
 
 .PHONY: demo kernels test heavy fuzz long-runs kill-test test-kernels test-engine test-blender ui-test bench bench-device bench-all validate validate-sensor validate-raw validate-photographs validate-plate scenes extension release test-bake test-sensor test-photographs test-plate test-farm lens-rims stop-places glasses lenses lens-pictures hero camera-pictures cameras tables bench-tables \
-        test-numpy ci lint lock
+        test-numpy ci site lint lock
 
 demo: $(READY) kernels
 	@$(VENV)/bin/lensfield --version
@@ -154,7 +157,7 @@ test-numpy: $(READY) kernels  # as on machines without the compiled loops
 
 ci: ROUNDS = 40
 ci: HEAVY = 3
-ci: ci-5.0.1 test-engine ci-5.2.3 ci-4.5.15 ci-5.1.2 test-kernels test-numpy test-bake test-farm test-sensor test-photographs  # longest first
+ci: ci-5.0.1 test-engine ci-5.2.3 ci-4.5.15 ci-5.1.2 test-kernels test-numpy test-bake test-farm test-sensor test-photographs site  # longest first
 
 ci-5.0.1: CI_TESTS = tests/addon
 ci-5.2.3: CI_TESTS = tests/addon -m 'not one_blender'
@@ -283,6 +286,11 @@ tables: $(TABLES)/.ready
 bench-tables: $(TABLES)/.ready
 	$(TABLES)/bin/python benchmarks/figures.py upsampling
 
+site: $(SITE)/.ready
+	rm -rf build/site build/site.doctrees  # pages that have not changed would keep their warnings to themselves
+	$(SITE)/bin/sphinx-build --quiet --fail-on-warning --keep-going -c docs/site -d build/site.doctrees . build/site
+	$(SITE)/bin/python docs/site/site_check.py build/site
+
 lint: $(LINT)/.ready
 	$(LINT)/bin/ruff check .
 	$(LINT)/bin/mypy
@@ -310,6 +318,9 @@ $(FARM)/.ready: pyproject.toml packaging/environment.sh $(LOCK)
 
 $(LINT)/.ready: pyproject.toml packaging/environment.sh
 	packaging/environment.sh $(LINT) lint
+
+$(SITE)/.ready: pyproject.toml packaging/environment.sh
+	packaging/environment.sh $(SITE) site
 
 $(RELEASE)/.ready: pyproject.toml packaging/environment.sh
 	packaging/environment.sh $(RELEASE) release

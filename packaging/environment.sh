@@ -1,9 +1,9 @@
 #!/bin/sh
-# environment.sh VENV BPY|bake|tables|sensor|photographs|lint|release [EXTRA]: create the virtual environment VENV with
-# this package and one of these: Blender's Python wheel BPY (with further extras of the package), the references for
-# baked lenses, the requirements for the tables of spectra, the evaluator of sensors, Lensfun's data, the linters, or
-# the builder of sdist and wheel. (Optiland and colour-science need a different numpy than the wheel.) Packages in
-# packaging/lock-BPY.txt are installed in exactly these versions and files; others are not pinned.
+# environment.sh VENV BPY|bake|tables|sensor|photographs|lint|release|site [EXTRA]: create the virtual environment VENV
+# with this package and one of these: Blender's Python wheel BPY (with further extras of the package), the references for
+# baked lenses, the requirements for the tables of spectra, the evaluator of sensors, Lensfun's data, the linters, the
+# builder of sdist and wheel, or that of the site. (Optiland and colour-science need a different numpy than the wheel.)
+# Packages in packaging/lock-BPY.txt are installed in exactly these versions and files; others are not pinned.
 # rayoptics is installed without dependencies: it requires Qt and Jupyter, 0.7 GB, which its tracer never loads.
 # Required system libraries are installed with apt for root; otherwise one line says which to install.
 set -eu
@@ -20,6 +20,7 @@ sensor) version=3.11 module=emva1288.process.results packages= extras=emva,judge
 photographs) version=3.11 module=lensfunpy packages= extras=lensfun,test ;;
 lint) version=3.11 module=mypy packages= extras=lint ;;
 release) version=3.11 module=build packages= extras=release ;;
+site) version=3.11 module=sphinx packages= extras=site ;;
 4.5.* | 5.0.*) version=3.11 module=bpy packages="bpy==$2 numpy>=1.26,<2" extras=gpu,plots,test${3:+,$3} ;;
 *) version=3.13 module=bpy packages="bpy==$2 numpy>=2.2,<3" extras=gpu,plots,test${3:+,$3} ;;
 esac

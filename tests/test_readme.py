@@ -14,6 +14,7 @@ PAGES = ["README.md", "CONTRIBUTING.md", "CHANGELOG.md",
          *sorted(path.relative_to(ROOT).as_posix() for path in ROOT.glob("docs/**/*.md"))]
 FOLDERS = "addon", "benchmarks", "commands", "docs", "engine", "packaging", "sample_scenes", "tests", "validation"
 LINK = re.compile(r"\]\(([^)\s]+)\)|src=\"([^\"]+)\"")
+PICTURES = ".gif", ".jpg", ".png", ".svg", ".webp"
 PATH = re.compile(rf"(?<![\w/.-])(?:{'|'.join(FOLDERS)})/[\w./*-]*[\w*/]")
 PLACEHOLDER = re.compile(r"NAME|PROGRAM")
 CODE_LINE, SPAN = re.compile(r"(?m)^ {4}(\S.*)$"), re.compile(r"`([^`\n]+)`")
@@ -38,6 +39,14 @@ def test_links_have_targets(page):
             target = ROOT / page if not path else (ROOT / page).parent / path
             assert target.exists(), link
             assert not anchor or anchor in anchors(target), link
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_pictures_are_small(page):
+    """For readers on a phone."""
+    pictures = {(ROOT / page).parent / target for pair in LINK.findall(text(page)) for target in pair
+                if target.endswith(PICTURES)}
+    assert not {f"{path.name}: {path.stat().st_size} bytes" for path in pictures if path.stat().st_size > 300_000}
 
 
 @pytest.mark.parametrize("page", PAGES)

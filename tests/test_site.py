@@ -1,0 +1,58 @@
+"""The check of the built site reports broken links and foreign files, and the reference lists the public names."""
+
+import re
+
+import pytest
+
+from lensfield import engine
+from places import ROOT
+from site_check import broken_links, foreign_loads
+
+GOOD = ('<a href="https://example.org/"></a><p id="part"></p><a href="sub/page.html#part"></a>'
+        '<script src="own.js"></script>')
+LOADS = ['<script src="https://example.org/x.js"></script>', '<img src="//example.org/x.png">',
+         '<img srcset="https://example.org/x.png 2x">', '<link rel="stylesheet" href="https://example.org/x.css">',
+         '<style>@import "https://example.org/x.css";</style>', '<p style="background: url(//example.org/x.png)">',
+         '<script>fetch("https://example.org/x")</script>', '<iframe src="http://example.org"></iframe>']
+BROKEN = ["missing.html", "sub", "#missing", "sub/page.html#missing"]
+
+
+@pytest.fixture
+def site(tmp_path):
+    """A sound site of two pages and a script."""
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "index.html").write_text(GOOD)
+    (tmp_path / "sub" / "page.html").write_text('<h1 id="part"></h1><a href="../index.html#part"></a><a href="#"></a>')
+    (tmp_path / "own.js").write_text('draw("http://www.w3.org/2000/svg")  // https://example.org/licence')
+    return tmp_path
+
+
+def test_a_sound_site_has_no_findings(site):
+    assert not [*foreign_loads(site), *broken_links(site)]
+
+
+@pytest.mark.parametrize("element", LOADS)
+def test_loads_from_other_hosts_are_reported(site, element):
+    (site / "sub" / "page.html").write_text(element)
+    finding, = foreign_loads(site)
+    assert finding.startswith("sub/page.html") and "//example.org" in finding
+
+
+@pytest.mark.parametrize("name, code", [("own.js", 'import("https://example.org/x.js")'),
+                                        ("own.css", "@font-face { src: url('https://example.org/x.woff2') }")])
+def test_loads_by_scripts_and_style_sheets_are_reported(site, name, code):
+    (site / name).write_text(code)
+    finding, = foreign_loads(site)
+    assert finding.startswith(name) and "//example.org/x" in finding
+
+
+@pytest.mark.parametrize("element", ['<a href="{}">', '<img src="{}">'])
+@pytest.mark.parametrize("address", BROKEN)
+def test_broken_links_are_reported(site, element, address):
+    (site / "index.html").write_text(GOOD + element.format(address))
+    assert list(broken_links(site)) == [f"index.html: no target for {address}"]
+
+
+def test_the_reference_lists_the_public_names_of_the_engine():
+    names = re.findall(r"^\.\. auto\w+:: (\w+)", (ROOT / "docs" / "site" / "api.rst").read_text(), re.MULTILINE)
+    assert sorted(names) == sorted(engine.__all__)
