@@ -39,7 +39,7 @@ html_css_files = ["site.css"]
 html_copy_source = html_show_sourcelink = html_use_index = False
 
 CONTENTS = {
-    "Guide": ["docs/guide/artist", "docs/guide/artist-reference", "docs/guide/scripts",
+    "Guide": ["docs/guide/install", "docs/guide/artist", "docs/guide/artist-reference", "docs/guide/scripts",
               "docs/farm", "docs/guide/engineer", "docs/guide/spectra", "docs/camera"],
     "Lenses": ["docs/gallery", "docs/lenses", "docs/photographs", "docs/anamorphic"],
     "Methods and accuracy": ["docs/depth", "docs/traced_lens", "docs/stray_light", "docs/cornell_box", "docs/stmap",
