@@ -29,6 +29,7 @@ from .panels import (
     draw_distortion,
     illumination_nm,
     lateral_nm,
+    limits_of,
 )
 from .psf_map import add_map, draw_colour_bar, draw_note, draw_single, draw_white, hidden_share
 from .style import PALE_INK, TEXT, TITLE, degree_labels
@@ -64,11 +65,12 @@ def _along(lens, number, path, frequencies_per_mm):
     places_mm = path.places_mm(path.along_mm)
     moved_um = _along_psf(displacement_um(lens, WHITE_NM, *places_mm))
     horizontal, vertical = white_contrast(lens, psfs_at(lens, *places_mm), moved_um, frequencies_per_mm)
+    illumination = relative_illumination(lens, illumination_nm(lens), *places_mm)
     return PathCurves(
         path.along_mm, path.along_mm[0], lambda along_mm: angle_rad(lens, *path.places_mm(along_mm)),
-        f"{path.name} in mm", vertical, horizontal, relative_illumination(lens, illumination_nm(lens), *places_mm),
-        np.cos(angle_rad(lens, *places_mm))**4,
-        displacement_um(lens, lateral_nm(lens), *places_mm)[..., number] if number < 2 else None)
+        f"{path.name} in mm", vertical, horizontal, illumination, np.cos(angle_rad(lens, *places_mm))**4,
+        displacement_um(lens, lateral_nm(lens), *places_mm)[..., number] if number < 2 else None,
+        band=limits_of(lens, np.hypot(*places_mm) / (np.hypot(*lens.sensor_mm) / 2), illumination))
 
 
 def _draw_psfs(figure, lens, reach):

@@ -9,11 +9,13 @@ from ..runtime.values import json_value
 from . import grid_curves
 from .curves import lateral_colour_um, reference_nm, relative_illumination
 from .finding import greatest
+from .illumination_band import illumination_band
 
 FRAUNHOFER_F_NM, FRAUNHOFER_C_NM = 486.1, 656.3
 LEAN_SIDES = ("on the right", "on the left"), ("at the top", "at the bottom")
 UNKNOWN = "unknown"
 SHARES = 0.5, 1.0  # of the way to the sensor's edges and corners
+NEAR_CORNER = 0.9  # of the half diagonal: the light there is stated with its limits
 
 
 def lens_info(lens: Lens) -> dict:
@@ -34,6 +36,9 @@ def lens_info(lens: Lens) -> dict:
     ideal image on the sensor), distortion_percent, relative_illumination, lateral_colour_x_um, lateral_colour_y_um, and
     `covered`, whether the lens data reach there. Places that are mirror images of others are left out. `squeeze`,
     `capture_focal_length_x_mm`, `focus_slope` and `mirrored` are as in `GridLens`.
+
+    `light_near_corner` states the relative illumination at NEAR_CORNER of the half diagonal, and its limits by
+    `illumination_band` if the rims are not known exactly; None beyond the lens data.
     """
     short, long = lens.nearest_nm([FRAUNHOFER_F_NM, FRAUNHOFER_C_NM])
     facts = {
@@ -50,7 +55,24 @@ def lens_info(lens: Lens) -> dict:
         "least_enclosed_energy": json_value(lens.enclosed_energy.min()),
         "lateral_colour_between_nm": [float(short), float(long)],
     }
-    return facts | (_over_places if isinstance(lens, GridLens) else _over_heights)(lens, short, long)
+    facts |= (_over_places if isinstance(lens, GridLens) else _over_heights)(lens, short, long)
+    return facts | {"light_near_corner": _light_near_corner(lens, facts)}
+
+
+def _light_near_corner(lens, facts):
+    corner_mm = NEAR_CORNER * np.array(lens.sensor_mm) / 2
+    if isinstance(lens, GridLens):
+        field = grid_curves.reference_field(lens)
+        within, light = field.within(*corner_mm[:, None])[0], field.relative_illumination(*corner_mm[:, None])
+    else:
+        heights_mm, table = np.array([[row["real_height_mm"], row["relative_illumination"]]
+                                      for row in facts["heights"]]).T
+        within, light = np.hypot(*corner_mm) <= heights_mm[-1], np.interp([np.hypot(*corner_mm)], heights_mm, table)
+    if not within:
+        return None
+    band = illumination_band(lens.prescription, [NEAR_CORNER], light)
+    limits = {} if band is None else dict(zip(("least", "most"), band[:, 0].tolist(), strict=True))
+    return {"share": NEAR_CORNER, "light": light.item(), **limits}
 
 
 def white_transmittance(lens: Lens) -> float:
@@ -75,6 +97,15 @@ def _coating_lines(info):
     if info["coatings"]:
         ideal = " (unknown ones count as ideal: --coating)" if UNKNOWN in info["coatings"] else ""
         yield f"coatings                 {', '.join(info['coatings'])}{ideal}"
+
+
+def _near_corner_lines(info):
+    """A line about the light near the corner."""
+    near = info["light_near_corner"]
+    if near:
+        limits = (f": {near['least']:.2f} to {near['most']:.2f} by the uncertainty of the rims" if "least" in near
+                  else "")
+        yield f"light near the corner    {near['light']:.2f} of the middle's at {near['share']:g} of the way{limits}"
 
 
 def _over_heights(lens, short_nm, long_nm):
@@ -142,6 +173,7 @@ def lens_text(info: dict) -> str:
         f"effective f-number       {info['f_number_effective']:.3f}{_hole(info)}",
         f"effective T-stop         {info['t_number_effective']:.3f}: T = {info['transmittance']:.3f} in white light",
         *_coating_lines(info),
+        *_near_corner_lines(info),
         f"object distance          {'infinity' if distance is None else f'{distance:g} mm'}",
         f"sensor                   {info['sensor_mm'][0]:g} x {info['sensor_mm'][1]:g} mm",
         f"wavelengths              {info['wavelengths_nm'][0]:g} to {info['wavelengths_nm'][-1]:g} nm"

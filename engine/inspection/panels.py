@@ -9,6 +9,7 @@ import numpy as np
 from ..lens import Lens
 from ..prescription.photographs import Vignetting
 from .curves import airy_radius_um
+from .illumination_band import illumination_band
 from .page import ILLUMINATION, LATERAL_COLOUR, MTF, add_panel
 from .psf_map import even_indices, shown_wavelengths
 from .style import GRID_COLOUR, INK, PALE_INK, SMALL, TITLE, degree_labels
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.patches import Patch
 
-REAL_COLOUR, IDEAL_COLOUR, AIRY_COLOUR = "#0072B2", "#B5B5B5", "#E6E6E6"
+REAL_COLOUR, IDEAL_COLOUR, AIRY_COLOUR, BAND_COLOUR = "#0072B2", "#B5B5B5", "#E6E6E6", "#E6E6E6"
 FREQUENCY_COLOURS = "#08306B", "#2F7EBC", "#8FC1E3", "#5A5A5A", "#A5A5A5"
 DASHES = (0, (2, 2))
 MOST_TICKS, MOST_ILLUMINATIONS = {1: 6, 2: 5, 3: 3, 4: 2}, 3  # ticks on each of as many panels side by side
@@ -51,6 +52,8 @@ class PathCurves:
         Lateral colour, if it is drawn.
     corner_mm : float or None
         The sensor's corner, to be marked.
+    band : array (2, place) or None
+        Limits of the illumination at the middle one of `illumination_nm`, by `illumination_band`.
     photographed : tuple of Vignetting
         The light in photographs, along a path from the middle.
     """
@@ -65,12 +68,18 @@ class PathCurves:
     cosine: np.ndarray
     lateral_um: np.ndarray | None
     corner_mm: float | None = None
+    band: np.ndarray | None = None
     photographed: tuple[Vignetting, ...] = ()
 
 
 def illumination_nm(lens: Lens) -> np.ndarray:
     """The wavelengths of the curves of illumination."""
     return lens.wavelengths_nm[even_indices(lens.wavelengths_nm.size, MOST_ILLUMINATIONS)]
+
+
+def limits_of(lens: Lens, shares: np.ndarray, illumination: np.ndarray) -> np.ndarray | None:
+    """The `band` of curves of illumination at shares of the half diagonal."""
+    return illumination_band(lens.prescription, shares, illumination[len(illumination) // 2])
 
 
 def lateral_nm(lens: Lens) -> np.ndarray:
@@ -106,6 +115,9 @@ def _draw_illumination(figure, paths, wavelengths_nm):
     panels = _side_by_side(figure, (left, bottom, width if alone else width - LABEL_ROOM, height), len(paths))
     most = max(np.max(path.illumination) for path in paths)
     for panel, path in zip(panels, paths, strict=True):
+        if path.band is not None:
+            panel.fill_between(path.along_mm, *path.band, color=BAND_COLOUR, linewidth=0, zorder=0,
+                               label="uncertain rims")
         for one, colour, curve in zip(wavelengths_nm, wavelength_colours(wavelengths_nm), path.illumination,
                                       strict=True):
             panel.plot(path.along_mm, curve, color=colour, linewidth=1.8, label=f"{one:.4g} nm")
@@ -118,7 +130,8 @@ def _draw_illumination(figure, paths, wavelengths_nm):
     if alone:
         _draw_legend(panels[0], "lower left", labelspacing=0.25)
     else:
-        panels[-1].set_title("dotted: cos⁴ of the field angle", fontsize=SMALL, loc="right", color=INK)
+        key = "dotted: cos⁴ of the field angle" if paths[0].band is None else "dotted: cos⁴   grey: uncertain rims"
+        panels[-1].set_title(key, fontsize=SMALL, loc="right", color=INK)
         _label_wavelengths(panels[-1], wavelengths_nm, paths[-1].illumination[:, -1])
     if paths[0].corner_mm is not None:
         panels[0].text(paths[0].corner_mm, 0.98, "corner ", fontsize=SMALL - 1, color=PALE_INK, ha="right", va="top",

@@ -26,6 +26,7 @@ from .panels import (
     draw_distortion,
     illumination_nm,
     lateral_nm,
+    limits_of,
 )
 from .psf_map import draw_colour_bar, draw_note, draw_psf_map
 from .style import PALE_INK, TEXT, TITLE
@@ -56,11 +57,13 @@ def _outwards(lens, field, frequencies_per_mm, photographed):
         return field_angle_rad(lens, field.geometry.paraxial_height_mm(height_mm))
 
     tangential, sagittal = white_mtf(lens, frequencies_per_mm)
+    corner_mm, heights_mm = np.hypot(*lens.sensor_mm) / 2, field.optics.real_height_mm
+    illumination = relative_illumination(lens, illumination_nm(lens))
     return PathCurves(
-        field.optics.real_height_mm, 0.0, angle_rad, "image height in mm, field angle", sagittal, tangential,
-        relative_illumination(lens, illumination_nm(lens)), cosine_fourth(lens, lens.heights_mm),
-        lateral_colour_um(lens, lateral_nm(lens)), np.hypot(*lens.sensor_mm) / 2 if field.reaches_corner else None,
-        photographed=tuple(photographed))
+        heights_mm, 0.0, angle_rad, "image height in mm, field angle", sagittal, tangential,
+        illumination, cosine_fourth(lens, lens.heights_mm), lateral_colour_um(lens, lateral_nm(lens)),
+        corner_mm if field.reaches_corner else None, limits_of(lens, heights_mm / corner_mm, illumination),
+        tuple(photographed))
 
 
 def _draw_psfs(figure, lens, field):

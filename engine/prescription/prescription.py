@@ -18,8 +18,9 @@ FIELDS = ("angle_deg", "image_height_mm", "object_height_mm")
 FOCUSES = ("as given", "paraxial", "best", "field")
 PARTS = ("figures", "surfaces", "aspheres", "glasses", "stop", "apertures", "coatings")
 """Parts of a design; "figures" are all that are not listed."""
-FITTED = "fitted to photographs"
-ORIGINS = ("patent", "published", "estimated", "guessed", FITTED)
+ESTIMATED, GUESSED, FITTED, TYPICAL = ("estimated", "guessed", "fitted to photographs",
+                                       "typical of photographed lenses")
+ORIGINS = ("patent", "published", ESTIMATED, GUESSED, FITTED, TYPICAL)
 HIGHEST_F_NUMBER = 22.0  # default of the aperture ring
 CLOSEST_FOCUS = 10  # default of the focus ring, in focal lengths
 LEAST_MM, LARGEST_MM = 1e-6, 1e12  # lengths: squares outside this range lose digits
@@ -226,8 +227,8 @@ class Prescription:
         Private coatings.
     provenance : tuple of (str, str)
         Parts of the design, of `PARTS`, and the origin of their figures, of `ORIGINS`: typed from a patent, published
-        elsewhere (by the maker or in a book), estimated from other figures or drawings, guessed, or fitted to
-        photographs. () if unknown. Lenses that differ only in it are equal, and share a bake.
+        elsewhere (by the maker or in a book), estimated from other figures or drawings, guessed, fitted to photographs,
+        or typical of photographed lenses. () if unknown. Lenses that differ only in it are equal, and share a bake.
     photographs : Agreement or None
         How closely the lens agrees with photographs; None if it was not compared. Does not count for equality either.
     """
@@ -320,6 +321,12 @@ class Prescription:
     def passport(self) -> str:
         """The provenance as text, such as "patent; apertures estimated"."""
         return "; ".join(origin if part == "figures" else f"{part} {origin}" for part, origin in self.provenance)
+
+    @property
+    def aperture_origin(self) -> str:
+        """The origin of the sizes of the apertures, of `ORIGINS`; "" if unknown."""
+        origins = dict(self.provenance)
+        return origins.get("apertures", origins.get("figures", ""))
 
     def scaled(self, factor: float) -> Self:
         """A lens `factor` times as large, with the same f-number, angles and object distance.
