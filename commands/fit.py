@@ -7,6 +7,7 @@ from ..engine import InputError
 from ..engine.fitting.fit import fit_rims, fit_to_files
 from ..engine.fitting.flat_fields import read_flat_fields
 from ..engine.fitting.lensfun import find_photographed, vignetting_of
+from ..engine.fitting.typical import is_like_measured, with_typical_rims
 from ..engine.fitting.vignetting import COLUMNS, read_vignetting
 from ..engine.lens.formats import FORMATS, format_mm
 from ..engine.library import has_rings, prescription_of
@@ -32,6 +33,8 @@ def add(commands):
                              "axis on the sensor, and the light relative to the axis")
     source.add_argument("--flat", type=Path, nargs="+", metavar="RAW",
                         help="raw pictures of an even field (DNG, or others that LibRaw opens), one for each f-stop")
+    source.add_argument("--typical", action="store_true",
+                        help="without photographs: rims that give the lens the light of a typical lens for full frame")
     source.add_argument("--kit", action="store_true", help="write a page on how to take these photographs")
     fit.add_argument("-o", "--output", type=Path, required=True, metavar="FITTED.toml",
                      help="prescription to write; with --kit, the page, a .md file")
@@ -55,9 +58,19 @@ def _fit(options):
     given = options.flat or [path for path in [options.vignetting] if path]
     check_outputs([(options.output, ".toml")], [options.lens, *given])
     prescription = prescription_of(lens_source(options, options.lens))
+    if options.typical:
+        _write_typical(options, prescription)
+        return
     fit = _fitted(options, prescription, given)
     say(*fit.lines())
     _write(options.output, write_prescription(fit.prescription))
+
+
+def _write_typical(options, prescription):
+    if not is_like_measured(prescription):
+        say("warning: typical rims are measured for full frame, f/0.95 to f/5.6: this lens may have others")
+    with errors_of(options.lens):
+        _write(options.output, write_prescription(with_typical_rims(prescription)))
 
 
 def _check_lens(name):

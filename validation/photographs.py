@@ -8,7 +8,8 @@ Lensfun's data, which `make validate-photographs` installs. No figure of these d
 
 import re
 import sys
-from dataclasses import dataclass
+import tomllib
+from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path
 
@@ -51,13 +52,8 @@ PHOTOGRAPHED = {
     "zeiss-flektogon-20mm": "Zeiss Carl Zeiss Jena Flektogon 4/20mm",
 }
 """Lenses of the library, and their makers and models in Lensfun."""
-BEFORE_FIT = {
-    "canon-rf-85mm-f1.2": (0.21, 0.03), "fujifilm-gf-110mm": (0.21, 0.06), "helios-44-2-58mm": (0.13, 0.06),
-    "minolta-macro-100mm": (0.08, 0.04), "nikkor-z-50mm-f1.8": (0.07, 0.09), "sigma-35mm-f1.2": (0.15, 0.18),
-    "sigma-40mm-f1.4": (0.13, 0.12), "sony-zeiss-55mm-f1.8": (0.28, 0.26),
-    "voigtlander-apo-lanthar-50mm": (0.30, 0.17), "zeiss-distagon-25mm": (0.20, 0.09)}
-"""Lenses whose rims are fitted by library_rims.py, with the largest differences of the estimates before: at the widest
-f-stop, and at the others."""
+ESTIMATED_MM = tomllib.loads(Path(__file__).with_name("estimated_apertures.toml").read_text(encoding="utf-8"))
+"""Lenses whose rims are fitted by library_rims.py, and the semi-apertures of their surfaces before."""
 SHOWN = 0.5, 0.75, 0.9, 0.95  # of `SHARES`
 CHANNELS_NM = 600.0, GREEN_NM, 460.0  # near the middles of cameras' red, green and blue in daylight
 CHIEF_RAYS = 65
@@ -89,9 +85,9 @@ class Shape:
     blue_um: float | None
 
 
-def light_differences(name):
+def light_differences(name, prescription):
     """(curve, lens's light minus the photograph's) for the f-stops and distances of a lens; [] without any."""
-    photographed, prescription = find_photographed(PHOTOGRAPHED[name]), prescription_of(name)
+    photographed = find_photographed(PHOTOGRAPHED[name])
     if not photographed.lens.calib_vignetting:
         return []
     curves = vignetting_of(photographed, prescription)
@@ -143,9 +139,16 @@ def source_of(name):
     return f"Lensfun: {find_photographed(PHOTOGRAPHED[name]).name}"
 
 
+def estimated(name):
+    """A lens of the library with the apertures that were estimated before its rims were fitted."""
+    lens = prescription_of(name)
+    return replace(lens, surfaces=tuple(replace(surface, semi_aperture_mm=size_mm) for surface, size_mm in
+                                        zip(lens.surfaces, ESTIMATED_MM[name], strict=True)))
+
+
 def fitted(name):
     """The RimFit of a lens of the library."""
-    photographed, prescription = find_photographed(PHOTOGRAPHED[name]), prescription_of(name)
+    photographed, prescription = find_photographed(PHOTOGRAPHED[name]), estimated(name)
     return fit_rims(prescription, vignetting_of(photographed, prescription), source_of(name), TODAY)
 
 
@@ -156,15 +159,15 @@ def rims_row(name):
                        for rim in fit.rims)
     response = np.exp(-fit.pixel_loss * np.sin(np.radians(RESPONSE_DEG))**2)
     widest = min(each.curve.f_number for each in fit.comparisons)
-    after = [max(each.missed[1] for each in fit.comparisons if (each.curve.f_number == widest) == at_widest)
-             for at_widest in (True, False)]
-    cells = [f"{before:.2f}, {missed:.2f}" for before, missed in zip(BEFORE_FIT[name], after, strict=True)]
+    missed = [np.max([each.missed for each in fit.comparisons if (each.curve.f_number == widest) == at_widest], axis=0)
+              for at_widest in (True, False)]
+    cells = [f"{before:.2f}, {after:.2f}" for before, after in missed]
     return f"| `{name}` | {rims} | {response:.2f} | {' | '.join(cells)} | {fit.judged:.3f} |"
 
 
 def light_rows(name):
     """Lines of the table of light: one for each focus."""
-    differences = light_differences(name)
+    differences = light_differences(name, prescription_of(name))
     for focus_mm in dict.fromkeys(curve.focus_mm for curve, _ in differences):
         at = [(curve, off) for curve, off in differences if curve.focus_mm == focus_mm]
         shown = " ".join(f"{each:+.2f}" for each in np.interp(SHOWN, SHARES, at[0][1]))
@@ -192,7 +195,7 @@ def light_table():
 
 
 def rims_table():
-    return table(RIMS_HEAD, map(rims_row, BEFORE_FIT))
+    return table(RIMS_HEAD, map(rims_row, ESTIMATED_MM))
 
 
 def shape_table():
@@ -206,8 +209,8 @@ def with_tables(page, by_head):
     return page
 
 
-def main(page=None):
-    by_head = {LIGHT_HEAD: light_table(), RIMS_HEAD: rims_table(), SHAPE_HEAD: shape_table()}
+def show(by_head, page=None):
+    """Print tables, and replace those of a page."""
     print("\n\n".join(by_head.values()))
     if page:
         path = Path(page)
@@ -215,4 +218,4 @@ def main(page=None):
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    show({LIGHT_HEAD: light_table(), RIMS_HEAD: rims_table(), SHAPE_HEAD: shape_table()}, *sys.argv[1:])

@@ -71,7 +71,8 @@ def _png(content):
 
 def _drawn(lens, photographs, folder):
     """Draw a sheet into a folder, or take it from the cache, and return its path."""
-    key = digest_of((lens.digest.hex(), photographs))  # lenses that differ only in their photographs are equal
+    provenance = lens.prescription and lens.prescription.provenance
+    key = digest_of((lens.digest.hex(), photographs, provenance))  # lenses that differ only in the latter are equal
     path = Path(folder, f"Lens Sheet {key.hex()[:8]}.png")
     known = cache.load(KIND, key, _png)
     if known is not None:

@@ -8,6 +8,8 @@ Each lens is shown with its picture engine/library/pictures/NAME.jpg, if this ex
 import sys
 from pathlib import Path
 
+from lensfield.engine.inspection.illumination_band import relative_error
+from lensfield.engine.inspection.info import NEAR_CORNER
 from lensfield.engine.library import BUNDLED, bundled_lenses
 from lensfield.engine.prescription.prescription import Prescription
 from lensfield.engine.rays.rings import widest_notes
@@ -19,11 +21,13 @@ HEAD = """# The lenses
 
 {number} lenses, sorted by the year of the patent, or of the lens's introduction if that is certain. Each is a
 prescription, `engine/library/prescriptions/NAME.toml`. *Figures* states the origin of all its figures, then of those
-that differ: from the patent, published elsewhere, estimated from other figures or drawings, or guessed. Notes list the
-assumptions. Notes on apertures, computed from rays on the axis, report differences of more than 3 % from the f-number,
-or of the stop from the file's (`engine/rays/axial_light.py`). Lenses are named after the designs in the files. The
-manufacturers are not involved in this project, and their production lenses may differ from the patents. Eighteen were
-compared with [photographs](photographs.md), and state their largest differences.
+that differ: from the patent, published elsewhere, estimated from other figures or drawings, guessed, fitted to
+photographs, or typical of photographed lenses. *Rims* is the uncertainty of the light wide open at 0.9 of the half
+diagonal, where rims are not known exactly ([how](photographs.md#limits-of-the-light)). Notes list the assumptions.
+Notes on apertures, computed from rays on the axis, report differences of more than 3 % from the f-number, or of the
+stop from the file's (`engine/rays/axial_light.py`). Lenses are named after the designs in the files. The manufacturers
+are not involved in this project, and their production lenses may differ from the patents. Eighteen were compared with
+[photographs](photographs.md), and state their largest differences.
 
 Each picture is taken wide open, at the distance at which the bust is equally large, or as close to it as the lens
 focuses. Lamps behind it become discs of the lens's own shapes. The row below shows white points from the centre (left)
@@ -55,7 +59,9 @@ def row(lens: Prescription) -> str:
     """A lens's line of the table."""
     picture = PICTURES / f"{lens.name}.jpg"
     shown = f'<img src="../engine/library/pictures/{picture.name}" width="{WIDTH}">' if picture.is_file() else ""
-    facts = lens.source, f"Figures: {lens.passport}", str(lens.photographs or ""), lens.notes, *widest_notes(lens)
+    error = relative_error(lens, [NEAR_CORNER])
+    rims = "" if error is None else f"Rims: light ± {100 * error[0]:.0f} %"
+    facts = lens.source, f"Figures: {lens.passport}", rims, str(lens.photographs or ""), lens.notes, *widest_notes(lens)
     cells = (shown, f"**{lens.title}**<br>`{lens.name}`<br>{lens.maker}", ", ".join(lens.character), lens.story,
              "<br>".join(filter(None, facts)))
     return f"| {' | '.join(cell.replace('|', BAR) for cell in cells)} |\n"

@@ -5,8 +5,9 @@ as they are. Some of the f-stops and focus distances are left out, and judge the
 """
 
 import datetime
-from collections.abc import Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,7 +19,7 @@ from ..prescription.prescription import FITTED, Prescription
 from ..rays.rings import ring_ends
 from ..runtime.errors import LensError, listed
 from .even_light import EvenField, picture_corner_mm
-from .rims import GROUPS, RimRange, glass_ends_mm, rim_ranges, with_rims
+from .rims import GROUPS, RimRange, passing_chief_rays, rim_ends_mm, rim_ranges, with_rims
 from .vignetting import light_of, measured_heights_mm
 
 HELD_OUT_OF, LEAST_CURVES = 3, 4  # every third curve is left out, if there are as many
@@ -190,6 +191,33 @@ def _rounded(curve):
     return replace(curve, heights_mm=curve.heights_mm.round(DIGITS), light=curve.light.round(LIGHT_DIGITS))
 
 
+def with_rim_pair(prescription: Prescription, curve: Vignetting) -> Prescription:
+    """A lens with one rim in front of the stop and one behind it, with which its light is closest to a curve.
+
+    Both pass the light of the axis and all chief rays, at the closest focus, too.
+
+    Parameters
+    ----------
+    prescription : Prescription
+    curve : Vignetting
+        Of the widest f-number.
+
+    Raises
+    ------
+    LensError
+        As `EvenField`.
+    """
+    problem = _Problem(prescription, [curve], lambda rim: rim.surface < prescription.stop_index,
+                       [ring_ends(prescription)[1].focus_mm])
+    problem.ranges = passing_chief_rays(problem.ranges, problem.fields)
+    chosen = _Rims([], problem.searched([], np.zeros(0)))
+    while longer := problem.extended(chosen):
+        chosen = longer
+    sizes_mm = problem.sizes_mm(chosen.ranges, chosen.state.x)
+    return with_rims(prescription, problem.fields,
+                     dict(zip((each.surface for each in chosen.ranges), sizes_mm, strict=True)))
+
+
 def _chosen_rims(problem):
     """The rims that the curves support, and the search's result for them."""
     several = len({curve.f_number for curve in problem.curves}) > 1
@@ -218,22 +246,29 @@ class _Rims(NamedTuple):
 
 class _Problem:
     """The light of a lens at measured heights as a function of rims: each a share of its range, and then, for curves
-    at several f-stops, the loss of the pixels."""
+    at several f-stops, the loss of the pixels.
 
-    def __init__(self, prescription, curves):
-        self.prescription, self.curves = prescription, curves
+    Of each kind of rim, such as those of a group, one is fitted at most. `focuses_mm` are more focus distances at which
+    the lens is used.
+    """
+
+    def __init__(self, prescription: Prescription, curves: list[Vignetting],
+                 kind: Callable[[RimRange], Hashable] = attrgetter("group"),
+                 focuses_mm: Sequence[float | None] = ()) -> None:
+        self.prescription, self.curves, self._kind = prescription, curves, kind
         self.judges = _held_out(curves)
-        by_focus = {focus: self._field(focus) for focus in self._focuses()}
+        by_focus = {focus: self._field(focus) for focus in self._focuses(focuses_mm)}
         self.fields = list(by_focus.values())
         self._lights = [by_focus[curve.focus_mm].through(curve.f_number) for curve in curves]
         self._places = [np.searchsorted(by_focus[curve.focus_mm].heights_mm, curve.heights_mm) for curve in curves]
         self.ranges = rim_ranges(prescription, self.fields)
-        ends_mm = glass_ends_mm(prescription)
+        ends_mm = rim_ends_mm(prescription, self.fields)
         self._ends_mm = {index: end_mm for index, end_mm in enumerate(ends_mm) if np.isfinite(end_mm)}
 
-    def _focuses(self):
-        """Focus distances: infinity or the farthest, and the distances of the curves."""
-        return dict.fromkeys([ring_ends(self.prescription)[0].focus_mm, *(curve.focus_mm for curve in self.curves)])
+    def _focuses(self, more_mm):
+        """Focus distances: infinity or the farthest, the distances of the curves, and more."""
+        return dict.fromkeys([ring_ends(self.prescription)[0].focus_mm, *(curve.focus_mm for curve in self.curves),
+                              *more_mm])
 
     def _field(self, focus_mm):
         corner_mm = picture_corner_mm(self.prescription, focus_mm)
@@ -286,16 +321,18 @@ class _Problem:
 
     def extended(self, rims):
         """The rims with one more, each replaced by a better one if there is one; None without any left."""
-        used = {each.group for each in rims.ranges}
-        longer = self._best([*rims.ranges, None], rims.state.x,
-                            [each for each in self.ranges if each.group not in used])
+        longer = self._best([*rims.ranges, None], rims.state.x, self._unlike(rims.ranges))
         for place in range(len(longer.ranges) if longer else 0):
-            others = [each for number, each in enumerate(longer.ranges) if number != place]
-            candidates = [each for each in self.ranges if each.group not in {other.group for other in others}]
-            replaced = self._best([*longer.ranges[:place], None, *longer.ranges[place + 1:]],
-                                  np.delete(longer.state.x, place), candidates)
+            before, after = longer.ranges[:place], longer.ranges[place + 1:]
+            replaced = self._best([*before, None, *after], np.delete(longer.state.x, place),
+                                  self._unlike([*before, *after]))
             longer = min(longer, replaced, key=lambda each: np.sum(each.state.fun**2))
         return longer
+
+    def _unlike(self, ranges):
+        """The rims that are of none of the kinds of these."""
+        used = {self._kind(each) for each in ranges}
+        return [each for each in self.ranges if self._kind(each) not in used]
 
     def _best(self, ranges, others, candidates):
         """The rims with the best of the candidates in the place of None; None without candidates. `others` are the

@@ -54,17 +54,27 @@ def find_photographed(name: str) -> Photographed:
     InputError
         lensfunpy is not installed, or its data contain no such lens.
     """
-    lensfunpy = _lensfunpy()
-    named = [(_name(lens), lens) for lens in lensfunpy.Database(load_common=False).lenses
-             if lens.min_focal == lens.max_focal]
-    found = [lens for each, lens in named if each.casefold() == name.casefold()]
+    lenses = fixed_focal_lenses()
+    found = [each for each in lenses if each.name.casefold() == name.casefold()]
     if not found:
         words = name.casefold().split()
-        similar = listed([each for each, _ in named if all(word in each.casefold() for word in words)], MOST_NAMED)
+        similar = listed([each.name for each in lenses if all(word in each.name.casefold() for word in words)],
+                         MOST_NAMED)
         raise InputError("lensfun", "lens", name, "expected the maker and the model of a lens with one focal length, "
                          f"as Lensfun names them{f', such as {similar}' if similar else ''}")
-    best = min(found, key=lambda lens: lens.crop_factor)
-    return Photographed(best, _name(best))
+    return min(found, key=lambda each: each.lens.crop_factor)
+
+
+def fixed_focal_lenses() -> list[Photographed]:
+    """All lenses in the database with one focal length.
+
+    Raises
+    ------
+    InputError
+        lensfunpy is not installed.
+    """
+    return [Photographed(lens, _name(lens)) for lens in _lensfunpy().Database(load_common=False).lenses
+            if lens.min_focal == lens.max_focal]
 
 
 def _name(lens):
@@ -99,7 +109,7 @@ def vignetting_of(photographed: Photographed, prescription: Prescription) -> lis
     curves: dict[tuple, Vignetting] = {}
     for f_number, distance_m in sorted(settings, key=lambda each: (each[0], -each[1])):
         focus_mm = np.inf if distance_m >= FAR_M else distance_m * MM_PER_M - length_mm
-        light = _light(photographed, f_number, distance_m)
+        light = light_at(photographed, f_number, distance_m)
         if focus_mm >= closest_mm:
             curves.setdefault((f_number, light.tobytes()), Vignetting(
                 round(float(f_number), 2), float(focus_mm), SHARES * photographed.half_diagonal_mm, light))
@@ -112,7 +122,7 @@ def _pupil_to_sensor_mm(prescription):
     return sum(surface.thickness_mm for surface in system.prescription.surfaces) - system.entrance_pupil_mm
 
 
-def _light(photographed, f_number, distance_m):
+def light_at(photographed: Photographed, f_number: float, distance_m: float) -> np.ndarray:
     """The light at `SHARES` relative to the axis: the inverse of Lensfun's correction of an even picture."""
     modifier = _modifier(photographed, f_number, distance_m)
     picture = np.ones((PICTURE_PX[1], PICTURE_PX[0], 3), np.float32)

@@ -9,7 +9,7 @@ from ..prescription.surfaces import sag_and_slope
 from .even_light import EvenField
 
 GROUPS = "front", "inner front", "inner rear", "rear"
-SCAN = np.linspace(0, 1, 2001)  # of the largest height that is searched for the end of the glass
+SCAN = np.linspace(0, 1, 2001)[1:]  # of the largest height that is searched for the end of the glass
 FARTHEST = 2.0  # focal lengths from the axis in which glass ends
 LEAST_RANGE = 2e-3  # relative: a rim with less between its limits is not a rim to fit
 CLEARANCE = 1.01  # of a rim that blocks nothing, around the light
@@ -41,10 +41,23 @@ def rim_ranges(prescription: Prescription, fields: list[EvenField]) -> list[RimR
     """The rims that may block light of these fields. The first field is focused at infinity or at the farthest."""
     on_axis_mm = fields[0].most_mm[:, 0]
     reached_mm = np.max([field.most_mm.max(axis=1) for field in fields], axis=0)
-    most_mm = np.minimum(glass_ends_mm(prescription), CLEARANCE * reached_mm)
+    most_mm = np.minimum(rim_ends_mm(prescription, fields), CLEARANCE * reached_mm)
     return [RimRange(surface, group, float(on_axis_mm[surface]), float(most_mm[surface]))
             for surface, group in _groups(prescription).items()
             if most_mm[surface] > (1 + LEAST_RANGE) * on_axis_mm[surface]]
+
+
+def passing_chief_rays(ranges: list[RimRange], fields: list[EvenField]) -> list[RimRange]:
+    """The rims that pass all chief rays of these fields, with their limits."""
+    chief_mm = np.sqrt(np.max([field.square_mm2[:, :, 0, 0].max(axis=1) for field in fields], axis=0))
+    passing = [replace(each, least_mm=max(each.least_mm, float(chief_mm[each.surface]))) for each in ranges]
+    return [each for each in passing if each.most_mm > (1 + LEAST_RANGE) * each.least_mm]
+
+
+def rim_ends_mm(prescription: Prescription, fields: list[EvenField]) -> np.ndarray:
+    """Height at each surface where a rim ends: with the glass, but never in the light of the axis, as it would for a
+    design whose surfaces cross there. The first field is focused at infinity or at the farthest."""
+    return np.maximum(glass_ends_mm(prescription), fields[0].most_mm[:, 0])
 
 
 def glass_ends_mm(prescription: Prescription) -> np.ndarray:
@@ -97,7 +110,7 @@ def _components(prescription):
 def with_rims(prescription: Prescription, fields: list[EvenField], rims_mm: dict[int, float]) -> Prescription:
     """The lens with these rims, by index. The others are as wide as the light of the fields that these pass, with some
     clearance, and end with the glass. The stop and plane-parallel plates stay as they are."""
-    grouped, ends_mm = _groups(prescription), glass_ends_mm(prescription)
+    grouped, ends_mm = _groups(prescription), rim_ends_mm(prescription, fields)
     clear_mm = np.max([_clear_mm(field, rims_mm) for field in fields], axis=0)
 
     def sized(index, surface: Surface) -> Surface:

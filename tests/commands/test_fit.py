@@ -10,6 +10,7 @@ from flat_pictures import flat_light, mounted, write_flat
 from lenses import make_lens
 from lensfield.engine.fitting.even_light import EvenField
 from lensfield.engine.fitting.rims import with_rims
+from lensfield.engine.fitting.typical import with_typical_rims
 from lensfield.engine.fitting.vignetting import COLUMNS, light_of
 from lensfield.engine.lens_files.package import write_package
 from lensfield.engine.library import prescription_of
@@ -73,6 +74,22 @@ def test_raw_pictures_give_a_prescription(tmp_path, truth, capsys):
     light = read_prescription(tmp_path / "mine.toml").photographs.light
     assert [curve.f_number for curve in light] == [2.0, 2.8, 4.0, 8.0]
     assert np.abs(light[1].light - light_of(truth, light)[1]).max() < 0.01
+
+
+def test_a_lens_without_photographs_gets_typical_rims(tmp_path, capsys):
+    assert run("lens", "fit", "tessar-50mm", "--typical", "-o", tmp_path / "mine.toml") == 0
+    fitted = read_prescription(tmp_path / "mine.toml")
+    assert capsys.readouterr().out == f"{tmp_path / 'mine.toml'}\n"
+    assert fitted.aperture_origin == "typical of photographed lenses"
+    expected = with_typical_rims(prescription_of("tessar-50mm"))
+    assert [each.semi_aperture_mm for each in fitted.surfaces] == pytest.approx(
+        [each.semi_aperture_mm for each in expected.surfaces])
+
+
+def test_lenses_unlike_the_photographed_ones_are_a_warning(tmp_path, capsys):
+    assert run("lens", "fit", "apple-phone-4mm", "--typical", "-o", tmp_path / "mine.toml") == 0
+    warning, path = capsys.readouterr().out.splitlines()
+    assert warning.startswith("warning: typical rims are measured for full frame") and path.endswith("mine.toml")
 
 
 def test_the_size_of_the_cameras_sensor_sets_the_heights(tmp_path, truth, capsys):

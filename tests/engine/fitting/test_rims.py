@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 
 from lensfield.engine.fitting.even_light import EvenField
-from lensfield.engine.fitting.rims import CLEARANCE, GROUPS, glass_ends_mm, rim_ranges, with_rims
+from lensfield.engine.fitting.rims import (
+    CLEARANCE,
+    GROUPS,
+    glass_ends_mm,
+    passing_chief_rays,
+    rim_ends_mm,
+    rim_ranges,
+    with_rims,
+)
 from lensfield.engine.library import prescription_of
 from lensfield.engine.prescription.prescription import Prescription, Surface
 
@@ -46,6 +54,29 @@ def test_glass_ends_where_an_element_has_no_thickness():
     assert np.isinf(ends_mm[2]) and ends_mm[5:] == pytest.approx(np.sqrt(2 * 60 * 2 - 4), abs=0.05)
     assert ends_mm[3] == pytest.approx(40.0, abs=0.05), "a biconcave lens ends with its smaller sphere"
     assert ends_mm[4] == pytest.approx(np.sqrt(2 * 40 * 4 - 16), abs=0.05), "where it touches the plane behind it"
+
+
+def test_elements_that_touch_at_the_axis_do_not_end_there():
+    """Surfaces 2 and 3 of the Nikkor touch, and the second is steeper."""
+    lens = prescription_of("nikkor-58mm-f1.4")
+    assert lens.surfaces[1].thickness_mm == 0 and min(glass_ends_mm(lens)) > 15
+
+
+def test_no_rim_ends_in_the_light_of_the_axis():
+    """Surfaces 5 and 6 of the Canon meet 15.6 mm from the axis, and its light on the axis is wider."""
+    lens = prescription_of("canon-50mm-f0.95")
+    field = EvenField(lens, np.inf, np.array([0.0, 10.0, 21.0]))
+    assert glass_ends_mm(lens)[5] < 16 < 20 < field.most_mm[5, 0] == rim_ends_mm(lens, [field])[5]
+    assert np.all(rim_ends_mm(lens, [field]) >= glass_ends_mm(lens))
+
+
+def test_rims_that_pass_chief_rays():
+    wide = prescription_of("nikkor-28mm")
+    field = EvenField(wide, np.inf, np.array([0.0, 10.0, 21.0]))
+    chief_mm, ranges = np.sqrt(field.square_mm2[:, -1, 0, 0]), rim_ranges(wide, [field])  # of the corner
+    assert any(rim.least_mm < chief_mm[rim.surface] for rim in ranges)
+    passing = passing_chief_rays(ranges, [field])
+    assert passing and all(rim.most_mm > rim.least_mm >= chief_mm[rim.surface] for rim in passing)
 
 
 def test_other_rims_are_as_wide_as_the_light_that_passes():
