@@ -15,8 +15,9 @@ import scipy
 
 from lensfield.engine.fitting.lensfun import SHARES, find_photographed, fixed_focal_lenses, light_at
 from lensfield.engine.fitting.typical import STOPPED_DOWN, TypicalLight, with_typical_rims
-from lensfield.engine.fitting.vignetting import Vignetting, light_of
+from lensfield.engine.fitting.vignetting import light_of
 from lensfield.engine.library import prescription_of
+from lensfield.engine.prescription.photographs import Vignetting
 from lensfield.engine.prescription.prescription import ESTIMATED, TYPICAL
 from lensfield.engine.rays.rings import ring_ends
 from photographs import ESTIMATED_MM, PHOTOGRAPHED, SHOWN, estimated, show, table

@@ -11,13 +11,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..prescription.photographs import Vignetting
 from ..prescription.prescription import TYPICAL, Prescription
 from ..rays.rings import turned
 from ..runtime.errors import LensError
 from .even_light import EvenField
 from .fit import with_rim_pair
 from .lensfun import SHARES
-from .vignetting import Vignetting
 
 STOPPED_DOWN = 4.0  # times the widest f-number: rims block no more light
 DIAGONALS_MM, F_NUMBERS = (43.0, 80.0), (0.9, 5.7)  # of lenses like the measured ones: full frame to 6 x 6 cm

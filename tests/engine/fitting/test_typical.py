@@ -9,9 +9,10 @@ from lensfield.engine import LensError
 from lensfield.engine.fitting.even_light import EvenField
 from lensfield.engine.fitting.lensfun import SHARES
 from lensfield.engine.fitting.typical import FULL_FRAME, TypicalLight, with_typical_rims
-from lensfield.engine.fitting.vignetting import Vignetting, light_of
+from lensfield.engine.fitting.vignetting import light_of
 from lensfield.engine.inspection.screen import check_prescription
 from lensfield.engine.library import prescription_of
+from lensfield.engine.prescription.photographs import Vignetting
 from refusals import refused
 
 DARK = TypicalLight(0.7, 0.0, 2.0)
