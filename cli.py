@@ -7,7 +7,6 @@ functions import everything else when they need it.
 import os
 import signal
 import sys
-import threading
 from contextlib import suppress
 
 from . import __version__
@@ -100,7 +99,7 @@ def _open_closed_streams():
             if nowhere != number:
                 os.dup2(nowhere, number)
                 os.close(nowhere)
-            setattr(sys, name, open(number, "r" if number == 0 else "w"))
+            setattr(sys, name, os.fdopen(number, "r" if number == 0 else "w"))
 
 
 def _stop_on_signals():
@@ -120,11 +119,13 @@ def _stop_on_signals():
         if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, lambda *_: None)
 
+    from .engine.runtime.waiting import wait_in_thread  # signals meanwhile wait in the pipe
+
     def wait():
         os.read(reader, 1)
         _cancel()
 
-    threading.Thread(target=wait, daemon=True).start()
+    wait_in_thread(wait, "signals")
 
 
 def _end_with_stdin(hear):
@@ -133,8 +134,7 @@ def _end_with_stdin(hear):
 
     Does nothing if the thread already exists, as for a command that `serve` runs.
     """
-    if any(thread.name == _end_with_stdin.__name__ for thread in threading.enumerate()):
-        return
+    from .engine.runtime.waiting import wait_in_thread
 
     def wait():
         with open(0, "rb", closefd=False) as stream:
@@ -143,7 +143,7 @@ def _end_with_stdin(hear):
                     hear(line)
         _cancel()
 
-    threading.Thread(target=wait, name=_end_with_stdin.__name__, daemon=True).start()
+    wait_in_thread(wait, "standard input")
 
 
 def _lines(stream):
@@ -161,6 +161,8 @@ def _end_unread():
     import select
     import stat
 
+    from .engine.runtime.waiting import wait_in_thread
+
     if not hasattr(select, "poll") or not stat.S_ISFIFO(os.fstat(1).st_mode):
         return
     readers = select.poll()
@@ -170,7 +172,7 @@ def _end_unread():
         readers.poll()
         _cancel()
 
-    threading.Thread(target=wait, daemon=True).start()
+    wait_in_thread(wait, "standard output")
 
 
 def _cancel():

@@ -10,10 +10,10 @@ line `"stop"` stops the command of the line before it, if that is `preview`, wit
 import json
 import os
 from queue import SimpleQueue
-from threading import Event
 
 from ..engine.runtime.errors import InputError
 from ..engine.runtime.messages import STOP, message_lines
+from ..engine.runtime.waiting import Flag
 from .arguments import add_untrusted
 from .stopping import stoppable
 from .task import arguments_of
@@ -33,20 +33,20 @@ def add_options(serve):
 
 
 class Requests:
-    """Lines of standard input, each with the event that stops its command. A thread hears them."""
+    """Lines of standard input, each with the flag that stops its command. A thread hears them."""
 
     def __init__(self):
-        self._waiting, self._stop_last = SimpleQueue(), Event()
+        self._waiting, self._stop_last = SimpleQueue(), Flag()
 
     def hear(self, line):
         if line.strip() == json.dumps(STOP).encode():
             self._stop_last.set()
         else:
-            self._stop_last = Event()
+            self._stop_last = Flag()
             self._waiting.put((line, self._stop_last))
 
     def next(self):
-        """Wait for a line; returns it and its event."""
+        """Wait for a line; returns it and its flag."""
         return self._waiting.get()
 
 

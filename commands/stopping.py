@@ -1,15 +1,16 @@
 """A request to stop the command that `serve` is running: it ends as soon as it can, with the results so far."""
 
 from contextlib import contextmanager
-from threading import Event
 
-_current = [Event()]
+from ..engine.runtime.waiting import Flag
+
+_current = [Flag()]
 
 
 @contextmanager
-def stoppable(event):
-    """Let this event stop the commands that run within the context."""
-    before, _current[0] = _current[0], event
+def stoppable(flag):
+    """Let this flag stop the commands that run within the context."""
+    before, _current[0] = _current[0], flag
     try:
         yield
     finally:

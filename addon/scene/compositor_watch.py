@@ -6,12 +6,12 @@ A script renders on the main thread, where the tree can be edited. F12 in a wind
 there the comparison only reads, like the render itself, and overwrites values of existing keyframes.
 """
 
-import threading
 import time
 
 import bpy
 from bpy.app.handlers import persistent
 
+from ...engine.runtime.threads import in_main_thread
 from .compositor import forget_fingerprints, has_lens_images, is_true, refresh, relabel, rewrite_switches
 from .fingerprint import changed, forget, forget_all, forget_unannounced, is_known, settings_digest
 
@@ -61,7 +61,7 @@ def on_load(*_):
 @persistent
 def on_render(scene, *_):
     """A script renders, and Blender may not know its changes yet. Lensfield's own passes do not use the compositor."""
-    if scene.render.use_compositing and _on_main_thread():
+    if scene.render.use_compositing and in_main_thread():
         forget_all()
         look_again()
 
@@ -69,7 +69,7 @@ def on_render(scene, *_):
 @persistent
 def on_frame_render(scene, *_):
     """F12 renders a frame: afterwards, Blender evaluates a copy of the scene for the compositor."""
-    if scene.render.use_compositing and not _on_main_thread() and has_lens_images(scene):
+    if scene.render.use_compositing and not in_main_thread() and has_lens_images(scene):
         forget_unannounced()
         forget_fingerprints()
         rewrite_switches(scene)
@@ -122,10 +122,6 @@ def _updated(depsgraph):
 
 def _plays():
     return any(window.screen.is_animation_playing for window in bpy.context.window_manager.windows)
-
-
-def _on_main_thread():
-    return threading.current_thread() is threading.main_thread()
 
 
 def _renders():

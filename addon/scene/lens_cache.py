@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache
-from threading import Lock
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from ...engine.bake.quality import SKETCH
 from ...engine.library.baked import Edges, needed_ends_mm, needed_wavelengths_nm
 from ...engine.prescription.prescription import Prescription
 from ...engine.rays.rings import AT_REST, Rings, turned
+from ...engine.runtime.background_work import Newest
 from ...engine.runtime.errors import LensError
 from ...engine.runtime.files import stamp_of
 
@@ -20,8 +20,7 @@ MOST_LENSES = 6
 SKETCHED = "sketched"  # a quality of `load_lens`: at a few wavelengths, and not cached on disk
 SKETCHED_SAMPLES, SKETCHED_WAVELENGTHS = 33, 3
 
-_lenses: dict[tuple, Lens] = {}  # the newest at the end
-_lock = Lock()  # a thread may bake a lens while the window requests another
+_lenses = Newest(MOST_LENSES)  # a thread may bake a lens while the window requests another
 
 
 def unwatched(fraction: float, label: str) -> None:
@@ -40,11 +39,7 @@ def load_lens(source: library.LensSource, rings: Rings = AT_REST, quality: str =
                          _ends_mm(source, rings, edges_mm))
     key = _key(source, rings, quality, wavelengths_nm, edges_mm)
     lens = _lenses.get(key) or library.load_lens(source, rings, quality, progress, wavelengths_nm, edges_mm)
-    with _lock:
-        _lenses.pop(key, None)
-        _lenses[key] = lens
-        if len(_lenses) > MOST_LENSES:
-            _lenses.pop(next(iter(_lenses)))
+    _lenses.store(key, lens)
     return lens
 
 

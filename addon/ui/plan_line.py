@@ -35,11 +35,11 @@ def plan_text(scene, lens):
     wavelengths_nm = request.wavelengths_nm
     lens = lens_for_view(scene, lens, request.view_on_sensor)[0]
     times = detail_times(scene, request, math.prod(frame_px(scene)))
-    future = plans.to(request.options, lens, frame_grid(scene, lens), wavelengths_nm, times)
+    work = plans.to(request.options, lens, frame_grid(scene, lens), wavelengths_nm, times)
     text = _passes(scene, len(wavelengths_nm))
-    if not future.done() or future.exception():  # the plan is not ready, or not possible
+    if not work.done() or work.exception():  # the plan is not ready, or not possible
         return text
-    (rows, columns), plan = future.result()
+    (rows, columns), plan = work.result()
     pixels = rows * columns
     light_mb = 4e-6 * pixels * len(wavelengths_nm)
     pass_mb = 1e-6 * pass_bytes(pixels * times**2, 1, denoises(scene, request))

@@ -16,7 +16,7 @@ from ...engine.runtime import cache
 from ...engine.runtime.files import atomic_path
 from ...engine.runtime.values import digest_of
 from ..render.child import work_folder
-from .common.background import Answers, result
+from .common.background import Answers
 
 KIND, MOST_BYTES = "sheets", 2**26
 MOST_SHEETS = 8
@@ -40,7 +40,7 @@ def drawn_sheet(lens, photographs):
     if drawing.done() and not drawing.exception() and not drawing.result().is_file():
         _sheets.forget()
         drawing = _sheets.to(lens, photographs, _folder().name)
-    return result(drawing) if drawing.done() else None
+    return drawing.result() if drawing.done() else None
 
 
 def draw_sheet(lens, photographs):

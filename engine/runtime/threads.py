@@ -1,6 +1,7 @@
 """The engine's threads: one for each core that the process may use."""
 
 import os
+import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -12,6 +13,11 @@ def thread_count() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
+
+
+def in_main_thread() -> bool:
+    """Whether the caller runs in the process's first thread."""
+    return threading.current_thread() is threading.main_thread()
 
 
 @contextmanager

@@ -1,79 +1,39 @@
 """Work that drawing does not wait for: facts and bakes of lenses, tables of views, the cost of a render, sheets.
 
-Threads do it. While any is awaited, a timer redraws the panels when it progresses, and the viewports too when it ends.
+The engine's threads do it, without Blender's data. While any is awaited, a timer redraws the panels when it progresses,
+and the viewports too when it ends.
 """
-
-import traceback
-from concurrent.futures import Future, ThreadPoolExecutor
-from threading import Event
 
 import bpy
 
-from ....engine.runtime.errors import InputError, LensError, Stopped
+from ....engine.runtime import background_work
+from ....engine.runtime.background_work import Work
+from ....engine.runtime.waiting import Flag
 from .areas import areas, redraw_panels
 
 TICK_S = 0.05
 
-_awaited: set[Future] = set()
-_progressed = Event()
+_awaited: set[Work] = set()
+_progressed = Flag()
 
 
-class Worker:
-    """Threads for one kind of work, which begins in the order of its requests."""
+class Worker(background_work.Worker):
+    """The engine's threads for one kind of work, whose end redraws the window."""
 
-    def __init__(self, kind, threads=1):
-        self._pool = ThreadPoolExecutor(threads, f"Lensfield {kind}")
-
-    def run(self, function, *arguments) -> Future:
-        """The Future of a function's result. Its error, if any, is an InputError, or Stopped."""
-        future = self._pool.submit(_run, function, *arguments)
+    def run(self, function, *arguments) -> Work:
+        work = super().run(function, *arguments)
         if not bpy.app.background:
-            _awaited.add(future)
+            _awaited.add(work)
             if not bpy.app.timers.is_registered(_tick):
                 bpy.app.timers.register(_tick, first_interval=TICK_S, persistent=True)
-        return future
+        return work
 
 
-class Answers:
-    """What a function of hashable arguments returns, for the newest questions.
-
-    Parameters
-    ----------
-    function : callable
-    most : int
-        Number of answers to keep. A new question drops older ones that no thread has begun.
-    """
+class Answers(background_work.Answers):
+    """The engine's Answers, by a Worker of their own."""
 
     def __init__(self, function, most):
-        self._function, self._most = function, most
-        self._worker, self._futures = Worker(function.__name__), {}
-
-    def to(self, *question) -> Future:
-        """The Future of the answer to a question."""
-        if question not in self._futures:
-            for older, future in list(self._futures.items()):
-                if future.cancel() or len(self._futures) >= self._most:
-                    self._futures.pop(older)
-            self._futures[question] = self._worker.run(self._function, *question)
-        return self._futures[question]
-
-    def forget(self):
-        """Drop all questions and answers."""
-        for future in self._futures.values():
-            future.cancel()
-        self._futures.clear()
-
-    @property
-    def newest(self) -> Future:
-        """The answer to the newest question."""
-        return next(reversed(self._futures.values()))
-
-
-def result(future: Future):
-    """The result of work, which is awaited; raises its error."""
-    if error := future.exception():
-        raise error.with_traceback(None)  # the traceback would grow with each redraw
-    return future.result()
+        super().__init__(function, most, Worker(function.__name__))
 
 
 def note_progress():
@@ -88,19 +48,9 @@ def forget_work():
         bpy.app.timers.unregister(_tick)
 
 
-def _run(function, *arguments):
-    try:
-        return function(*arguments)
-    except (InputError, Stopped):
-        raise
-    except Exception as error:
-        traceback.print_exc()  # in a thread, it would be lost
-        raise LensError("this lens", "result", f"not available ({type(error).__name__})", str(error)) from None
-
-
 def _tick():
     """Returns the seconds until the next call; None when no work is awaited."""
-    ended = {future for future in _awaited if future.done()}
+    ended = {work for work in _awaited if work.done()}
     _awaited.difference_update(ended)
     if ended:
         for area in areas("PROPERTIES", "VIEW_3D"):

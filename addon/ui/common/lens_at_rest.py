@@ -1,11 +1,9 @@
 """The facts of a scene's lens with its rings at rest, read in a thread: this takes a fraction of a second."""
 
-from concurrent.futures import wait
-
 from ....engine.runtime.files import stamp_of
 from ...scene.active_camera import camera_settings
 from ...scene.lens_facts import LensFacts, lens_facts
-from .background import Answers, result
+from .background import Answers
 
 MOST_LENSES = 4
 
@@ -20,9 +18,9 @@ def facts_at_rest(scene, longest_s: float | None = 0.0) -> LensFacts | None:
         The lens is not available.
     """
     lens = camera_settings(scene).lens_name_or_path()
-    future = _facts.to(lens, stamp_of(lens))
-    wait([future], longest_s)
-    return result(future) if future.done() else None
+    work = _facts.to(lens, stamp_of(lens))
+    work.wait(longest_s)
+    return work.result() if work.done() else None
 
 
 def _facts_of_file(lens, changed):

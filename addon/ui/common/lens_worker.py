@@ -4,20 +4,20 @@ Each scene has one request, its newest, which also stores the answer. The facts 
 baked, at the quality and for the wavelengths of the render, as soon as its focus and f-stop stop changing.
 """
 
-from concurrent.futures import Future, wait
 from dataclasses import dataclass, field
-from threading import Event
 
 import bpy
 
+from ....engine.runtime.background_work import Work
 from ....engine.runtime.errors import InputError, Stopped
 from ....engine.runtime.files import stamp_of
+from ....engine.runtime.waiting import Flag
 from ...scene.active_camera import camera_settings
 from ...scene.camera import SceneFrame, scene_frame
 from ...scene.lens_cache import load_lens, loaded_lens
 from ...scene.lens_facts import lens_facts
 from ...scene.rings import rings_for
-from .background import Worker, note_progress, result
+from .background import Worker, note_progress
 from .session import session
 
 IDLE_S = 0.2  # between looks whether the preview is idle
@@ -38,22 +38,22 @@ class Request:
     ----------
     frame : SceneFrame or None
         None without a camera.
-    read : Future
+    read : Work
         Of the LensFacts.
-    baked : Future
+    baked : Work
         Of the Lens, unscaled.
     fraction : float
         Progress of the bake, 0 to 1.
-    dropped : Event
+    dropped : Flag
         Set when the request is obsolete: its bake then ends with Stopped.
     """
 
     question: tuple
     frame: SceneFrame | None
-    read: Future
-    baked: Future = field(init=False)
+    read: Work
+    baked: Work = field(init=False)
     fraction: float = 0.0
-    dropped: Event = field(default_factory=Event)
+    dropped: Flag = field(default_factory=Flag)
 
     def __post_init__(self):
         self.baked = _baker.run(_bake, self)
@@ -72,8 +72,8 @@ class Request:
         InputError
             The lens is not available.
         """
-        ended = next((future for future in (self.baked, self.read) if future.done()), None)
-        return result(ended) if ended is self.baked or (ended and ended.exception()) else None
+        ended = next((work for work in (self.baked, self.read) if work.done()), None)
+        return ended.result() if ended is self.baked or (ended and ended.exception()) else None
 
     def is_for(self, question, frame):
         """Whether this is the request for a lens and a frame; lenses with rotational symmetry serve all frames."""
@@ -148,7 +148,7 @@ def facts_now(scene):
     InputError
         The lens is not available.
     """
-    return result(lens_request(scene).read)
+    return lens_request(scene).read.result()
 
 
 def forget_requests():
@@ -172,14 +172,14 @@ def _ask(scene, question, frame):
         _requests.pop(uid).dropped.set()
     name, _, rings, focal_mm, *_ = question
     request = _requests[scene.session_uid] = Request(question, frame, _reader.run(lens_facts, name, rings, focal_mm))
-    wait([request.read], AT_ONCE_S)
+    request.read.wait(AT_ONCE_S)
     return request
 
 
 def _bake(request):
     """Bake the lens of a request, once its facts are read; runs in a thread."""
     name, _, _, _, wavelengths_nm, quality = request.question
-    facts = result(request.read)
+    facts = request.read.result()
     edges_mm = request.frame and request.frame.edges_mm(facts)
     if loaded_lens(name, facts.rings, quality, wavelengths_nm, edges_mm) is None:
         _wait_until_settled(request)

@@ -8,7 +8,6 @@ camera, which only viewports use: neither the file nor renders change.
 """
 
 import traceback
-from concurrent.futures import Future
 from dataclasses import astuple, dataclass, field
 from functools import lru_cache, partial
 from math import inf
@@ -28,6 +27,7 @@ from ....engine.lens.pinhole import fitting_pitch_um
 from ....engine.library.bodies import load_camera
 from ....engine.library.rays import lens_rays
 from ....engine.look.lens_tables import COLOURS_NM, LensTables, lens_tables
+from ....engine.runtime.background_work import Work
 from ....engine.runtime.errors import InputError, one_line
 from ....engine.runtime.files import stamp_of
 from ....engine.sensor.metering import developed_white, metered_rec709
@@ -42,7 +42,7 @@ from ...scene.requirements import check_scene
 from ...scene.rings import rings_for, scene_iris
 from ...scene.units import metres_per_unit
 from ..common.areas import areas, redraw_panels
-from ..common.background import Answers, result
+from ..common.background import Answers
 from ..common.lens_at_rest import facts_at_rest
 from ..common.plain_words import plain
 from ..common.session import session
@@ -89,7 +89,7 @@ class Live:
         The draw handlers.
     question : tuple
         Everything that the requested frame depends on.
-    answer : Future or None
+    answer : Work or None
         Of its Frame.
     shown : (Frame, lens_view.Tables) or None
         The newest frame, on the graphics processor.
@@ -105,7 +105,7 @@ class Live:
 
     handlers: list = field(default_factory=list)
     question: tuple = ()
-    answer: Future | None = None
+    answer: Work | None = None
     shown: Any = None
     framebuffer: Any = None
     note: str = ""
@@ -355,7 +355,7 @@ def _newest(live, question):
     """The newest Frame for a question, or the one before; None without one."""
     live.question, live.answer = question, _frames.to(*question)
     if live.answer.done():
-        frame = result(live.answer)
+        frame = live.answer.result()
         if live.shown is None or live.shown[0] is not frame:
             live.shown = frame, lens_view.Tables(frame.tables)
     return live.shown[0] if live.shown else None

@@ -4,7 +4,6 @@ In a window, a timer compares the scene with what the node shows, and a thread r
 thread, as in background mode, updates the node first.
 """
 
-import threading
 from dataclasses import replace
 
 import bpy
@@ -18,6 +17,7 @@ from ....engine.lens.pinhole import fitting_pitch_um, turned_sensor_mm
 from ....engine.look.lens_curves import CompositorLens, lens_curves
 from ....engine.look.lens_maps import lens_maps
 from ....engine.runtime.errors import InputError, one_line
+from ....engine.runtime.threads import in_main_thread
 from ...job.named_files import check_named_files
 from ...scene.active_camera import camera_settings
 from ...scene.camera import TO_PERSPECTIVE, SceneFrame, frame_px, pixel_aspect, size_for_view
@@ -27,7 +27,7 @@ from ...scene.lens_facts import lens_facts
 from ...scene.quick_look import NAME, new_quick_look, set_lens
 from ...scene.requirements import check_scene
 from ...scene.units import mm_per_unit
-from ..common.background import Answers, result
+from ..common.background import Answers
 from ..common.lens_at_rest import facts_at_rest
 from ..common.properties import lens_title
 from .live import frame_lens, frame_question
@@ -112,7 +112,7 @@ def follow(scene, wait=False):
             answer = _looks.to(*question)
             if not wait and not answer.done():
                 return
-            _show(scene, node, question, result(answer))
+            _show(scene, node, question, answer.result())
         _label(node, lens_title(camera_settings(scene).lens_text()))
     except InputError as error:
         _label(node, one_line(error))
@@ -198,7 +198,7 @@ def check():
 @persistent
 def on_render(scene, *_):
     """Update the node before a frame that a script renders."""
-    if scene.render.use_compositing and threading.current_thread() is threading.main_thread():
+    if scene.render.use_compositing and in_main_thread():
         follow(scene, wait=True)
 
 

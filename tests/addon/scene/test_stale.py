@@ -135,7 +135,7 @@ def test_an_edit_and_its_undo_are_detected_when_a_render_starts(furnished, name,
 @pytest.mark.parametrize("on_main_thread", [True, False])
 def test_consecutive_renders_detect_an_edit_and_its_undo(furnished, tmp_path, monkeypatch, on_main_thread):
     """Renders of frames 1 and 2, where 1 has a lens image; F12 compares on the render thread."""
-    monkeypatch.setattr(compositor_watch, "_on_main_thread", lambda: on_main_thread)
+    monkeypatch.setattr(compositor_watch, "in_main_thread", lambda: on_main_thread)
     assert shows_lens_image(furnished, tmp_path) and not shows_lens_image(furnished, tmp_path, 2)
     furnished.objects["Lamp"].location.x = 3.0
     assert not shows_lens_image(furnished, tmp_path)

@@ -136,7 +136,7 @@ def test_each_picture_is_a_step(chosen, tmp_path, truth):
 
 
 def drawn(scene):
-    lens_worker.lens_request(scene).baked.result(timeout=LAST_RESORT_S)
+    lens_worker.lens_request(scene).baked.result(LAST_RESORT_S)
     layout = Layout()
     draw_settings(layout, scene)
     return layout

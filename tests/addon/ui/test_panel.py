@@ -46,7 +46,7 @@ def lit_scene(scene):
 
 def drawn(scene):
     """The panel after its lens is baked."""
-    lens_worker.lens_request(scene).baked.result(timeout=LAST_RESORT_S)
+    lens_worker.lens_request(scene).baked.result(LAST_RESORT_S)
     layout = Layout()
     draw_settings(layout, scene)
     return layout
@@ -238,7 +238,7 @@ def test_too_many_samples_are_reported_and_can_be_fixed(lit_scene):
 def settled(scene):
     """The plan's line after the thread has computed it."""
     plan_text(scene)
-    plan_line.plans.newest.exception(timeout=LAST_RESORT_S)
+    plan_line.plans.newest.exception(LAST_RESORT_S)
     return plan_text(scene)
 
 

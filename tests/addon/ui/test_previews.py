@@ -55,9 +55,9 @@ def drawing(monkeypatch, tmp_path):
 def settle(scene):
     """Draw the panel until its lens and its sheet are ready."""
     drawn(scene)
-    lens_worker.lens_request(scene).baked.result(timeout=LAST_RESORT_S)
+    lens_worker.lens_request(scene).baked.result(LAST_RESORT_S)
     drawn(scene)
-    sheets._sheets.newest.exception(timeout=LAST_RESORT_S)
+    sheets._sheets.newest.exception(LAST_RESORT_S)
 
 
 def paint(path, *colours, size=(90, 60), changed_ns=0):

@@ -133,7 +133,7 @@ def test_trusted_files_are_read(stranger):
     assert bpy.ops.lensfield.trust() == {"FINISHED"}
     assert not named_files() and not bpy.ops.lensfield.trust.poll()
     draw(scene)
-    assert lens_worker.lens_request(scene).baked.result(timeout=LAST_RESORT_S)
+    assert lens_worker.lens_request(scene).baked.result(LAST_RESORT_S)
     assert "lensfield.render" in draw(scene).shown and touches(stranger)
 
 
