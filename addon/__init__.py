@@ -29,7 +29,6 @@ from .ui import (
     favourites,
     fit_lens,
     fixes,
-    flamenco,
     lens_assets,
     lint_panel,
     old_files,
@@ -56,7 +55,7 @@ __all__ = ["Animation", "RenderRequest", "apply_lens", "camera_settings", "camer
 
 _MODULES = (properties, preferences, favourites, fixes, operators, open_lens, fit_lens, animation, another_lens,
             comparison, preview_panel, live, quick_look, lens_assets, compositor_panel, camera_presets, click_focus,
-            panels, lint_panel, spectra_panels, trust_panel, flamenco)
+            panels, lint_panel, spectra_panels, trust_panel)
 _CLASSES = [cls for module in _MODULES for cls in module.classes]
 for _operator in (cls for cls in _CLASSES if issubclass(cls, bpy.types.Operator)):
     _operator.bl_description = " ".join(_operator.__doc__.split())  # tooltips show line breaks

@@ -5,7 +5,7 @@ task to another worker, which resumes from the saved passes.
 """
 
 import json
-import socket
+import platform
 import uuid
 from pathlib import Path
 from queue import SimpleQueue
@@ -164,5 +164,5 @@ def render_frames(arguments, frames, blender, topic):
             child.end()
         if "error" not in child.status and "messages" not in child.status:
             why, log = child.death()
-            raise RuntimeError(f"{why} (log: {log} on {socket.gethostname()})")
+            raise RuntimeError(f"{why} (log: {log} on {platform.node()})")
     return {"frames": sorted(images.items())} | ({"error": child.status["error"]} if "error" in child.status else {})

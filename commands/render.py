@@ -37,10 +37,11 @@ def add_options(render):
     add_followed(render.add_argument_group("for programs that run this command"))
     cluster = render.add_argument_group("on other machines",
                                         "which must find the .blend and all folders at the same paths")
-    cluster.add_argument("--scheduler", metavar="ADDRESS",
-                         help="render on the workers of this Dask cluster, such as tcp://10.0.0.1:8786")
+    if not __package__.startswith("bl_ext."):  # Blender's extensions do not depend on other software
+        cluster.add_argument("--scheduler", metavar="ADDRESS",
+                             help="render on the workers of this Dask cluster, such as tcp://10.0.0.1:8786")
     add_farm_options(cluster)
-    render.set_defaults(run=_render, confines=_folders)
+    render.set_defaults(run=_render, confines=_folders, scheduler=None)
 
 
 def add_followed(group):

@@ -4,7 +4,6 @@ import bpy
 
 from ..render.animation import frames_of, render_animation
 from . import window_render
-from .flamenco import draw_flamenco
 from .operators import LensRender
 
 
@@ -49,7 +48,6 @@ class LENSFIELD_MT_animation(bpy.types.Menu):
         self.layout.operator_context = "INVOKE_DEFAULT"
         self.layout.operator("lensfield.render_animation", text="Overwrite Existing Frames").overwrite = True
         self.layout.operator("lensfield.render_animation", text="Accept Frames from Other Builds").any_build = True
-        draw_flamenco(self.layout)
 
 
 def draw_animation(layout, scene):

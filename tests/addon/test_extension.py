@@ -32,6 +32,7 @@ scene.lensfield.wavelength_mode = "LIST"
 scene.lensfield.wavelength_list = "550"
 scene.lensfield.output_folder = sys.argv[3]
 assert bpy.ops.lensfield.render() == {"FINISHED"}
+assert module.cli.main(["render", "a.blend", "--scheduler=tcp://127.0.0.1:1"]) == 2, "Dask is not in the zip"
 bpy.ops.preferences.addon_disable(module="bl_ext.user_default.lensfield")
 assert not hasattr(scene, "lensfield")
 print("installed and used")

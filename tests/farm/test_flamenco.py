@@ -16,7 +16,7 @@ from small_farm import LENSFIELD, interrupted, passes, renders
 from waiting import wait_until
 
 pytestmark = pytest.mark.ci_only
-SCRIPT = ROOT / "addon" / "ui" / "lensfield_render.js"
+SCRIPT = ROOT / "docs" / "lensfield_render.js"
 MANAGER = r"""
 const taken = [];
 const author = {
