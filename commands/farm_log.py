@@ -44,5 +44,5 @@ def farm_log(lines):
     """A function that writes facts as lines immediately, to the standard output of this moment, even if that is later
     redirected."""
     sys.stdout.flush()
-    with open(os.dup(1), "w", encoding="utf-8", errors="backslashreplace") as log:
+    with os.fdopen(os.dup(1), "w", encoding="utf-8", errors="backslashreplace") as log:
         yield lambda **facts: print(*lines(facts), sep="\n", end="\n" * any(lines(facts)), file=log, flush=True)

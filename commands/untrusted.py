@@ -12,6 +12,7 @@ import secrets
 import signal
 import subprocess
 import sys
+from importlib.resources import files
 from pathlib import Path
 
 from ..engine import InputError
@@ -30,7 +31,7 @@ GIGABYTE = 1e9
 MEMORY_LIMITS_GB = 2.0, 1e6  # Blender alone needs 1.5 GB of address space
 GRACE_S = 5.0  # for the command to remove half-written files
 CONFINED, LIMITS = "LENSFIELD_CONFINED", "limits.json"
-PACKAGE = Path(__file__).resolve().parents[1]
+PACKAGE = Path(str(files(__package__))).resolve().parent
 OF_SYSTEM = ("/usr", "/lib", "/lib32", "/lib64", "/bin", "/etc/ld.so.cache", "/etc/ld.so.conf", "/etc/ld.so.conf.d",
              "/etc/fonts", "/etc/localtime", "/proc", "/sys", "/dev/zero", "/dev/random", "/dev/urandom")
 NOWHERE = "/dev/null"
@@ -134,7 +135,7 @@ def _command():
 def _start(command, work, token):
     """Start the process, with `work` as its temporary folder."""
     if os.name == "posix":
-        command = [sys.executable, "-I", str(Path(__file__).with_name("confine.py")), *command]
+        command = [sys.executable, "-I", str(PACKAGE / "commands" / "confine.py"), *command]
     else:
         command = command[1:]
     environment = os.environ | {CONFINED: token, VARIABLE: running()}  # without a GPU, whose driver is not confined

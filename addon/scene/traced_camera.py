@@ -6,7 +6,7 @@ throughput times radiance. It includes geometry and vignetting at every depth, b
 
 import hashlib
 from functools import lru_cache
-from pathlib import Path
+from importlib.resources import files
 
 import _cycles
 import numpy as np
@@ -18,7 +18,7 @@ from ...engine.runtime.errors import InputError, LensError
 from ...engine.runtime.files import temporary_folder
 from .units import mm_per_unit
 
-SHADER = Path(__file__).with_suffix(".osl")
+SHADER = files(__package__) / "traced_camera.osl"
 NEWTON_STEPS, GOOD_SHARE = 12, 2e-6  # for aspheres: most steps; a step up to this share of the lens's length ends them
 LEAST_SQUARE = 1e-12  # next to the vertex, and beyond the conic's end
 WIDE_MM = 1e9  # for an infinite semi-aperture

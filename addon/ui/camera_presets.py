@@ -4,6 +4,7 @@ import bpy
 from bl_operators.presets import AddPresetBase
 from bl_ui.utils import PresetPanel
 
+from ...engine.runtime.files import atomic_path
 from ..scene.active_camera import camera_in
 from ..scene.linked import stated_path
 
@@ -38,8 +39,9 @@ class LENSFIELD_OT_add_camera_preset(AddPresetBase, bpy.types.Operator):
             name: stated_path(camera, name) for name in FILES}
         lines = [f"settings.{name} = {tuple(value) if hasattr(value, 'foreach_get') else value!r}"
                  for name, value in values.items() if value != ""]
-        with open(filepath, "w", encoding="utf-8") as file:
-            file.write("\n".join([DEFINES, *lines, f"camera.dof.aperture_blades = {camera.dof.aperture_blades}", ""]))
+        lines.append(f"camera.dof.aperture_blades = {camera.dof.aperture_blades}\n")
+        with atomic_path(filepath, overwrite=True) as temporary:
+            temporary.write_text("\n".join([DEFINES, *lines]), encoding="utf-8")
 
 
 class LENSFIELD_PT_camera_presets(PresetPanel, bpy.types.Panel):

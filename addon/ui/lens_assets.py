@@ -10,6 +10,7 @@ from ...engine.library import described_lenses
 from ...engine.look.lens_tables import COLOURS_NM
 from ...engine.rays.rings import AT_REST
 from ...engine.runtime.errors import InputError
+from ...engine.runtime.files import atomic_path
 from ..scene.compositor import QUICK_LOOK
 from ..scene.lens_cache import load_lens
 from ..scene.lens_facts import lens_facts
@@ -71,7 +72,8 @@ def _add_catalogue(path):
     """Add the catalogue to a folder's list, which may have others."""
     text = path.read_text(encoding="utf-8") if path.is_file() else "VERSION 1\n"
     if CATALOGUE_ID not in text:
-        path.write_text(f"{text.rstrip()}\n\n{CATALOGUE_ID}:{CATALOGUE}:{CATALOGUE}\n", encoding="utf-8")
+        with atomic_path(path, overwrite=True) as temporary:
+            temporary.write_text(f"{text.rstrip()}\n\n{CATALOGUE_ID}:{CATALOGUE}:{CATALOGUE}\n", encoding="utf-8")
 
 
 class LENSFIELD_OT_write_lens_assets(Stepped, bpy.types.Operator):

@@ -8,7 +8,7 @@ viewport's depth, how far out of focus things are. Light from outside the viewpo
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, lru_cache
-from pathlib import Path
+from importlib.resources import files
 
 import gpu
 import numpy as np
@@ -17,7 +17,7 @@ from gpu_extras.batch import batch_for_shader
 from ....engine.look.lens_tables import BOKEH_NODES, NODES, RAYS, STEEPEST_RAD, LensTables
 from ....engine.rays.stop_places import cell_size, stop_places
 
-SOURCES = Path(__file__).parent / "shaders"
+SOURCES = files(__package__) / "shaders"
 TILE_PX, REACH_TILES = 16, 6  # blur reaches at most their product from its middle
 SHARP_PX, BLURRED_PX = 0.8, 2.0  # diameters of blur that is not drawn, and that is drawn alone
 FEW_RAYS_PX = 6.0  # a quarter of the rays suffices for smaller blur
