@@ -71,7 +71,8 @@
 # make tables      rewrite the spectra and the upsampling basis with colour-science; make bench-tables compares bases
 # make site        build the site from README.md, docs and the engine's docstrings, in build/site (seconds); it fails on
 #                  broken links, pages without a place in the side bar, and files from other hosts
-# make lint        check the style, and the types of the engine's public functions (seconds)
+# make lint        check the style, the types of the engine's public functions, and rules of extensions.blender.org
+#                  (seconds)
 # make test-engine COVERAGE=yes  also report the share of the engine's and the commands' lines that the tests run, for a
 #                  third more processor time; `.venv/bin/coverage report` then lists the other lines by file
 # make lock        rewrite packaging/lock-5.0.1.txt: the exact versions that make demo and make test install on Linux
@@ -296,6 +297,7 @@ site: $(SITE)/.ready
 lint: $(LINT)/.ready
 	$(LINT)/bin/ruff check .
 	$(LINT)/bin/mypy
+	$(LINT)/bin/python packaging/moderate.py
 
 lock:
 	rm -rf build/lock $(LOCK)

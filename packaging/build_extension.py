@@ -90,13 +90,13 @@ def stage(folder, platform, generation):
 
 
 def build(output, name):
-    """Build a zip, and return its path."""
+    """Build a zip, let Blender's own tool validate it, and return its path."""
     path = output / f"lensfield-{__version__}-{name}.zip"
     with tempfile.TemporaryDirectory() as temporary:
         source = Path(temporary) / "lensfield"
         stage(source, *ZIPS[name])
-        subprocess.run([sys.executable, extension_tool(), "build", "--source-dir", source, "--output-filepath", path],
-                       check=True)
+        for words in (("build", "--source-dir", source, "--output-filepath", path), ("validate", path)):
+            subprocess.run([sys.executable, extension_tool(), *words], check=True)
     return path
 
 

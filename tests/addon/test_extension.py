@@ -67,7 +67,7 @@ def test_package_is_valid_and_contains_the_runtime_files(package):
             "engine/spectral/data/cie1931_2deg.csv",
             "engine/spectral/data/refraction/gold.yml",
             "engine/spectral/data/spectra/lights/led-b3.spd", "LICENSE"} <= set(names)
-    left_out = (".", "tests", "sample_scenes", "packaging", "docs", "validation", "benchmarks")
+    left_out = (".", "tests", "sample_scenes", "packaging", "docs", "validation", "benchmarks", "commands/cluster.py")
     assert not [name for name in names if name.startswith(left_out)]
 
 
@@ -112,14 +112,14 @@ def download_nothing(folder, platform, python):
 @pytest.mark.one_blender
 @pytest.mark.parametrize("name", ["linux-x64-blender4.5", "linux-x64-python3.14", "windows-x64-blender5.1",
                                   "macos-arm64-blender4.5"])
-def test_a_zip_contains_only_its_platforms_kernels_and_its_generations_wheels(name, build_extension, tmp_path):
+def test_a_zip_is_valid_with_only_its_platforms_kernels_and_its_generations_wheels(name, build_extension, tmp_path):
     platform, generation = build_extension.ZIPS[name]
     try:
-        build_extension.stage(tmp_path / "lensfield", platform, generation)
+        package = zipfile.ZipFile(build_extension.build(tmp_path, name))
     except kernels.CompilerMissing as missing:
         pytest.skip(str(missing))
-    assert [path.name for path in tmp_path.rglob("kernels-*")] == [kernels.library_name(platform)]
-    manifest = tomllib.loads((tmp_path / "lensfield" / "blender_manifest.toml").read_text(encoding="utf-8"))
+    assert [Path(path).name for path in package.namelist() if "kernels-" in path] == [kernels.library_name(platform)]
+    manifest = tomllib.loads(package.read("blender_manifest.toml").decode())
     assert manifest["platforms"] == [platform]
     assert manifest["blender_version_min"] == generation.first
     assert manifest.get("blender_version_max") == generation.end
