@@ -1,4 +1,4 @@
-"""The page of `lensfield lens fit --kit`: how to take the photographs that rims are fitted to."""
+"""The page of `lensfield lens fit --kit`: how to take the photographs that rims are fitted to and checked by."""
 
 KIT = """# Photographs of a lens
 
@@ -31,15 +31,21 @@ Then:
 
     lensfield lens fit NAME --flat IMG_01.dng IMG_02.dng IMG_03.dng -o MINE.toml
 
-A lens without contacts reports no f-stop: add `--f-numbers 2,2.8,4`, in the order of the files. A sensor of another
-size than the lens is made for: `--camera-sensor 23.5x15.6`.
+A lens without contacts reports no f-stop: add `--f-numbers 2,2.8,4`, in the order of the files, `--flat` before
+`--points`. A sensor of another size than the lens is made for: `--camera-sensor 23.5x15.6`.
 
 ## A distant point, to check the rims
 
-Photograph a small lamp at 30 m or more at night, out of focus: set the lens to its closest distance. Put the lamp in
-the middle, half way to a corner, and in the corner, at the widest stop and a stop below. The discs are the shapes of
-the light that the rims pass. They must be as narrow as the cat's eyes of a render with the fitted lens, at the same
-places.
+Photograph a small lamp, such as a torch, at 30 m or more at night, out of focus: set the lens to its closest distance.
+Put the lamp in the middle, half way to a corner, and as close to the corner as its disc remains complete, at the widest
+stop and a stop below. Expose the disc at a half of saturation, and let no other lamp be in the picture. The discs are
+the shapes of the light that the rims pass: cat's eyes.
+
+    lensfield lens fit NAME --flat IMG_01.dng IMG_02.dng IMG_03.dng --points IMG_11.dng IMG_12.dng -o MINE.toml
+    lensfield lens fit MINE.toml --points IMG_11.dng IMG_12.dng
+
+The first command compares them with the lens before and after the fit, and the second with a fitted lens. Differences
+of more than a few standard deviations show that your copy has other rims.
 
 ## A slanted edge, to check the focus and the copy
 

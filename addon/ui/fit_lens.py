@@ -10,6 +10,7 @@ from bpy.props import CollectionProperty, FloatProperty, FloatVectorProperty, St
 from ...engine.fitting.even_light import check_even_light
 from ...engine.fitting.fit import fit_to_files
 from ...engine.fitting.flat_fields import read_flat_fields
+from ...engine.fitting.raw_light import f_numbers_of
 from ...engine.fitting.vignetting import COLUMNS, read_vignetting
 from ...engine.library import bundled_names, has_rings, prescription_of
 from ...engine.prescription.photographs import MM_PER_M, NOT_COMPARED
@@ -138,7 +139,8 @@ class LENSFIELD_OT_fit_lens(Stepped, bpy.types.Operator):
             yield read_vignetting(paths[0])
             return
         sensor_mm, focus_mm = tuple(self.sensor_mm), round(self.focus_m * MM_PER_M, 3)  # single precision
-        for field in read_flat_fields(paths, lens, self.f_numbers, sensor_mm if all(sensor_mm) else None,
+        f_numbers = f_numbers_of(self.f_numbers, len(paths))
+        for field in read_flat_fields(paths, lens, f_numbers, sensor_mm if all(sensor_mm) else None,
                                       focus_mm or float("inf")):
             self.report({"INFO"}, str(field))
             yield [field.curve]

@@ -9,20 +9,15 @@ import numpy as np
 
 from ..prescription.photographs import Vignetting
 from ..prescription.prescription import Prescription
-from ..runtime.errors import ImageError, InputError, LensError
-from ..runtime.inputs import check_input
+from ..runtime.errors import ImageError
+from .raw_light import LEAST_SIGNAL, TO_SIGMA, camera_sensor_mm, check_clipped, read_green
 
-RAW_BYTES = 2**30
 TILES = 60  # along the longer side, each with the median of its green pixels
 LEAST_TILE_PX = 6  # several cells of any filter array
-NEARLY_WHITE, MOST_CLIPPED = 0.98, 1e-3  # of saturation, and the share of pixels beyond it
-LEAST_SIGNAL = 0.03  # of saturation, where it is brightest
 STEEPEST = 0.3  # tilt from the middle to a corner
 ROUGHEST = 0.03  # scatter of tiles as far from the middle
 RINGS, OUTERMOST, LEAST_TILES = 20, 0.97, 8  # of tiles, up to a share of the half diagonal
 MIDDLE = 0.12  # of the half diagonal, where a parabola gives the light on the axis
-OTHER_LENS = 0.1  # relative difference of focal lengths
-TO_SIGMA = 1.4826  # from the median of absolute differences
 
 
 @dataclass(frozen=True)
@@ -53,7 +48,7 @@ class FlatField:
                 f"{self.towards_deg:.0f} degrees, uneven by {self.roughness:.1%}")
 
 
-def read_flat_fields(paths: Sequence[Path], prescription: Prescription, f_numbers: str = "",
+def read_flat_fields(paths: Sequence[Path], prescription: Prescription, f_numbers: Sequence[float | None],
                      sensor_mm: tuple[float, float] | None = None, focus_mm: float = np.inf) -> Iterator[FlatField]:
     """Read raw pictures of an even field through a lens, one after the other.
 
@@ -61,8 +56,8 @@ def read_flat_fields(paths: Sequence[Path], prescription: Prescription, f_number
     ----------
     paths : sequence of path
     prescription : Prescription
-    f_numbers : str
-        Of the pictures, in their order, separated by commas; "" for those in EXIF.
+    f_numbers : sequence of float or None
+        Of each picture; None for the one in EXIF.
     sensor_mm : (float, float), optional
         Width and height of the camera's sensor; by default, the sensor of the lens.
     focus_mm : float
@@ -71,28 +66,11 @@ def read_flat_fields(paths: Sequence[Path], prescription: Prescription, f_number
     Raises
     ------
     InputError
-        As `read_flat_field`; the sensor is unknown; or the number of f-numbers is not the number of pictures.
+        As `read_flat_field` and `camera_sensor_mm`.
     """
-    sensor_mm = sensor_mm or prescription.sensor_mm
-    if sensor_mm is None:
-        raise LensError(prescription.name, "sensor_mm", "missing",
-                        "give the camera's sensor: --camera-sensor 36x24, or Sensor in the window")
-    for path, f_number in zip(paths, _f_numbers(f_numbers, len(paths)), strict=True):
+    sensor_mm = camera_sensor_mm(prescription, sensor_mm)
+    for path, f_number in zip(paths, f_numbers, strict=True):
         yield read_flat_field(path, sensor_mm, prescription.focal_length_mm, f_number, focus_mm)
-
-
-def _f_numbers(text, count):
-    """The f-numbers in a text, one for each picture; None for each if it is empty."""
-    if not text.strip():
-        return [None] * count
-    try:
-        f_numbers = [float(word) for word in text.split(",")]
-    except ValueError:
-        f_numbers = []
-    if len(f_numbers) != count or not all(0 < each < np.inf for each in f_numbers):
-        raise InputError("flat fields", "f-numbers", text,
-                         f"expected {count} f-numbers, one for each picture, such as 2,2.8,4")
-    return f_numbers
 
 
 def read_flat_field(path: str | os.PathLike[str], sensor_mm: tuple[float, float], focal_mm: float | None,
@@ -117,16 +95,9 @@ def read_flat_field(path: str | os.PathLike[str], sensor_mm: tuple[float, float]
         The file is not a raw picture, is clipped, dark or not even, states no f-number, or is of another lens.
     """
     path = Path(path)
-    check_input(path, "raw picture", "expected a raw file of a camera", RAW_BYTES, ImageError)
-    levels, stated_f, stated_mm = _green(path)
-    if focal_mm and stated_mm and abs(stated_mm / focal_mm - 1) > OTHER_LENS:
-        raise ImageError(path, "focal length in EXIF", f"{stated_mm:g} mm",
-                         f"expected about {focal_mm:g} mm: a flat field of this lens")
-    f_number = f_number or stated_f
-    if not f_number:
-        raise ImageError(path, "f-number in EXIF", "missing",
-                         "give one for each picture: --f-numbers 2,2.8,4, or F-Numbers in the window")
-    light = _tiles(levels)
+    picture = read_green(path, focal_mm, f_number)
+    check_clipped(path, picture.levels)
+    light = _tiles(picture.levels)
     if light.max() < LEAST_SIGNAL:
         raise ImageError(path, "exposure", f"{light.max():.1%} of saturation at most", "expose longer: a half in the "
                          "middle")
@@ -144,36 +115,8 @@ def read_flat_field(path: str | os.PathLike[str], sensor_mm: tuple[float, float]
         raise ImageError(path, "field", f"uneven by {roughness:.1%}",
                          f"expected at most {ROUGHEST:.0%}: photograph an even surface out of focus")
     half_mm = np.hypot(*sensor_mm) / 2
-    return FlatField(path, Vignetting(round(float(f_number), 2), focus_mm, shares * half_mm, curve), tilt,
+    return FlatField(path, Vignetting(picture.f_number, focus_mm, shares * half_mm, curve), tilt,
                      float(np.degrees(np.arctan2(tilt_y, tilt_x))), roughness)
-
-
-def _green(path):
-    """Light of the green pixels, or of all without filters, 1 at saturation and NaN elsewhere: array (row, column);
-    and the f-number and focal length in EXIF, 0 if they are missing."""
-    import rawpy
-
-    try:
-        with rawpy.imread(str(path)) as raw:
-            pixels, white = raw.raw_image_visible, float(raw.white_level)
-            black = np.array(raw.black_level_per_channel, float)
-            green = [index for index, letter in enumerate(raw.color_desc.decode()) if letter == "G"]
-            if pixels.ndim == 3:  # all channels in each pixel
-                pixels, channel = pixels[..., green[0]], np.full(pixels.shape[:2], green[0])
-            elif raw.num_colors == 1:
-                channel = np.full(pixels.shape, green[0])
-            else:
-                channel = raw.raw_colors_visible
-            levels = (pixels - black[channel]) / (white - black[channel])
-            stated = raw.other.aperture, raw.other.focal_length
-    except (rawpy.LibRawError, TypeError, AttributeError, IndexError):
-        raise ImageError(path, "raw picture", "not readable",
-                         "expected a raw file of a camera, as LibRaw opens") from None
-    levels = np.where(np.isin(channel, green), levels, np.nan)
-    clipped = np.count_nonzero(levels > NEARLY_WHITE) / np.count_nonzero(~np.isnan(levels))
-    if clipped > MOST_CLIPPED:
-        raise ImageError(path, "exposure", f"{clipped:.1%} of the green pixels clipped", "expose a stop less")
-    return levels, *map(float, stated)
 
 
 def _tiles(levels):

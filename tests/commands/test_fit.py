@@ -17,6 +17,7 @@ from lensfield.engine.library import prescription_of
 from lensfield.engine.prescription.photographs import NOT_COMPARED, Agreement, Vignetting
 from lensfield.engine.prescription.readers import read_prescription
 from lensfield.engine.prescription.readers.toml import write_prescription
+from point_pictures import point_light, point_rays
 from rgb_files import failure, run
 
 NAME, RIMS_MM = "helios-44-2-58mm", {2: 13.9, 10: 11.4}
@@ -76,6 +77,34 @@ def test_raw_pictures_give_a_prescription(tmp_path, truth, capsys):
     assert np.abs(light[1].light - light_of(truth, light)[1]).max() < 0.01
 
 
+@pytest.fixture
+def point(tmp_path, truth):
+    """A raw picture of a distant point through the lens, without contacts."""
+    write_flat(tmp_path / "point.dng", point_light(point_rays(truth, 2.0, 13.0), -70.0, SENSOR_MM))
+    return tmp_path / "point.dng"
+
+
+def test_a_point_checks_the_rims_before_and_after_a_fit(tmp_path, truth, point, capsys):
+    wide = replace(truth, surfaces=tuple(replace(each, semi_aperture_mm=1.2 * each.semi_aperture_mm)
+                                         for each in truth.surfaces))
+    (tmp_path / "own.toml").write_text(write_prescription(wide))
+    flat = [tmp_path / f"{f_number}.dng" for f_number in (2.0, 4.0)]
+    for path in flat:
+        write_flat(path, flat_light(truth, float(path.stem), SENSOR_MM))
+    assert run("lens", "fit", tmp_path / "own.toml", "--flat", *flat, "--points", point, "--f-numbers", "2,4,2",
+               "-o", tmp_path / "mine.toml") == 0
+    *_, line, last = capsys.readouterr().out.splitlines()
+    assert line.startswith("point.dng: f/2, 15.") and last == str(tmp_path / "mine.toml")
+    before, after = (abs(float(each.split(")")[0])) for each in line.split("(")[1:])
+    assert before > 0.1 and after < 0.015
+
+
+def test_a_point_alone_checks_the_rims(point, capsys):
+    assert run("lens", "fit", NAME, "--points", point, "--f-numbers", 2) == 0
+    line, = capsys.readouterr().out.splitlines()
+    assert "; this lens 0.7" in line
+
+
 def test_a_lens_without_photographs_gets_typical_rims(tmp_path, capsys):
     assert run("lens", "fit", "tessar-50mm", "--typical", "-o", tmp_path / "mine.toml") == 0
     fitted = read_prescription(tmp_path / "mine.toml")
@@ -123,9 +152,14 @@ def test_lensfuns_data_give_a_prescription(tmp_path, capsys):
 @pytest.mark.parametrize("arguments, line", [
     (("--vignetting", "light.csv"), "options: lens is missing: give the name or the prescription of the lens"),
     (("lens.npz", "--vignetting", "light.csv"), "lens.npz: kind of file is a lens package: it contains no rims"),
-    ((NAME, "--flat", "a.dng", "b.dng", "--f-numbers", "2"), "flat fields: f-numbers is 2: expected 2 f-numbers, one"),
-    ((NAME, "--flat", "a.dng", "--f-numbers", "two"), "flat fields: f-numbers is two: expected 1 f-numbers"),
-    ((NAME, "--flat", "a.dng", "--f-numbers", "0"), "flat fields: f-numbers is 0: expected"),
+    ((NAME, "--flat", "a.dng", "b.dng", "--f-numbers", "2"), "raw pictures: f-numbers is 2: expected 2 f-numbers, one"),
+    ((NAME, "--flat", "a.dng", "--f-numbers", "two"), "raw pictures: f-numbers is two: expected 1 f-numbers"),
+    ((NAME, "--flat", "a.dng", "--f-numbers", "0"), "raw pictures: f-numbers is 0: expected"),
+    ((NAME, "--flat", "a.dng", "--points", "b.dng", "--f-numbers", "2"), "raw pictures: f-numbers is 2: expected 2"),
+    ((NAME, "--typical", "--points", "missing.dng"), "missing.dng: raw picture is missing"),
+    ((NAME, "--points", "a.dng"), "options: --output is mine.toml: --points only checks rims: omit --output"),
+    (("--kit", "--points", "a.dng"), "options: --points is given with --kit: write the page first"),
+    ((NAME,), "options: photographs is missing: give --flat, --vignetting, --lensfun or --points; or --typical, or"),
     ((NAME, "--flat", "missing.dng"), "missing.dng: raw picture is missing"),
     ((NAME, "--flat", "light.csv"), "light.csv: raw picture is not readable: expected a raw file"),
     ((NAME, "--vignetting", "missing.csv"), "missing.csv: file is missing"),
@@ -140,6 +174,10 @@ def test_bad_input_is_one_line(tmp_path, monkeypatch, capsys, table, arguments, 
         (tmp_path / name).write_bytes(b"II*\0")
     assert failure(capsys, "lens", "fit", *arguments, "-o", "mine.toml").startswith(f"lensfield: {line}")
     assert not (tmp_path / "mine.toml").exists()
+
+
+def test_a_fit_needs_a_file_to_write(capsys):
+    assert failure(capsys, "lens", "fit", NAME, "--typical").startswith("lensfield: options: --output is missing: name")
 
 
 def test_info_and_list_show_the_agreement_with_photographs(tmp_path, truth, capsys):
