@@ -9,6 +9,7 @@ import pytest
 from flat_pictures import flat_light, mounted, write_flat
 from layouts import Layout
 from lensfield.addon.scene.lens_facts import lens_facts
+from lensfield.addon.ui import sheets
 from lensfield.addon.ui.common import lens_worker
 from lensfield.addon.ui.common.properties import COMPARED, lens_title, offered_lenses
 from lensfield.addon.ui.fit_lens import LENSFIELD_OT_fit_lens, fitted_name
@@ -136,7 +137,10 @@ def test_each_picture_is_a_step(chosen, tmp_path, truth):
 
 
 def drawn(scene):
+    """The panel's layout once its lens and its sheet are ready."""
     lens_worker.lens_request(scene).baked.result(LAST_RESORT_S)
+    draw_settings(Layout(), scene)  # requests the sheet
+    sheets._sheets.newest.result(LAST_RESORT_S)
     layout = Layout()
     draw_settings(layout, scene)
     return layout
@@ -147,10 +151,10 @@ def test_the_panel_marks_lenses_that_were_compared_with_photographs(scene):
     settings.lens = "tessar-50mm"
     layout = drawn(scene)
     assert "Not compared with photographs" in " ".join(layout.labels) and "lensfield.fit_lens" in layout.shown
-    marks = layout.shown.count("lensfield.show_sheet")
+    assert layout.shown.count("lensfield.show_sheet") == 1  # below the sheet
     settings.lens = NAME
     layout = drawn(scene)
-    assert layout.shown.count("lensfield.show_sheet") == marks + 1
+    assert layout.shown.count("lensfield.show_sheet") == 2
     tooltip = LENSFIELD_OT_show_sheet.description(bpy.context, None)
     line = str(described_lenses()[NAME].photographs)
     assert tooltip.startswith(f"C{line[1:]}.\nShow the lens sheet") and line[1:20] in " ".join(layout.labels)
