@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import replace
 from functools import partial
+from threading import Lock
 
 import numpy as np
 import OpenEXR
@@ -225,14 +226,32 @@ def _check_written(path, parts):
         raise OSError("the file's headers differ from the written data")
 
 
+class _ThreadUsers:
+    """The number of blocks that use OpenEXR's threads. While there are any, the threads neither end nor change: a file
+    that is being written would wait for their work for ever."""
+
+    def __init__(self) -> None:
+        self._lock, self._count = Lock(), 0
+
+    def add(self, more: int) -> None:
+        """Count more or fewer users: the first one starts the threads, and the last one ends them."""
+        with self._lock:
+            before, self._count = self._count, self._count + more
+            if not before or not self._count:
+                OpenEXR.set_global_thread_count(thread_count() if self._count else 0)
+
+
+_thread_users = _ThreadUsers()
+
+
 @contextmanager
 def exr_threads() -> Iterator[None]:
     """OpenEXR's threads, limited to the block, because a process forked later would wait for them for ever."""
-    OpenEXR.set_global_thread_count(thread_count())
+    _thread_users.add(1)
     try:
         yield
     finally:
-        OpenEXR.set_global_thread_count(0)
+        _thread_users.add(-1)
 
 
 def _rgb_planes(rec709):

@@ -450,6 +450,20 @@ def test_black_rows_take_no_disk_space(path):
     assert size["half"] < 0.55 * size["whole"]
 
 
+def test_the_threads_start_with_their_first_user_and_end_with_the_last(monkeypatch):
+    counts = []
+    monkeypatch.setattr(spectral_exr.OpenEXR, "set_global_thread_count", counts.append)
+    monkeypatch.setattr(spectral_exr, "thread_count", lambda: 3)
+    with spectral_exr.exr_threads():
+        with spectral_exr.exr_threads():
+            pass
+        assert counts == [3]
+    assert counts == [3, 0]
+    with pytest.raises(OSError), spectral_exr.exr_threads():
+        raise OSError
+    assert counts == [3, 0, 3, 0]
+
+
 def test_threads_can_write_concurrently(tmp_path, monkeypatch):
     monkeypatch.setattr(spectral_exr, "thread_count", lambda: 3)
 
