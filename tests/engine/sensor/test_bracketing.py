@@ -36,7 +36,8 @@ def test_the_merged_exposures_return_the_light(brackets):
                      if (each + 30) * shutter_s < 0.9 * min(12000, 4031 / (0.25 * iso / 100))) for each in rate]
     for mean, each, shutter_s in zip(merged.mean(axis=(0, 2)), rate, longest_s, strict=True):
         electrons = (each + 30) * shutter_s
-        noise_e = np.sqrt((electrons + 3**2 + 2**2 + 1 + 16) / 640)  # photons, reading at ISO 100, DSNU, bits at ISO 12
+        # photons, reading at ISO 100, DSNU, and steps of 32 electrons at ISO 12.5
+        noise_e = np.sqrt((electrons + 3**2 + 2**2 + 1 + 32**2 / 12) / 640)
         assert mean == pytest.approx(each, abs=5 * noise_e / shutter_s + 1e-3 * each)
 
 
