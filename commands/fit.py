@@ -82,6 +82,9 @@ def _check_options(options):
                          "give --flat, --vignetting, --lensfun or --points; or --typical, or --kit")
     if options.kit and options.points:
         raise InputError("options", "--points", "given with --kit", "write the page first")
+    if options.focus and not options.flat:
+        raise InputError("options", "--focus", options.focus, "omit it: it is the distance of --flat, and for "
+                         "--points the lens is at its closest distance")
     if fits and not options.output:
         raise InputError("options", "--output", "missing", "name the file to write")
     if options.output and not fits:

@@ -159,6 +159,7 @@ def test_lensfuns_data_give_a_prescription(tmp_path, capsys):
     ((NAME, "--typical", "--points", "missing.dng"), "missing.dng: raw picture is missing"),
     ((NAME, "--points", "a.dng"), "options: --output is mine.toml: --points only checks rims: omit --output"),
     (("--kit", "--points", "a.dng"), "options: --points is given with --kit: write the page first"),
+    ((NAME, "--vignetting", "light.csv", "--points", "a.dng", "--focus", "2m"), "options: --focus is 2m: omit it"),
     ((NAME,), "options: photographs is missing: give --flat, --vignetting, --lensfun or --points; or --typical, or"),
     ((NAME, "--flat", "missing.dng"), "missing.dng: raw picture is missing"),
     ((NAME, "--flat", "light.csv"), "light.csv: raw picture is not readable: expected a raw file"),
