@@ -55,10 +55,11 @@ def _run(arguments):
 
 
 def _run_command(options, arguments):
+    from lensfield.engine.runtime.errors import one_line, shown
+
     from .commands.farm_log import FARM_LOGS
     from .commands.outcome import FAILURES
     from .commands.untrusted import run
-    from .engine.runtime.errors import one_line, shown
 
     if getattr(options, "end_with_stdin", False):
         _end_with_stdin(getattr(options, "hear", None))
@@ -119,7 +120,7 @@ def _stop_on_signals():
         if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, lambda *_: None)
 
-    from .engine.runtime.waiting import wait_in_thread  # signals meanwhile wait in the pipe
+    from lensfield.engine.runtime.waiting import wait_in_thread  # signals meanwhile wait in the pipe
 
     def wait():
         os.read(reader, 1)
@@ -134,7 +135,7 @@ def _end_with_stdin(hear):
 
     Does nothing if the thread already exists, as for a command that `serve` runs.
     """
-    from .engine.runtime.waiting import wait_in_thread
+    from lensfield.engine.runtime.waiting import wait_in_thread
 
     def wait():
         with open(0, "rb", closefd=False) as stream:
@@ -161,7 +162,7 @@ def _end_unread():
     import select
     import stat
 
-    from .engine.runtime.waiting import wait_in_thread
+    from lensfield.engine.runtime.waiting import wait_in_thread
 
     if not hasattr(select, "poll") or not stat.S_ISFIFO(os.fstat(1).st_mode):
         return
@@ -185,13 +186,13 @@ def _cancel():
 def _remove_pending():
     """Remove all half-written files, and return the folders with passes that a render can resume from. Until
     `engine.runtime.files` is loaded, there are neither."""
-    files = sys.modules.get(f"{__package__}.engine.runtime.files")
+    files = sys.modules.get("lensfield.engine.runtime.files")
     return getattr(files, "remove_pending", list)()
 
 
 def _printable(folder):
     """The folder's path, without control characters for the terminal."""
-    from .engine.runtime.errors import printable
+    from lensfield.engine.runtime.errors import printable
 
     return printable(str(folder))
 

@@ -10,23 +10,23 @@ from dataclasses import dataclass
 from math import inf
 from pathlib import Path
 
-from .engine import Lens, Options
-from .engine.bake.quality import QUALITIES
-from .engine.depth.depth_range import AUTO, OFF, TRACED
-from .engine.field.overscan import CAMERA_VIEW, LENS_VIEW, VIEWS
-from .engine.image.spectral_image import IRRADIANCE, RADIANCE
-from .engine.lens.formats import FORMATS, format_mm
-from .engine.lens.iris import Iris
-from .engine.library import LensSource
-from .engine.library.bodies import CameraSource, load_camera
-from .engine.prescription.coatings import AS_LENS, IDEAL, MULTI, NONE, SINGLE
-from .engine.prescription.tolerances import GRADES
-from .engine.rays.rings import MOST_TILT_DEG
-from .engine.runtime.errors import InputError
-from .engine.runtime.setting import check_choices, documented, option_of, setting, settings_of
-from .engine.spectral.spectra import parse_wavelengths
-from .engine.spectral.wavelength_choice import IMAGE_WAVELENGTHS, SpectralOptions
-from .engine.stray.options import StrayOptions
+from lensfield.engine import Lens, Options
+from lensfield.engine.bake.quality import QUALITIES
+from lensfield.engine.depth.depth_range import AUTO, OFF, TRACED
+from lensfield.engine.field.overscan import CAMERA_VIEW, LENS_VIEW, VIEWS
+from lensfield.engine.image.spectral_image import IRRADIANCE, RADIANCE
+from lensfield.engine.lens.formats import FORMATS, format_mm
+from lensfield.engine.lens.iris import Iris
+from lensfield.engine.library import LensSource
+from lensfield.engine.library.bodies import CameraSource, load_camera
+from lensfield.engine.prescription.coatings import AS_LENS, IDEAL, MULTI, NONE, SINGLE
+from lensfield.engine.prescription.tolerances import GRADES
+from lensfield.engine.rays.rings import MOST_TILT_DEG
+from lensfield.engine.runtime.errors import InputError
+from lensfield.engine.runtime.setting import check_choices, documented, option_of, setting, settings_of
+from lensfield.engine.spectral.spectra import parse_wavelengths
+from lensfield.engine.spectral.wavelength_choice import IMAGE_WAVELENGTHS, SpectralOptions
+from lensfield.engine.stray.options import StrayOptions
 
 CAMERA = "camera"
 """The camera's focus distance, and the owner of settings that each camera has."""

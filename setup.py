@@ -11,6 +11,7 @@ from pathlib import Path
 from setuptools import Command, setup
 from setuptools.command.bdist_wheel import bdist_wheel
 from setuptools.command.build import build
+from setuptools.command.build_py import build_py
 
 KERNELS = Path("engine/kernels")
 RUNTIME = Path("engine/runtime")
@@ -43,7 +44,10 @@ class Step(Command):
 
 
 class BuildKernels(Step):
-    """Compile the library: into the tree for an editable installation, otherwise into the wheel."""
+    """Compile the library: into the tree for an editable installation, otherwise into the wheel.
+
+    A wheel for a platform that `--plat-name` names, such as macos-arm64, is not built without it.
+    """
 
     description = "compile engine/kernels"
 
@@ -55,15 +59,27 @@ class BuildKernels(Step):
         folder = (package / KERNELS / kernels.LIBRARY_FOLDER.name).resolve()
         if not self.editable_mode:
             shutil.rmtree(folder, ignore_errors=True)  # an earlier wheel's library would go unnoticed
+        wheel = self.get_finalized_command("bdist_wheel")
         try:
-            kernels.build(folder)
+            kernels.build(folder, wheel.plat_name if wheel.plat_name_supplied else None)
         except (kernels.CompilerMissing, subprocess.CalledProcessError) as problem:
+            if wheel.plat_name_supplied:
+                raise SystemExit(f"lensfield: no wheel for {wheel.plat_name}: {problem}") from None
             print(f"lensfield: {kernels.without(problem)}", file=sys.stderr)
+
+
+class BuildPy(build_py):
+    """Copy all modules but this one, which is in the folder of the package."""
+
+    def find_package_modules(self, package, folder):
+        return [found for found in super().find_package_modules(package, folder) if found[1] != Path(__file__).stem]
 
 
 class BdistWheel(bdist_wheel):
     def get_tag(self):
         """py3-none-PLATFORM for a wheel with the library, which any Python 3 can load; otherwise py3-none-any."""
+        if self.plat_name_supplied:
+            return "py3", "none", kernels.WHEEL_TAGS[self.plat_name]
         self.root_is_pure = not list(Path(self.bdist_dir).rglob(kernels.library_name(kernels.this_platform())))
         *_, platform = super().get_tag()
         return "py3", "none", platform
@@ -80,4 +96,5 @@ class StoreIdentity(Step):
 
 
 build.sub_commands = [*build.sub_commands, ("build_kernels", None), ("store_identity", None)]
-setup(cmdclass={"build_kernels": BuildKernels, "store_identity": StoreIdentity, "bdist_wheel": BdistWheel})
+setup(cmdclass={"build_kernels": BuildKernels, "build_py": BuildPy, "store_identity": StoreIdentity,
+                "bdist_wheel": BdistWheel})

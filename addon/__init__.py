@@ -2,7 +2,8 @@
 
 import bpy
 
-from ..engine.runtime.cache import set_cache_folder
+from lensfield.engine.runtime.cache import set_cache_folder
+
 from ..request import RenderRequest
 from .job.job import check_output_folder, folder_for, set_blend_folder
 from .job.photo import camera_words

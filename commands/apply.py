@@ -2,8 +2,9 @@
 
 from pathlib import Path
 
-from ..engine.depth.depth_range import AUTO, OFF
-from ..engine.field.overscan import LENS_VIEW
+from lensfield.engine.depth.depth_range import AUTO, OFF
+from lensfield.engine.field.overscan import LENS_VIEW
+
 from ..request import CAMERA_FIELDS, RenderRequest
 from .arguments import (
     add_engine_options,

@@ -5,9 +5,9 @@ from argparse import BooleanOptionalAction
 from math import inf, isfinite
 from pathlib import Path
 
-from ..engine import InputError, Options
-from ..engine.lens.iris import Iris
-from ..engine.library import (
+from lensfield.engine import InputError, Options
+from lensfield.engine.lens.iris import Iris
+from lensfield.engine.library import (
     ALL_LENSES,
     clamped_rings,
     fits_all_frames,
@@ -16,14 +16,15 @@ from ..engine.library import (
     load_lens,
     pinhole_of,
 )
-from ..engine.plan.options import KNOBS
-from ..engine.prescription.coatings import coating_of
-from ..engine.prescription.tolerances import copy_of
-from ..engine.rays.rings import Rings
-from ..engine.runtime.files import check_target, check_written_by_lensfield, identity
-from ..engine.runtime.setting import option_of, settings_of
-from ..engine.spectral.spectra import parse_wavelengths
-from ..engine.stray.options import StrayOptions
+from lensfield.engine.plan.options import KNOBS
+from lensfield.engine.prescription.coatings import coating_of
+from lensfield.engine.prescription.tolerances import copy_of
+from lensfield.engine.rays.rings import Rings
+from lensfield.engine.runtime.files import check_target, check_written_by_lensfield, identity
+from lensfield.engine.runtime.setting import option_of, settings_of
+from lensfield.engine.spectral.spectra import parse_wavelengths
+from lensfield.engine.stray.options import StrayOptions
+
 from ..request import CAMERA, RING_FIELDS, RenderRequest
 from .prescription_file import add_reading, errors_of, lens_source
 from .terminal import progress_bar, say

@@ -5,20 +5,21 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from ..engine import InputError
-from ..engine.bake.bake import bake as bake_lens
-from ..engine.bake.quality import QUALITIES
-from ..engine.bake.sampling import LEAST_SAMPLES, MOST_SAMPLES
-from ..engine.inspection.info import table_summary
-from ..engine.lens.conventions import WAVELENGTHS
-from ..engine.lens_files.package import write_package
-from ..engine.library import bundled_names, prescription_path
-from ..engine.prescription.readers import READABLE, read_prescription
-from ..engine.prescription.readers.toml import write_prescription
-from ..engine.rays.focus import focused
-from ..engine.rays.rings import Rings, turned
-from ..engine.runtime.files import atomic_path
-from ..engine.spectral.spectra import parse_wavelengths
+from lensfield.engine import InputError
+from lensfield.engine.bake.bake import bake as bake_lens
+from lensfield.engine.bake.quality import QUALITIES
+from lensfield.engine.bake.sampling import LEAST_SAMPLES, MOST_SAMPLES
+from lensfield.engine.inspection.info import table_summary
+from lensfield.engine.lens.conventions import WAVELENGTHS
+from lensfield.engine.lens_files.package import write_package
+from lensfield.engine.library import bundled_names, prescription_path
+from lensfield.engine.prescription.readers import READABLE, read_prescription
+from lensfield.engine.prescription.readers.toml import write_prescription
+from lensfield.engine.rays.focus import focused
+from lensfield.engine.rays.rings import Rings, turned
+from lensfield.engine.runtime.files import atomic_path
+from lensfield.engine.spectral.spectra import parse_wavelengths
+
 from .arguments import check_outputs, distance_mm
 from .prescription_file import add_reading, errors_of, reading_options
 from .terminal import progress_bar, say

@@ -2,9 +2,10 @@
 
 from pathlib import Path
 
-from ..engine import InputError
-from ..engine.runtime.files import mark_as_own, remove_left_work, uninterrupted
-from ..engine.runtime.inputs import is_confined
+from lensfield.engine import InputError
+from lensfield.engine.runtime.files import mark_as_own, remove_left_work, uninterrupted
+from lensfield.engine.runtime.inputs import is_confined
+
 from .blend_paths import check_blend
 from .terminal import quiet
 

@@ -16,9 +16,9 @@ import struct
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..engine import InputError
-from ..engine.runtime.blender_caches import FLUID, OCEAN, POINTS, blend_caches, cache_files
-from ..engine.runtime.inputs import (
+from lensfield.engine import InputError
+from lensfield.engine.runtime.blender_caches import FLUID, OCEAN, POINTS, blend_caches, cache_files
+from lensfield.engine.runtime.inputs import (
     MOST_BYTES,
     MOST_FONT_BYTES,
     MOST_TEXT_BYTES,

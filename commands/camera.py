@@ -4,11 +4,12 @@ import json
 
 import numpy as np
 
-from ..engine.lens.formats import crop_factor
-from ..engine.library.bodies import find_cameras, load_camera
-from ..engine.sensor.camera import NUMBERS
-from ..engine.sensor.exposure import Exposure
-from ..engine.sensor.metering import full_scale_e
+from lensfield.engine.lens.formats import crop_factor
+from lensfield.engine.library.bodies import find_cameras, load_camera
+from lensfield.engine.sensor.camera import NUMBERS
+from lensfield.engine.sensor.exposure import Exposure
+from lensfield.engine.sensor.metering import full_scale_e
+
 from .terminal import say
 
 CAMERAS = "a bundled camera (lensfield camera list), or a camera's file (.toml)"

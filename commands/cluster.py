@@ -10,12 +10,13 @@ import uuid
 from pathlib import Path
 from queue import SimpleQueue
 
-from ..engine import InputError
-from ..engine.runtime.child import Child
-from ..engine.runtime.errors import shown
-from ..engine.runtime.files import temporary_folder
-from ..engine.runtime.messages import paced
-from ..engine.simulation.report import together
+from lensfield.engine import InputError
+from lensfield.engine.runtime.child import Child
+from lensfield.engine.runtime.errors import shown
+from lensfield.engine.runtime.files import temporary_folder
+from lensfield.engine.runtime.messages import paced
+from lensfield.engine.simulation.report import together
+
 from .farm_log import LENS_IMAGE
 from .sequence import frames_text
 from .task import frames_by_task, lensfield_in, scene_path, task_arguments

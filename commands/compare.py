@@ -3,11 +3,12 @@
 import os
 from pathlib import Path
 
-from ..engine import InputError, Options
-from ..engine.library import ALL_LENSES
-from ..engine.plan.options import KNOBS, TIER_ACCURACY
-from ..engine.runtime.setting import option_of, settings_of
-from ..engine.spectral.wavelength_choice import SpectralOptions
+from lensfield.engine import InputError, Options
+from lensfield.engine.library import ALL_LENSES
+from lensfield.engine.plan.options import KNOBS, TIER_ACCURACY
+from lensfield.engine.runtime.setting import option_of, settings_of
+from lensfield.engine.spectral.wavelength_choice import SpectralOptions
+
 from ..request import CAMERA_FIELDS, RING_FIELDS, RenderRequest
 from .arguments import (
     LENSES,

@@ -2,11 +2,12 @@
 
 from pathlib import Path
 
-from ..engine import ImageError, InputError, Report, load_camera, photograph
-from ..engine.photo.photograph import CameraFacts, held, missing_channels, missing_text
-from ..engine.photo.raw_file import check_lens, write_raw_file
-from ..engine.sensor.exposure import FRAMES, covered_px
-from ..engine.simulation.report import together
+from lensfield.engine import ImageError, InputError, Report, load_camera, photograph
+from lensfield.engine.photo.photograph import CameraFacts, held, missing_channels, missing_text
+from lensfield.engine.photo.raw_file import check_lens, write_raw_file
+from lensfield.engine.sensor.exposure import FRAMES, covered_px
+from lensfield.engine.simulation.report import together
+
 from ..request import IRRADIANCE, RenderRequest
 from .arguments import add_lens_settings, add_settings, add_untrusted, check_outputs, chosen_lens, given_fields
 from .camera import CAMERAS
@@ -82,8 +83,8 @@ def _check_mosaic(options, camera):
 
 def _check_picture(image, options, camera):
     """Raise an error unless the camera's picture of a lens image can be written in all files."""
-    from ..engine.pictures.develop import check_demosaicable
-    from ..engine.pictures.dng import check_channels
+    from lensfield.engine.pictures.develop import check_demosaicable
+    from lensfield.engine.pictures.dng import check_channels
 
     suffixes, camera = {path.suffix.lower() for path in options.outputs}, held(camera, image.frame_px)
     if suffixes & {".dng", ".png"}:
@@ -105,8 +106,8 @@ def _lens(shots, options):
 
 def _header(shot, options):
     """A lens image without its light."""
-    from ..engine.pictures.frame_record import check_left_out
-    from ..engine.pictures.spectral_exr import read_header
+    from lensfield.engine.pictures.frame_record import check_left_out
+    from lensfield.engine.pictures.spectral_exr import read_header
 
     check_left_out(shot.radiance, IRRADIANCE)
     return read_header(shot.radiance, options.pitch_um)[0]
@@ -114,7 +115,7 @@ def _header(shot, options):
 
 def _take(shot, options, camera, given, report):
     """The raw picture of one lens image, which is read again for each."""
-    from ..engine.pictures.spectral_exr import read_exr
+    from lensfield.engine.pictures.spectral_exr import read_exr
 
     with report.stage("read irradiance"), quiet(1, 2):  # the EXR library prints long messages about damage
         irradiance = read_exr(shot.radiance, options.pitch_um)
@@ -129,8 +130,8 @@ def _take(shot, options, camera, given, report):
 
 
 def _write(raw, shot, options, lens):
-    from ..engine.pictures.develop import camera_rgb, developed, signal, write_linear_exr
-    from ..engine.pictures.preview import write_png
+    from lensfield.engine.pictures.develop import camera_rgb, developed, signal, write_linear_exr
+    from lensfield.engine.pictures.preview import write_png
 
     suffix = shot.output.suffix.lower()
     if suffix == ".dng":

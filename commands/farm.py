@@ -4,10 +4,11 @@ from pathlib import Path
 
 import yaml
 
-from ..engine import InputError
-from ..engine.runtime.build_identity import MARK
-from ..engine.runtime.errors import shown
-from ..engine.runtime.files import atomic_path
+from lensfield.engine import InputError
+from lensfield.engine.runtime.build_identity import MARK
+from lensfield.engine.runtime.errors import shown
+from lensfield.engine.runtime.files import atomic_path
+
 from .arguments import check_outputs
 from .render_options import add_farm_options, add_task_options
 from .sequence import frames_text

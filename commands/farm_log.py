@@ -8,7 +8,7 @@ import sys
 from contextlib import contextmanager
 from pathlib import Path
 
-from ..engine.runtime.errors import shown
+from lensfield.engine.runtime.errors import shown
 
 PACE_S = 5.0  # between lines: farms store logs and charge for them
 LONGEST = 240  # characters of a label

@@ -7,21 +7,22 @@ from pathlib import Path
 
 import numpy as np
 
-from ..engine import ChannelCache, ImageError, InputError, Report
-from ..engine.depth.depth_range import AUTO, OFF
-from ..engine.depth.slabs import plan_slabs
-from ..engine.field.field_map import field_map
-from ..engine.lens.iris import opening
-from ..engine.pictures.frame_record import read_record, write_record
-from ..engine.runtime.build_identity import is_accepted, other_builds_line
-from ..engine.runtime.files import discard, stamp_of
-from ..engine.runtime.locks import Busy, only_writer
-from ..engine.runtime.values import json_value
-from ..engine.simulation.file_depth import DEPTH_KINDS
-from ..engine.simulation.lens_image import lens_image
-from ..engine.simulation.report import FIGURE, together
-from ..engine.simulation.report_parts import FileFacts
-from ..engine.spectral.wavelength_choice import RGB_WAVELENGTHS
+from lensfield.engine import ChannelCache, ImageError, InputError, Report
+from lensfield.engine.depth.depth_range import AUTO, OFF
+from lensfield.engine.depth.slabs import plan_slabs
+from lensfield.engine.field.field_map import field_map
+from lensfield.engine.lens.iris import opening
+from lensfield.engine.pictures.frame_record import read_record, write_record
+from lensfield.engine.runtime.build_identity import is_accepted, other_builds_line
+from lensfield.engine.runtime.files import discard, stamp_of
+from lensfield.engine.runtime.locks import Busy, only_writer
+from lensfield.engine.runtime.values import json_value
+from lensfield.engine.simulation.file_depth import DEPTH_KINDS
+from lensfield.engine.simulation.lens_image import lens_image
+from lensfield.engine.simulation.report import FIGURE, together
+from lensfield.engine.simulation.report_parts import FileFacts
+from lensfield.engine.spectral.wavelength_choice import RGB_WAVELENGTHS
+
 from .arguments import (
     MM,
     add_engine_options,
@@ -189,7 +190,7 @@ class _Run:
 
     def put_through(self, shot):
         """Filter one picture, write the result, and return its report."""
-        from ..engine.pictures.spectral_exr import write_exr
+        from lensfield.engine.pictures.spectral_exr import write_exr
 
         report = Report()
         try:
@@ -264,8 +265,8 @@ class _Run:
                                   (self._finished + fraction) / self._number, label))
 
     def _write_preview(self, irradiance, shot):
-        from ..engine.pictures.preview import auto_exposure, to_rec709, write_png
-        from ..engine.pictures.spectral_exr import read_parts
+        from lensfield.engine.pictures.preview import auto_exposure, to_rec709, write_png
+        from lensfield.engine.pictures.spectral_exr import read_parts
 
         picture = to_rec709(irradiance)
         if self._exposure is None:

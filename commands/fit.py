@@ -3,19 +3,20 @@
 from datetime import date
 from pathlib import Path
 
-from ..engine import InputError
-from ..engine.fitting.cat_eyes import compare_points
-from ..engine.fitting.fit import fit_rims, fit_to_files
-from ..engine.fitting.flat_fields import read_flat_fields
-from ..engine.fitting.lensfun import find_photographed, vignetting_of
-from ..engine.fitting.points import read_point
-from ..engine.fitting.raw_light import camera_sensor_mm, f_numbers_of
-from ..engine.fitting.typical import is_like_measured, with_typical_rims
-from ..engine.fitting.vignetting import COLUMNS, read_vignetting
-from ..engine.lens.formats import FORMATS, format_mm
-from ..engine.library import has_rings, prescription_of
-from ..engine.prescription.readers.toml import write_prescription
-from ..engine.runtime.files import atomic_path
+from lensfield.engine import InputError
+from lensfield.engine.fitting.cat_eyes import compare_points
+from lensfield.engine.fitting.fit import fit_rims, fit_to_files
+from lensfield.engine.fitting.flat_fields import read_flat_fields
+from lensfield.engine.fitting.lensfun import find_photographed, vignetting_of
+from lensfield.engine.fitting.points import read_point
+from lensfield.engine.fitting.raw_light import camera_sensor_mm, f_numbers_of
+from lensfield.engine.fitting.typical import is_like_measured, with_typical_rims
+from lensfield.engine.fitting.vignetting import COLUMNS, read_vignetting
+from lensfield.engine.lens.formats import FORMATS, format_mm
+from lensfield.engine.library import has_rings, prescription_of
+from lensfield.engine.prescription.readers.toml import write_prescription
+from lensfield.engine.runtime.files import atomic_path
+
 from .arguments import LENSES, check_outputs, distance_mm
 from .fit_kit import KIT
 from .prescription_file import add_reading, errors_of, lens_source

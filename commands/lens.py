@@ -5,30 +5,38 @@ from collections import Counter
 from dataclasses import asdict
 from pathlib import Path
 
-from ..engine import InputError, load_lens
-from ..engine.bake.through_focus import lens_at_depth
-from ..engine.field.stmap import distort_map, undistort_map
-from ..engine.image.pixel_grid import PixelGrid
-from ..engine.inspection.checks import check_lens
-from ..engine.inspection.curves import reference_nm
-from ..engine.inspection.finding import SEVERITIES
-from ..engine.inspection.info import lens_info, lens_text
-from ..engine.inspection.screen import check_prescription
-from ..engine.lens.conventions import WAVELENGTHS
-from ..engine.lens.formats import format_mm
-from ..engine.lens.pinhole import fitting_pitch_um
-from ..engine.lens_files import IMPORTABLE, import_lens
-from ..engine.lens_files.export_macro import PROGRAMS, ExportOptions, export_macro
-from ..engine.lens_files.package import write_package
-from ..engine.library import baked, bundled_names, find_bundled, has_rings, prescription_as_stated, prescription_of
-from ..engine.library.rays import lens_rays
-from ..engine.pictures.spectral_exr import write_rgb_exr
-from ..engine.prescription.photographs import NOT_COMPARED
-from ..engine.rays.rings import in_metres, ring_ends, turned
-from ..engine.runtime import cache
-from ..engine.runtime.files import atomic_path
-from ..engine.runtime.values import json_value
-from ..engine.spectral.spectra import parse_wavelengths
+from lensfield.engine import InputError, load_lens
+from lensfield.engine.bake.through_focus import lens_at_depth
+from lensfield.engine.field.stmap import distort_map, undistort_map
+from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.inspection.checks import check_lens
+from lensfield.engine.inspection.curves import reference_nm
+from lensfield.engine.inspection.finding import SEVERITIES
+from lensfield.engine.inspection.info import lens_info, lens_text
+from lensfield.engine.inspection.screen import check_prescription
+from lensfield.engine.lens.conventions import WAVELENGTHS
+from lensfield.engine.lens.formats import format_mm
+from lensfield.engine.lens.pinhole import fitting_pitch_um
+from lensfield.engine.lens_files import IMPORTABLE, import_lens
+from lensfield.engine.lens_files.export_macro import PROGRAMS, ExportOptions, export_macro
+from lensfield.engine.lens_files.package import write_package
+from lensfield.engine.library import (
+    baked,
+    bundled_names,
+    find_bundled,
+    has_rings,
+    prescription_as_stated,
+    prescription_of,
+)
+from lensfield.engine.library.rays import lens_rays
+from lensfield.engine.pictures.spectral_exr import write_rgb_exr
+from lensfield.engine.prescription.photographs import NOT_COMPARED
+from lensfield.engine.rays.rings import in_metres, ring_ends, turned
+from lensfield.engine.runtime import cache
+from lensfield.engine.runtime.files import atomic_path
+from lensfield.engine.runtime.values import json_value
+from lensfield.engine.spectral.spectra import parse_wavelengths
+
 from . import bake, fit
 from .arguments import (
     LENSES,
@@ -180,8 +188,8 @@ def _add_plot(lens):
 
 
 def _plot(options):
-    from ..engine.inspection.sheet import write_lens_plot
-    from ..engine.inspection.style import require_matplotlib
+    from lensfield.engine.inspection.sheet import write_lens_plot
+    from lensfield.engine.inspection.style import require_matplotlib
 
     require_matplotlib()
     if options.ghosts is not None:
@@ -215,8 +223,8 @@ def _sheet_path(options, ending=""):
 
 
 def _plot_ghosts(options):
-    from ..engine.inspection.ghost_sheet import ghost_lines, write_ghost_sheet
-    from ..engine.stray.ghost_table import ghost_table
+    from lensfield.engine.inspection.ghost_sheet import ghost_lines, write_ghost_sheet
+    from lensfield.engine.stray.ghost_table import ghost_table
 
     check_limits("--ghosts", options.ghosts, (0, MOST_ANGLE_DEG))
     path, lens = _sheet_path(options, "_ghosts"), chosen_lens(options)

@@ -1,6 +1,7 @@
 """The result of a command: its files, seconds and remarks on the picture, or its error."""
 
-from ..engine import InputError
+from lensfield.engine import InputError
+
 from .terminal import say
 
 FAILURES = InputError, OSError, MemoryError

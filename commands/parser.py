@@ -48,10 +48,10 @@ class _Subcommand(argparse.ArgumentParser):
 
 class _Version(argparse.Action):
     def __call__(self, parser, *_):
-        from ..engine.kernels.gpu import usable_gpu
-        from ..engine.kernels.library import running
-        from ..engine.runtime.build_identity import build_identity
-        from ..engine.runtime.errors import InputError
+        from lensfield.engine.kernels.gpu import usable_gpu
+        from lensfield.engine.kernels.library import running
+        from lensfield.engine.runtime.build_identity import build_identity
+        from lensfield.engine.runtime.errors import InputError
 
         try:
             loops, gpu = running(), usable_gpu()

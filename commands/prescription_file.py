@@ -2,11 +2,11 @@
 
 from contextlib import contextmanager
 
-from ..engine import InputError, LensError
-from ..engine.lens.formats import FORMATS, format_mm
-from ..engine.library import bundled_names, has_rings
-from ..engine.prescription.prescription import FOCUSES
-from ..engine.prescription.readers import AS_IT_IS, SEMI_DIAMETERS, ReadingOptions, read_prescription
+from lensfield.engine import InputError, LensError
+from lensfield.engine.lens.formats import FORMATS, format_mm
+from lensfield.engine.library import bundled_names, has_rings
+from lensfield.engine.prescription.prescription import FOCUSES
+from lensfield.engine.prescription.readers import AS_IT_IS, SEMI_DIAMETERS, ReadingOptions, read_prescription
 
 NAMES = ("field_angle", "field_height", "which", "glass", "stop", "image_plane", "sensor", "semi_diameters",
          "allow_mismatch")

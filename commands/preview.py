@@ -6,7 +6,8 @@ or continues.
 
 from pathlib import Path
 
-from ..engine.runtime.errors import InputError, Stopped
+from lensfield.engine.runtime.errors import InputError, Stopped
+
 from ..request import EXPOSED_FIELDS, RING_FIELDS
 from .arguments import engine_options, given_fields, iris_option, output_given
 from .blend import import_addon

@@ -2,8 +2,9 @@
 
 from contextlib import contextmanager
 
-from ..engine.runtime.errors import one_line
-from ..engine.runtime.messages import message_lines, paced
+from lensfield.engine.runtime.errors import one_line
+from lensfield.engine.runtime.messages import message_lines, paced
+
 from .farm_log import FARM_LOGS, PACE_S, farm_log
 from .outcome import FAILURES
 from .terminal import progress_bar, quiet

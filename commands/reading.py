@@ -5,17 +5,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..engine import ImageError, SpectralImage
-from ..engine.depth.depth_range import OFF
-from ..engine.depth.slabs import SlabPlan
-from ..engine.image.layers import LayeredRadiance
-from ..engine.image.pixel_grid import PixelGrid
-from ..engine.image.sources import Sources
-from ..engine.lens.pinhole import field_of_view_deg, fitting_pitch_um, fov_pitch_um
-from ..engine.simulation.file_depth import FileDepth, deep_in_mm, file_depth, layers_of_deep, layers_of_flat
-from ..engine.simulation.report_parts import Upsampling
-from ..engine.spectral.spectra import parse_wavelengths
-from ..engine.spectral.wavelength_choice import RGB_WAVELENGTHS
+from lensfield.engine import ImageError, SpectralImage
+from lensfield.engine.depth.depth_range import OFF
+from lensfield.engine.depth.slabs import SlabPlan
+from lensfield.engine.image.layers import LayeredRadiance
+from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.image.sources import Sources
+from lensfield.engine.lens.pinhole import field_of_view_deg, fitting_pitch_um, fov_pitch_um
+from lensfield.engine.simulation.file_depth import FileDepth, deep_in_mm, file_depth, layers_of_deep, layers_of_flat
+from lensfield.engine.simulation.report_parts import Upsampling
+from lensfield.engine.spectral.spectra import parse_wavelengths
+from lensfield.engine.spectral.wavelength_choice import RGB_WAVELENGTHS
+
 from .arguments import MM, number_pair
 
 RGB_ONLY = ("wavelengths", "layer", "fov", "focal_mm", "sensor_width_mm", "shift")
@@ -58,9 +59,9 @@ def read_picture(path, options, lens):
     -------
     PictureAsRead
     """
-    from ..engine.pictures.deep_exr import read_deep_exr
-    from ..engine.pictures.rgb_picture import rgb_of
-    from ..engine.pictures.spectral_exr import is_spectral, read_parts
+    from lensfield.engine.pictures.deep_exr import read_deep_exr
+    from lensfield.engine.pictures.rgb_picture import rgb_of
+    from lensfield.engine.pictures.spectral_exr import is_spectral, read_parts
 
     if is_spectral(path):
         return _spectral(path, options, lens)
@@ -75,7 +76,7 @@ def read_picture(path, options, lens):
 
 def frame_of(path, options, lens):
     """The frame of a file's picture on the sensor of a lens, or of its Pinhole, from the headers alone: a PixelGrid."""
-    from ..engine.pictures.spectral_exr import is_spectral, read_header, read_parts
+    from lensfield.engine.pictures.spectral_exr import is_spectral, read_header, read_parts
 
     if is_spectral(path):
         return read_header(path, options.pitch_um)[0].grid.frame()
@@ -85,7 +86,7 @@ def frame_of(path, options, lens):
 
 
 def _spectral(path, options, lens):
-    from ..engine.pictures.spectral_exr import read_sources, read_with_layers, read_with_planes
+    from lensfield.engine.pictures.spectral_exr import read_sources, read_with_layers, read_with_planes
 
     for name in RGB_ONLY:
         if (value := getattr(options, name)) is not None:
@@ -101,8 +102,8 @@ def _spectral(path, options, lens):
 
 def _with_depth(source, parts, options, lens, picture=None):
     """The picture with the depth in its file, if any."""
-    from ..engine.pictures.depth_channel import depth_channel
-    from ..engine.pictures.rgb_picture import lay_out
+    from lensfield.engine.pictures.depth_channel import depth_channel
+    from lensfield.engine.pictures.rgb_picture import lay_out
 
     match = depth_channel(parts, picture.layer if picture else "", options.depth_channel)
     if match is None:
@@ -133,7 +134,7 @@ def _deep(deep, options, lens):
 
 def _upsampled(picture, options, lens):
     """The radiance of a picture in RGB, and how the picture was interpreted."""
-    from ..engine.pictures.rgb_picture import upsample
+    from lensfield.engine.pictures.rgb_picture import upsample
 
     pitch_um = _pitch_um(options, lens, picture.frame_px)
     wavelengths_nm = parse_wavelengths(options.wavelengths or RGB_WAVELENGTHS)

@@ -2,9 +2,10 @@
 
 from pathlib import Path
 
-from ..engine import Options
-from ..engine.spectral.wavelength_choice import SpectralOptions
-from ..engine.stray.options import StrayOptions
+from lensfield.engine import Options
+from lensfield.engine.spectral.wavelength_choice import SpectralOptions
+from lensfield.engine.stray.options import StrayOptions
+
 from ..request import FOLLOWER_FIELDS, RenderRequest
 from .arguments import (
     add_settings,

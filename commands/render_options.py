@@ -2,8 +2,9 @@
 
 from pathlib import Path
 
-from ..engine.runtime.setting import settings_of
-from ..engine.spectral.wavelength_choice import SpectralOptions
+from lensfield.engine.runtime.setting import settings_of
+from lensfield.engine.spectral.wavelength_choice import SpectralOptions
+
 from ..request import FOLLOWER_FIELDS, RING_FIELDS, RenderRequest
 from .arguments import (
     add_engine_options,

@@ -4,9 +4,9 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..engine import InputError
-from ..engine.runtime.errors import absence
-from ..engine.runtime.files import file_status, hidden_folder
+from lensfield.engine import InputError
+from lensfield.engine.runtime.errors import absence
+from lensfield.engine.runtime.files import file_status, hidden_folder
 
 NUMBER = re.compile(r"#+|%(?:0(\d+))?d")
 FRAMES = re.compile(r"(-?\d{1,15})(?:-(-?\d{1,15})(?::(\d{1,15}))?)?")

@@ -11,9 +11,10 @@ import json
 import os
 from queue import SimpleQueue
 
-from ..engine.runtime.errors import InputError
-from ..engine.runtime.messages import STOP, message_lines
-from ..engine.runtime.waiting import Flag
+from lensfield.engine.runtime.errors import InputError
+from lensfield.engine.runtime.messages import STOP, message_lines
+from lensfield.engine.runtime.waiting import Flag
+
 from .arguments import add_untrusted
 from .stopping import stoppable
 from .task import arguments_of

@@ -2,7 +2,7 @@
 
 from contextlib import contextmanager
 
-from ..engine.runtime.waiting import Flag
+from lensfield.engine.runtime.waiting import Flag
 
 _current = [Flag()]
 

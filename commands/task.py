@@ -4,8 +4,9 @@ import os
 import sys
 from pathlib import Path
 
-from ..engine import InputError
-from ..engine.runtime.inputs import check_input
+from lensfield.engine import InputError
+from lensfield.engine.runtime.inputs import check_input
+
 from ..request import argument
 from .arguments import check_limits
 from .render_options import OWN_FRAMES, requested_frames

@@ -5,8 +5,8 @@ import sys
 import time
 from contextlib import contextmanager
 
-from ..engine.runtime.errors import printable
-from ..engine.runtime.messages import time_left
+from lensfield.engine.runtime.errors import printable
+from lensfield.engine.runtime.messages import time_left
 
 BAR_CELLS = 24
 

@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from ..engine import ImageError
+from lensfield.engine import ImageError
+
 from .arguments import LENSES, add_lens_settings, check_outputs, chosen_lens, resolution
 from .terminal import progress_bar, quiet, say
 
@@ -24,9 +25,9 @@ def add_options(tradeoff):
 
 
 def _tradeoff(options):
-    from ..engine.inspection.style import require_matplotlib
-    from ..engine.inspection.tradeoff import description, measure, write_table
-    from ..engine.inspection.tradeoff_plot import write_plot
+    from lensfield.engine.inspection.style import require_matplotlib
+    from lensfield.engine.inspection.tradeoff import description, measure, write_table
+    from lensfield.engine.inspection.tradeoff_plot import write_plot
 
     require_matplotlib()
     table, plot = (options.output / f"tradeoff.{kind}" for kind in ("csv", "png"))
@@ -45,8 +46,8 @@ def _tradeoff(options):
 
 def _tradeoff_pictures(options, lens):
     """The test pictures by name, and one of them by its number of wavelengths."""
-    from ..engine.inspection.tradeoff import DEFAULT_SHAPE_PX, cropped_frame, standard_pictures, thinned
-    from ..engine.pictures.spectral_exr import read_exr
+    from lensfield.engine.inspection.tradeoff import DEFAULT_SHAPE_PX, cropped_frame, standard_pictures, thinned
+    from lensfield.engine.pictures.spectral_exr import read_exr
 
     shape_px = resolution(options.size, "--size")[::-1] if options.size else None
     if not options.image:

@@ -15,13 +15,14 @@ import sys
 from importlib.resources import files
 from pathlib import Path
 
-from ..engine import InputError
-from ..engine.kernels.gpu import VARIABLE
-from ..engine.kernels.library import running
-from ..engine.runtime.cache import cache_folder
-from ..engine.runtime.files import make_folder, temporary_folder, temporary_root
-from ..engine.runtime.inputs import confine
-from ..engine.runtime.memory import available_bytes
+from lensfield.engine import InputError
+from lensfield.engine.kernels.gpu import VARIABLE
+from lensfield.engine.kernels.library import running
+from lensfield.engine.runtime.cache import cache_folder
+from lensfield.engine.runtime.files import make_folder, temporary_folder, temporary_root
+from lensfield.engine.runtime.inputs import confine
+from lensfield.engine.runtime.memory import available_bytes
+
 from .arguments import TIME_LIMIT_S, check_limits
 from .confine import landlock_version
 from .task import lensfield_in

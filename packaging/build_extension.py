@@ -1,10 +1,10 @@
-"""Build the extension zips for users: the source tree, its compiled loops, and the wheels that Blender lacks.
+"""Build the extension zips for users: the add-on in Python, the wheel with the engine, and those that Blender lacks.
 
     python packaging/build_extension.py FOLDER [ZIP ...]
 
-builds these zips, such as linux-x64-blender5.1, or all of them: one for each platform and generation of Blender, with
-the cross compilers listed in CONTRIBUTING.md. A generation has one version of Python, and Blender refuses an extension
-without wheels for its Python. numpy is not included: Blender contains it.
+builds these zips, such as linux-x64-blender5.1, or all of them: one for each platform and generation of Blender. FOLDER
+contains the wheels of packaging/build_wheels.py for their platforms. A generation has one version of Python, and
+Blender refuses an extension without wheels for its Python. numpy is not included: Blender contains it.
 """
 
 import re
@@ -18,11 +18,9 @@ from pathlib import Path
 import bpy
 
 from lensfield import __version__
-from lensfield.engine.kernels import build as kernels
-from lensfield.engine.runtime import build_identity
+from lensfield.engine.kernels.build import WHEEL_TAGS
 
 ROOT = Path(__file__).resolve().parent.parent
-KERNELS = "engine/kernels/lib"
 COMPILED = ("scipy", "OpenEXR", "pillow", "PyYAML", "rawpy", "matplotlib", "contourpy", "kiwisolver", "wgpu==0.32.*",
             "cffi")
 PURE = "cycler", "fonttools", "packaging", "pyparsing", "python-dateutil", "six", "rendercanvas", "pycparser"
@@ -38,16 +36,21 @@ LARGEST_MB = 74
 
 @dataclass(frozen=True)
 class Generation:
-    """Versions of Blender with the same Python; from the first one up to, but not including, the end."""
+    """Versions of Blender with the same Python; from the first one up to, but not including, the end.
+
+    The suffix of the extension's version is what extensions.blender.org tells generations apart by: it joins the zips
+    of one version for all platforms. As of a pre-release, the version comes before that of newer Blenders.
+    """
 
     python: str
     first: str
     end: str | None = None
+    suffix: str = ""
     platforms: tuple[str, ...] = tuple(PLATFORMS)
 
 
 GENERATIONS = {
-    "blender4.5": Generation("3.11", "4.5.0", "5.1.0"),
+    "blender4.5": Generation("3.11", "4.5.0", "5.1.0", "-blender4.5"),
     "blender5.1": Generation("3.13", "5.1.0"),
     "python3.14": Generation("3.14", "4.5.0", platforms=("linux-x64",)),  # Blender as built by Linux distributions
 }
@@ -70,31 +73,38 @@ def download_wheels(folder, platform, python):
                         "--python-version", python, *how, "--dest", folder, *requirements], check=True)
 
 
-def stage(folder, platform, generation):
-    """Copy the tree with the loops of one platform, and add the platform, its wheels and the versions of Blender to
-    the manifest."""
-    shutil.copytree(ROOT, folder, ignore=shutil.ignore_patterns(".*", "__pycache__", "*.egg-info", "build", "dist",
-                                                                  "demo", Path(KERNELS).name))
-    kernels.build(folder / KERNELS, platform)
-    build_identity.store(ROOT, folder)
+def stage(folder, wheel, platform, generation):
+    """Copy the tree, and add the platform, its wheels and the versions of Blender to the manifest."""
+    shutil.copytree(ROOT, folder, ignore=shutil.ignore_patterns(".*", "__pycache__", "build", "dist", "demo"))
     download_wheels(folder / "wheels", platform, generation.python)
+    shutil.copy(wheel, folder / "wheels")
     wheels = ",\n".join(f'  "./wheels/{path.name}"' for path in sorted((folder / "wheels").glob("*.whl")))
     manifest = folder / "blender_manifest.toml"
     versions = f'blender_version_min = "{generation.first}"\n'
     if generation.end:
         versions += f'blender_version_max = "{generation.end}"\n'
-    text = re.sub(r"(?m)^blender_version_min = .*\n", versions, manifest.read_text(encoding="utf-8"))
+    text = manifest.read_text(encoding="utf-8")
+    text = re.sub(r"(?m)^version = .*\n", f'version = "{__version__}{generation.suffix}"\n', text)
+    text = re.sub(r"(?m)^blender_version_min = .*\n", versions, text)
     text = re.sub(r"(?m)^\[permissions\]", f'platforms = ["{platform}"]\nwheels = [\n{wheels},\n]\n\n[permissions]',
                   text)
     manifest.write_text(text, encoding="utf-8")
 
 
 def build(output, name):
-    """Build a zip, let Blender's own tool validate it, and return its path."""
+    """Build a zip, let Blender's own tool validate it, and return its path.
+
+    Raises
+    ------
+    FileNotFoundError
+        The folder lacks the wheel of the zip's platform.
+    """
+    platform, generation = ZIPS[name]
+    wheel = output / f"lensfield-{__version__}-py3-none-{WHEEL_TAGS[platform]}.whl"
     path = output / f"lensfield-{__version__}-{name}.zip"
     with tempfile.TemporaryDirectory() as temporary:
         source = Path(temporary) / "lensfield"
-        stage(source, *ZIPS[name])
+        stage(source, wheel, platform, generation)
         for words in (("build", "--source-dir", source, "--output-filepath", path), ("validate", path)):
             subprocess.run([sys.executable, extension_tool(), *words], check=True)
     return path
@@ -108,8 +118,8 @@ def main(arguments):
         sys.exit(f"lensfield: unknown zip {', '.join(unknown)}: expected {', '.join(ZIPS)}")
     try:
         paths = [build(output, name) for name in names]
-    except kernels.CompilerMissing as missing:
-        sys.exit(f"lensfield: cannot build the zip without the C loops: {missing}")
+    except FileNotFoundError as missing:
+        sys.exit(f"lensfield: {missing.filename}: missing: build it with packaging/build_wheels.py")
     if large := [path.name for path in paths if path.stat().st_size > 1e6 * LARGEST_MB]:
         sys.exit(f"lensfield: larger than {LARGEST_MB} MB: {', '.join(large)}")
 

@@ -71,7 +71,8 @@ FLOORS = {
     # the command, and the entry points of Blender and Python
     "commands": {"addon", "addon.shading", "request", "engine"},
     "cli": {"commands", "engine", ""},
-    "": {"cli", "addon"},
+    "restart": set(),
+    "": {"cli", "addon", "restart"},
 }
 """The rooms that each room may import from, in addition to itself. "engine" means all of its rooms."""
 
@@ -82,17 +83,18 @@ def module_name(path):
 
 MODULES = {module_name(path): path for top in ("engine", "addon", "commands")
            for path in sorted((ROOT / top).rglob("*.py"))} | {
-               "cli": ROOT / "cli.py", "request": ROOT / "request.py", "": ROOT / "__init__.py"}
+               "cli": ROOT / "cli.py", "request": ROOT / "request.py", "restart": ROOT / "restart.py",
+               "": ROOT / "__init__.py"}
 
 
 @cache
 def imports(name):
-    """List of (module or library, whether the import is relative) of all imports in a module, also in functions.
+    """List of (module or library, whether the module belongs to the package) of all imports, also in functions.
 
     Imports for the type checker alone do not count: drawing functions name matplotlib's types without loading it.
     """
     path = MODULES[name]
-    package = name.split(".") if path.name == "__init__.py" else name.split(".")[:-1]
+    package = package_of(name)
     tree = ast.parse(path.read_text(encoding="utf-8"))
     unused = {inner for node in ast.walk(tree) if isinstance(node, ast.If)
               and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING" for inner in ast.walk(node)}
@@ -100,15 +102,25 @@ def imports(name):
     for node in set(ast.walk(tree)) - unused:
         if isinstance(node, ast.Import):
             found += [(alias.name, False) for alias in node.names]
-        elif isinstance(node, ast.ImportFrom) and not node.level:
+        elif isinstance(node, ast.ImportFrom) and not node.level and not node.module.startswith("lensfield."):
             found.append((node.module, False))
         elif isinstance(node, ast.ImportFrom):
-            base = [part for part in package if part][:len(package) + 1 - node.level] + [node.module or ""]
-            base = ".".join(filter(None, base))
+            base = source(node, package)
             for alias in node.names:
                 inner = f"{base}.{alias.name}".strip(".")
                 found.append((inner if inner in MODULES else base, True))
     return found
+
+
+def package_of(name):
+    """The parts of the name of a module's package."""
+    return name.split(".") if MODULES[name].name == "__init__.py" else name.split(".")[:-1]
+
+
+def source(node, package):
+    """The module or package of this package that an import names, without `lensfield`."""
+    folder = [part for part in package if part][:len(package) + 1 - node.level] if node.level else []
+    return ".".join(filter(None, [*folder, (node.module or "").removeprefix("lensfield.")]))
 
 
 def room(name):
@@ -155,10 +167,17 @@ def test_the_engine_imports_neither_blender_nor_undeclared_libraries():
     assert not unknown
 
 
-def test_the_package_never_imports_itself_by_name():
-    by_name = [f"{name} imports {other}" for name in MODULES for other, relative in imports(name)
-               if not relative and other.split(".")[0] in ("lensfield", "bl_ext")]
-    assert not by_name
+def test_the_engine_and_nothing_else_is_imported_by_name():
+    """In Blender, the engine comes from a wheel, and everything else from the extension, whose package has another
+    name. The engine's own imports are relative."""
+    wrong = []
+    for name, path in MODULES.items():
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and (node.level or node.module.startswith(("lensfield", "bl_ext"))):
+                enters_engine = not name.startswith("engine") and source(node, package_of(name)).startswith("engine")
+                if enters_engine == bool(node.level):
+                    wrong.append(f"{name or 'lensfield'} imports {node.module}")
+    assert not wrong
 
 
 def test_every_folder_of_code_is_installed():

@@ -5,11 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...engine import SpectralImage
-from ...engine.depth.depth_range import check_depth
-from ...engine.image.layers import LayeredRadiance
-from ...engine.image.planes import COVERAGE, NEAREST, Plane
-from ...engine.image.sources import Sources
+from lensfield.engine import SpectralImage
+from lensfield.engine.depth.depth_range import check_depth
+from lensfield.engine.image.layers import LayeredRadiance
+from lensfield.engine.image.planes import COVERAGE, NEAREST, Plane
+from lensfield.engine.image.sources import Sources
+
 from ..scene.units import M_TO_MM
 from .remarks import scale_remarks
 

@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import bpy
 import numpy as np
 
-from ...engine.image.directions import directions, holds, places_of, solid_angles_sr
-from ...engine.image.layers import BACKGROUND_MM
+from lensfield.engine.image.directions import directions, holds, places_of, solid_angles_sr
+from lensfield.engine.image.layers import BACKGROUND_MM
+
 from ..scene.instances import rendered_instances
 from ..scene.patches import lamp_patches, mesh_patches
 from ..scene.render_state import rendered_layer

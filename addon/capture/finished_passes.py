@@ -13,11 +13,12 @@ from hashlib import blake2b
 
 import bpy
 
-from ...engine.runtime.build_identity import build_identity
-from ...engine.runtime.errors import InputError
-from ...engine.runtime.files import discard, hidden_folder, matching, move, note_resumable, remove, uninterrupted
-from ...engine.runtime.locks import Busy, only_writer
-from ...engine.runtime.values import json_value
+from lensfield.engine.runtime.build_identity import build_identity
+from lensfield.engine.runtime.errors import InputError
+from lensfield.engine.runtime.files import discard, hidden_folder, matching, move, note_resumable, remove, uninterrupted
+from lensfield.engine.runtime.locks import Busy, only_writer
+from lensfield.engine.runtime.values import json_value
+
 from ..job.recorded import recorded_fields
 from ..job.result import stem_of
 from ..job.steps import Work

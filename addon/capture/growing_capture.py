@@ -11,7 +11,8 @@ from time import monotonic
 
 import numpy as np
 
-from ...engine.runtime.files import temporary_folder
+from lensfield.engine.runtime.files import temporary_folder
+
 from ..scene.denoise import can_denoise, denoise_quickly, guide_planes, render_with_guides
 from ..scene.render_state import rendered_layer, show_samples, show_slab
 from ..scene.undo import Journal

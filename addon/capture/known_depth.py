@@ -3,7 +3,8 @@
 import numpy as np
 import scipy
 
-from ...engine.image.layers import BACKGROUND_MM
+from lensfield.engine.image.layers import BACKGROUND_MM
+
 from ..scene.units import M_TO_MM
 from .emitters import SAME_DEPTH
 

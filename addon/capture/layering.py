@@ -3,8 +3,9 @@
 import numpy as np
 import scipy
 
-from ...engine.depth.depth_range import blur_per_nearness_px, planar_depth_mm
-from ...engine.image.layers import Layer, LayeredRadiance
+from lensfield.engine.depth.depth_range import blur_per_nearness_px, planar_depth_mm
+from lensfield.engine.image.layers import Layer, LayeredRadiance
+
 from ..scene.units import M_TO_MM
 
 SEAM_PX = 2.0  # blur difference up to which the two sides of a border count as one surface

@@ -4,12 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...engine.image.detail import Detail, merged
-from ...engine.pictures.spectral_exr import read_parts
-from ...engine.runtime.errors import ImageError
-from ...engine.runtime.files import file_status, why_no_room
-from ...engine.runtime.scratch import new_array, release_memory
-from ...engine.spectral.control_variate import balance, block_means
+from lensfield.engine.image.detail import Detail, merged
+from lensfield.engine.pictures.spectral_exr import read_parts
+from lensfield.engine.runtime.errors import ImageError
+from lensfield.engine.runtime.files import file_status, why_no_room
+from lensfield.engine.runtime.scratch import new_array, release_memory
+from lensfield.engine.spectral.control_variate import balance, block_means
+
 from ..scene.errors import SceneError
 from ..scene.units import depth_pass_m
 from .bands import CHANNELS

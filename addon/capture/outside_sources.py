@@ -14,11 +14,12 @@ import bpy
 import numpy as np
 from mathutils import Vector
 
-from ...engine.image.directions import directions, holds, solid_angles_sr
-from ...engine.image.sources import Sources, widths_nm
-from ...engine.lens.entrance_pupil import entrance_pupil_size_mm
-from ...engine.runtime.errors import listed
-from ...engine.stray.merging import grouped, merged_sources
+from lensfield.engine.image.directions import directions, holds, solid_angles_sr
+from lensfield.engine.image.sources import Sources, widths_nm
+from lensfield.engine.lens.entrance_pupil import entrance_pupil_size_mm
+from lensfield.engine.runtime.errors import listed
+from lensfield.engine.stray.merging import grouped, merged_sources
+
 from ..scene.depth import View
 from ..scene.instances import rendered_instances
 from ..scene.patches import LAMP_PATCHES, Patches, in_disc, lamp_patches, mesh_patches, world_patches

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...engine import SpectralImage
-from ...engine.depth.depth_range import (
+from lensfield.engine import SpectralImage
+from lensfield.engine.depth.depth_range import (
     AUTO,
     blur_px,
     focus_in_capture,
@@ -15,14 +15,15 @@ from ...engine.depth.depth_range import (
     focus_share,
     planar_depth_mm,
 )
-from ...engine.image.layers import Layer, LayeredRadiance
-from ...engine.image.sampling import Sampling
-from ...engine.plan.options import DEFAULT_ACCURACY, ON
-from ...engine.runtime.files import temporary_folder
-from ...engine.runtime.scratch import zeros_stored_like
-from ...engine.simulation.prepare import Expected
-from ...engine.simulation.report_parts import SceneFacts
-from ...engine.spectral.wavelength_choice import FOREIGN_SURPRISE
+from lensfield.engine.image.layers import Layer, LayeredRadiance
+from lensfield.engine.image.sampling import Sampling
+from lensfield.engine.plan.options import DEFAULT_ACCURACY, ON
+from lensfield.engine.runtime.files import temporary_folder
+from lensfield.engine.runtime.scratch import zeros_stored_like
+from lensfield.engine.simulation.prepare import Expected
+from lensfield.engine.simulation.report_parts import SceneFacts
+from lensfield.engine.spectral.wavelength_choice import FOREIGN_SURPRISE
+
 from ..job.shown import write_growing
 from ..job.steps import RenderPass, Work
 from ..scene.render_state import rendered_layer, show_slab

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import bpy
 
-from ...engine.depth.depth_range import AUTO
-from ...engine.field.overscan import columns_for_blur
-from ...engine.image.pixel_grid import PixelGrid
-from ...engine.runtime.memory import taken_bytes
+from lensfield.engine.depth.depth_range import AUTO
+from lensfield.engine.field.overscan import columns_for_blur
+from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.runtime.memory import taken_bytes
+
 from ..job.job import Job
 from ..job.targets import check_files
 from ..scene.camera import capture_grid, captured_region, frame_grid, render_region

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...engine.depth.depth_range import AUTO, OFF, blur_per_nearness_px
-from ...engine.rays.rings import in_metres
-from ...engine.runtime.errors import listed
-from ...engine.spectral.wavelength_choice import REFERENCE, STANDARD_COLOUR_ERROR
+from lensfield.engine.depth.depth_range import AUTO, OFF, blur_per_nearness_px
+from lensfield.engine.rays.rings import in_metres
+from lensfield.engine.runtime.errors import listed
+from lensfield.engine.spectral.wavelength_choice import REFERENCE, STANDARD_COLOUR_ERROR
+
 from ..scene import devices
 from ..scene.camera import matching_focal_length_mm, pixel_aspect
 from ..scene.compositor import unreplaced_passes

@@ -2,8 +2,9 @@
 
 import math
 
-from ...engine.runtime.memory import check_room
-from ...engine.runtime.scratch import SAMPLE_BYTES, check_disk, folder_if_large
+from lensfield.engine.runtime.memory import check_room
+from lensfield.engine.runtime.scratch import SAMPLE_BYTES, check_disk, folder_if_large
+
 from ..scene.camera import render_region
 from .bands import WAVELENGTHS_PER_PASS
 from .sampled_passes import CONTROL_CUBES, detail_times, shares_noise

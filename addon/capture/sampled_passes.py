@@ -16,10 +16,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from ...engine.plan.options import OFF
-from ...engine.runtime.scratch import new_array, release_memory
-from ...engine.spectral.control_variate import estimate, noise_growth, remaining_shares
-from ...engine.spectral.wavelength_choice import STANDARD
+from lensfield.engine.plan.options import OFF
+from lensfield.engine.runtime.scratch import new_array, release_memory
+from lensfield.engine.spectral.control_variate import estimate, noise_growth, remaining_shares
+from lensfield.engine.spectral.wavelength_choice import STANDARD
+
 from ..job.steps import Work
 from ..scene.denoise import denoised, guide_planes, render_with_guides
 from ..scene.render_state import (

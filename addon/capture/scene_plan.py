@@ -4,10 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...engine.runtime.errors import InputError
-from ...engine.spectral.colour import rec709_weights
-from ...engine.spectral.spectra import BAND_NM, white_density
-from ...engine.spectral.wavelength_choice import WavelengthChoice, choose_wavelengths
+from lensfield.engine.runtime.errors import InputError
+from lensfield.engine.spectral.colour import rec709_weights
+from lensfield.engine.spectral.spectra import BAND_NM, white_density
+from lensfield.engine.spectral.wavelength_choice import WavelengthChoice, choose_wavelengths
+
 from ..job.photo import check_photo
 from ..job.source import check_sources
 from ..scene.camera import frame_grid, in_view

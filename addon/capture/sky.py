@@ -6,10 +6,11 @@ the world's light.
 
 import numpy as np
 
-from ...engine import SpectralImage
-from ...engine.image.directions import solid_angles_sr
-from ...engine.image.pixel_grid import PixelGrid
-from ...engine.image.projection import FISHEYE
+from lensfield.engine import SpectralImage
+from lensfield.engine.image.directions import solid_angles_sr
+from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.image.projection import FISHEYE
+
 from ..job.steps import RenderPass
 from ..scene.render_state import guard_render_state, read_again, rendered_layer, rendered_world, show_slab
 from ..scene.undo import Journal

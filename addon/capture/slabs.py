@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...engine.depth.depth_range import blur_per_nearness_px, planar_depth_mm
-from ...engine.depth.slabs import MOST_SLABS, SlabPlan, plan_slabs
-from ...engine.image.layers import BACKGROUND_MM
-from ...engine.image.pixel_grid import PixelGrid
-from ...engine.lens.iris import opening
+from lensfield.engine.depth.depth_range import blur_per_nearness_px, planar_depth_mm
+from lensfield.engine.depth.slabs import MOST_SLABS, SlabPlan, plan_slabs
+from lensfield.engine.image.layers import BACKGROUND_MM
+from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.lens.iris import opening
+
 from ..job.steps import RenderPass
 from ..scene.bodies import uncut_depths_mm
 from ..scene.render_state import guard_render_state, rendered_layer

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...engine.depth.depth_range import blur_per_nearness_px
-from ...engine.lens.entrance_pupil import entrance_pupil_diameter_mm
+from lensfield.engine.depth.depth_range import blur_per_nearness_px
+from lensfield.engine.lens.entrance_pupil import entrance_pupil_diameter_mm
+
 from ..scene.depth import BEYOND_M, View
 from ..scene.instances import rendered_instances
 from ..scene.render_state import rendered_layer

@@ -8,11 +8,12 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ...engine import Lens
-from ...engine.depth.depth_range import OFF
-from ...engine.runtime.errors import InputError
-from ...engine.runtime.files import temporary_root
-from ...engine.spectral.wavelength_choice import REFERENCE
+from lensfield.engine import Lens
+from lensfield.engine.depth.depth_range import OFF
+from lensfield.engine.runtime.errors import InputError
+from lensfield.engine.runtime.files import temporary_root
+from lensfield.engine.spectral.wavelength_choice import REFERENCE
+
 from ...request import BY_SCENE, ON, RING_FIELDS, RenderRequest
 from ..scene.blend_folder import check_blend_folder
 from ..scene.lens_cache import unwatched

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import bpy
 
-from ...engine.pictures.spectral_exr import read_attribute
-from ...engine.runtime.errors import ImageError, InputError
-from ...engine.runtime.files import file_status
+from lensfield.engine.pictures.spectral_exr import read_attribute
+from lensfield.engine.runtime.errors import ImageError, InputError
+from lensfield.engine.runtime.files import file_status
+
 from ..scene.fingerprint import comparable
 from .job import blend_path
 

@@ -4,14 +4,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...engine import load_camera, photograph
-from ...engine.photo.photograph import CameraFacts, held, missing_channels, missing_text
-from ...engine.photo.raw_file import write_raw_file
-from ...engine.pictures.develop import check_demosaicable, developed_in
-from ...engine.pictures.dng import check_channels
-from ...engine.pictures.preview import auto_exposure, to_rec709
-from ...engine.sensor.exposure import FRAMES, covered_px
-from ...engine.sensor.metering import developed_white, metered_rec709, usual_exposure
+from lensfield.engine import load_camera, photograph
+from lensfield.engine.photo.photograph import CameraFacts, held, missing_channels, missing_text
+from lensfield.engine.photo.raw_file import write_raw_file
+from lensfield.engine.pictures.develop import check_demosaicable, developed_in
+from lensfield.engine.pictures.dng import check_channels
+from lensfield.engine.pictures.preview import auto_exposure, to_rec709
+from lensfield.engine.sensor.exposure import FRAMES, covered_px
+from lensfield.engine.sensor.metering import developed_white, metered_rec709, usual_exposure
 
 DEVELOPED_EXPOSURE = 1.0  # of a developed picture: white is where the camera saturates
 

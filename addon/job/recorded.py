@@ -2,8 +2,9 @@
 
 from dataclasses import asdict, is_dataclass
 
-from ...engine.runtime.setting import settings_of
-from ...engine.runtime.values import json_value
+from lensfield.engine.runtime.setting import settings_of
+from lensfield.engine.runtime.values import json_value
+
 from ..scene.camera import shift_px
 from ..scene.units import metres_per_unit
 

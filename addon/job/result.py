@@ -6,10 +6,11 @@ from pathlib import Path
 
 import bpy
 
-from ...engine import Report
-from ...engine.pictures.frame_record import RECORD_END
-from ...engine.runtime.errors import InputError
-from ...engine.runtime.files import discard
+from lensfield.engine import Report
+from lensfield.engine.pictures.frame_record import RECORD_END
+from lensfield.engine.runtime.errors import InputError
+from lensfield.engine.runtime.files import discard
+
 from ...request import SPECTRAL_FILES
 
 FRAME_FILES = {"radiance": "radiance.exr", "irradiance": "irradiance.exr", "lens_image": "lens_image.exr",

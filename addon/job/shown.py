@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from ...engine.image.irradiance import irradiance_per_radiance
-from ...engine.pictures.preview import auto_exposure, save_png, srgb_pixels, to_rec709
-from ...engine.spectral.colour import REC709_LUMINANCE, rec709_weights
+from lensfield.engine.image.irradiance import irradiance_per_radiance
+from lensfield.engine.pictures.preview import auto_exposure, save_png, srgb_pixels, to_rec709
+from lensfield.engine.spectral.colour import REC709_LUMINANCE, rec709_weights
+
 from ...request import BY_SCENE
 from ..scene.look import look_from, shown_pixels
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import bpy
 
-from ...engine.runtime.blender_caches import (
+from lensfield.engine.runtime.blender_caches import (
     BAKES,
     FLUID,
     MODIFIER_BAKES,
@@ -20,8 +20,9 @@ from ...engine.runtime.blender_caches import (
     blend_caches,
     cache_files,
 )
-from ...engine.runtime.files import file_status
-from ...engine.runtime.inputs import MOST_BYTES, MOST_FONT_BYTES, check_named
+from lensfield.engine.runtime.files import file_status
+from lensfield.engine.runtime.inputs import MOST_BYTES, MOST_FONT_BYTES, check_named
+
 from ..scene.fingerprint import blocks_of
 from ..scene.trust import trusts_all
 from ..shading.assigned import fields_of, spectrum_path

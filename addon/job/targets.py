@@ -4,9 +4,10 @@ import os
 
 import bpy
 
-from ...engine.runtime.errors import InputError
-from ...engine.runtime.files import check_target, identity
-from ...engine.runtime.inputs import is_below
+from lensfield.engine.runtime.errors import InputError
+from lensfield.engine.runtime.files import check_target, identity
+from lensfield.engine.runtime.inputs import is_below
+
 from ..scene.errors import SceneError
 from ..scene.fingerprint import blocks_of
 from ..shading.assigned import named_spectra

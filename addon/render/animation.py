@@ -4,13 +4,14 @@ import time
 from contextlib import contextmanager
 from dataclasses import replace
 
-from ...engine.depth.depth_range import TRACED
-from ...engine.pictures.frame_record import read_record
-from ...engine.runtime.build_identity import is_accepted, other_builds_line
-from ...engine.runtime.errors import InputError, one_line
-from ...engine.runtime.files import remove_half_written, stamp_of
-from ...engine.runtime.locks import Busy, only_writer
-from ...engine.simulation.report import together
+from lensfield.engine.depth.depth_range import TRACED
+from lensfield.engine.pictures.frame_record import read_record
+from lensfield.engine.runtime.build_identity import is_accepted, other_builds_line
+from lensfield.engine.runtime.errors import InputError, one_line
+from lensfield.engine.runtime.files import remove_half_written, stamp_of
+from lensfield.engine.runtime.locks import Busy, only_writer
+from lensfield.engine.simulation.report import together
+
 from ..capture.finished_passes import remove_passes
 from ..job.job import check_output_folder, folder_for
 from ..job.origin import check_replaced

@@ -12,11 +12,12 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ...engine import Options
-from ...engine.depth.depth_range import AUTO, TRACED
-from ...engine.plan.options import TIER_ACCURACY
-from ...engine.runtime.files import remove_left_work, work_prefix
-from ...engine.spectral.wavelength_choice import SpectralOptions
+from lensfield.engine import Options
+from lensfield.engine.depth.depth_range import AUTO, TRACED
+from lensfield.engine.plan.options import TIER_ACCURACY
+from lensfield.engine.runtime.files import remove_left_work, work_prefix
+from lensfield.engine.spectral.wavelength_choice import SpectralOptions
+
 from ...request import CAMERA, EXPOSED_FIELDS, ON, argument, to_arguments
 from ..job.job import folder_for, unsaved_folder
 from ..job.result import UNSAVED

@@ -12,18 +12,19 @@ from typing import Any
 
 import numpy as np
 
-from ...engine import InputError, Report
-from ...engine.depth.depth_range import AUTO, OFF, TRACED
-from ...engine.field.field_map import field_map
-from ...engine.field.overscan import CAMERA_VIEW
-from ...engine.inspection.contact_sheet import write_contact_sheet
-from ...engine.inspection.style import font_path
-from ...engine.library import bundled_names, has_rings, prescription_of
-from ...engine.pictures.preview import auto_exposure
-from ...engine.pictures.spectral_exr import read_parts
-from ...engine.rays.rings import AT_REST, Rings
-from ...engine.runtime.files import check_target, discard
-from ...engine.runtime.locks import only_writer
+from lensfield.engine import InputError, Report
+from lensfield.engine.depth.depth_range import AUTO, OFF, TRACED
+from lensfield.engine.field.field_map import field_map
+from lensfield.engine.field.overscan import CAMERA_VIEW
+from lensfield.engine.inspection.contact_sheet import write_contact_sheet
+from lensfield.engine.inspection.style import font_path
+from lensfield.engine.library import bundled_names, has_rings, prescription_of
+from lensfield.engine.pictures.preview import auto_exposure
+from lensfield.engine.pictures.spectral_exr import read_parts
+from lensfield.engine.rays.rings import AT_REST, Rings
+from lensfield.engine.runtime.files import check_target, discard
+from lensfield.engine.runtime.locks import only_writer
+
 from ...request import RING_FIELDS, RenderRequest
 from ..capture.radiance import capture
 from ..capture.scene_plan import check_job

@@ -5,8 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...engine.field.field_map import field_map
-from ...engine.runtime.files import link_or_copy
+from lensfield.engine.field.field_map import field_map
+from lensfield.engine.runtime.files import link_or_copy
+
 from ...request import RING_FIELDS
 from ..capture.radiance import capture
 from ..capture.remarks import scene_remarks

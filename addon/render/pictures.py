@@ -4,16 +4,23 @@ import hashlib
 
 import numpy as np
 
-from ...engine.field.frame_planes import nearest_samples, pinhole_view, relative_illumination
-from ...engine.field.stmap import distort_map, undistort_map
-from ...engine.image.planes import COVERAGE, NEAREST
-from ...engine.inspection.curves import reference_nm
-from ...engine.pictures.preview import to_rec709
-from ...engine.pictures.spectral_exr import read_attribute, write_exr, write_picture_exr, write_plane_exr, write_rgb_exr
-from ...engine.runtime.build_identity import build_identity
-from ...engine.runtime.errors import ImageError
-from ...engine.runtime.files import file_status
-from ...engine.simulation.coverage import coverage
+from lensfield.engine.field.frame_planes import nearest_samples, pinhole_view, relative_illumination
+from lensfield.engine.field.stmap import distort_map, undistort_map
+from lensfield.engine.image.planes import COVERAGE, NEAREST
+from lensfield.engine.inspection.curves import reference_nm
+from lensfield.engine.pictures.preview import to_rec709
+from lensfield.engine.pictures.spectral_exr import (
+    read_attribute,
+    write_exr,
+    write_picture_exr,
+    write_plane_exr,
+    write_rgb_exr,
+)
+from lensfield.engine.runtime.build_identity import build_identity
+from lensfield.engine.runtime.errors import ImageError
+from lensfield.engine.runtime.files import file_status
+from lensfield.engine.simulation.coverage import coverage
+
 from ..capture.captured import ALPHA, DEPTH
 from ..job.shown import write_shown
 

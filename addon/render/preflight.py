@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...engine.depth.depth_range import AUTO
-from ...engine.depth.slabs import SlabPlan
-from ...engine.runtime.errors import InputError
-from ...engine.runtime.files import nearest_existing
+from lensfield.engine.depth.depth_range import AUTO
+from lensfield.engine.depth.slabs import SlabPlan
+from lensfield.engine.runtime.errors import InputError
+from lensfield.engine.runtime.files import nearest_existing
+
 from ..capture.emitters import emitters_of
 from ..capture.empty_frame import empty_reasons
 from ..capture.ready import job_grid

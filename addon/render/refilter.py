@@ -9,18 +9,25 @@ from pathlib import Path
 
 import numpy as np
 
-from ...engine import ImageError, InputError, Lens
-from ...engine.depth.depth_range import AUTO, OFF, blur_px, focus_in_capture
-from ...engine.field.field_map import field_map
-from ...engine.field.overscan import CAMERA_VIEW, LENS_VIEW
-from ...engine.image.extension import extended_image, extended_layers, extended_plane
-from ...engine.image.layers import covered
-from ...engine.lens.formats import format_mm
-from ...engine.lens.iris import opening
-from ...engine.lens.pinhole import fitting_pitch_um
-from ...engine.library import clamped_rings, fits_all_frames, has_rings, iris_is_visible, pinhole_of, prescription_of
-from ...engine.pictures.frame_record import check_left_out
-from ...engine.pictures.spectral_exr import (
+from lensfield.engine import ImageError, InputError, Lens
+from lensfield.engine.depth.depth_range import AUTO, OFF, blur_px, focus_in_capture
+from lensfield.engine.field.field_map import field_map
+from lensfield.engine.field.overscan import CAMERA_VIEW, LENS_VIEW
+from lensfield.engine.image.extension import extended_image, extended_layers, extended_plane
+from lensfield.engine.image.layers import covered
+from lensfield.engine.lens.formats import format_mm
+from lensfield.engine.lens.iris import opening
+from lensfield.engine.lens.pinhole import fitting_pitch_um
+from lensfield.engine.library import (
+    clamped_rings,
+    fits_all_frames,
+    has_rings,
+    iris_is_visible,
+    pinhole_of,
+    prescription_of,
+)
+from lensfield.engine.pictures.frame_record import check_left_out
+from lensfield.engine.pictures.spectral_exr import (
     read_attribute,
     read_header,
     read_parts,
@@ -28,14 +35,15 @@ from ...engine.pictures.spectral_exr import (
     read_with_layers,
     read_with_planes,
 )
-from ...engine.plan.options import DEFAULT_ACCURACY
-from ...engine.plan.plan_cache import cached_plan
-from ...engine.prescription.coatings import coating_of
-from ...engine.prescription.tolerances import copy_of
-from ...engine.rays.rings import Rings, resized_rings
-from ...engine.runtime.errors import absence
-from ...engine.runtime.files import check_target, discard, file_status, link_or_copy, stamp_of
-from ...engine.simulation.report_parts import FileFacts
+from lensfield.engine.plan.options import DEFAULT_ACCURACY
+from lensfield.engine.plan.plan_cache import cached_plan
+from lensfield.engine.prescription.coatings import coating_of
+from lensfield.engine.prescription.tolerances import copy_of
+from lensfield.engine.rays.rings import Rings, resized_rings
+from lensfield.engine.runtime.errors import absence
+from lensfield.engine.runtime.files import check_target, discard, file_status, link_or_copy, stamp_of
+from lensfield.engine.simulation.report_parts import FileFacts
+
 from ...request import CAMERA, CAMERA_FIELDS, RADIANCE, RING_FIELDS, RenderRequest
 from ..capture.captured import Captured, planes_of
 from ..capture.remarks import ROUND_BLUR

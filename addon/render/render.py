@@ -5,14 +5,15 @@ from functools import cache
 
 import bpy
 
-from ...engine import ChannelCache
-from ...engine.pictures.frame_record import write_record
-from ...engine.pictures.spectral_exr import write_exr
-from ...engine.runtime.ahead import Ahead
-from ...engine.runtime.files import discard
-from ...engine.runtime.locks import only_writer
-from ...engine.simulation.lens_image import lens_image
-from ...engine.simulation.prepare import preparation
+from lensfield.engine import ChannelCache
+from lensfield.engine.pictures.frame_record import write_record
+from lensfield.engine.pictures.spectral_exr import write_exr
+from lensfield.engine.runtime.ahead import Ahead
+from lensfield.engine.runtime.files import discard
+from lensfield.engine.runtime.locks import only_writer
+from lensfield.engine.simulation.lens_image import lens_image
+from lensfield.engine.simulation.prepare import preparation
+
 from ...request import IRRADIANCE, RADIANCE
 from ..capture.finished_passes import remove_passes
 from ..capture.radiance import capture

@@ -13,14 +13,15 @@ import bpy
 import numpy as np
 from bpy.app.handlers import persistent
 
-from ...engine import ChannelCache
-from ...engine.library import has_rings, iris_is_visible
-from ...engine.library.rays import lens_rays, sketched_rays
-from ...engine.pictures.spectral_exr import write_planes_exr
-from ...engine.rays.rings import AT_REST
-from ...engine.runtime.errors import InputError
-from ...engine.simulation.lens_image import lens_image
-from ...engine.spectral.colour import metamer_weights
+from lensfield.engine import ChannelCache
+from lensfield.engine.library import has_rings, iris_is_visible
+from lensfield.engine.library.rays import lens_rays, sketched_rays
+from lensfield.engine.pictures.spectral_exr import write_planes_exr
+from lensfield.engine.rays.rings import AT_REST
+from lensfield.engine.runtime.errors import InputError
+from lensfield.engine.simulation.lens_image import lens_image
+from lensfield.engine.spectral.colour import metamer_weights
+
 from ...request import RING_FIELDS, RenderRequest
 from ..capture.captured import ALPHA, DEPTH
 from ..capture.growing_capture import FINER, Grown, Moved, growing_capture

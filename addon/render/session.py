@@ -9,7 +9,7 @@ from io import BytesIO
 import bpy
 import numpy as np
 
-from ...engine.runtime.files import atomic_path
+from lensfield.engine.runtime.files import atomic_path
 
 
 def lost_images():

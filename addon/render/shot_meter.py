@@ -5,14 +5,15 @@ It looks at a small picture, which every process renders alike: the machines of 
 
 from dataclasses import replace
 
-from ...engine import Options, simulate
-from ...engine.depth.depth_range import OFF
-from ...engine.photo.photograph import held
-from ...engine.plan.options import TIER_ACCURACY
-from ...engine.runtime.files import temporary_folder
-from ...engine.sensor.metering import metered
-from ...engine.spectral.wavelength_choice import SpectralOptions
-from ...engine.stray.options import StrayOptions
+from lensfield.engine import Options, simulate
+from lensfield.engine.depth.depth_range import OFF
+from lensfield.engine.photo.photograph import held
+from lensfield.engine.plan.options import TIER_ACCURACY
+from lensfield.engine.runtime.files import temporary_folder
+from lensfield.engine.sensor.metering import metered
+from lensfield.engine.spectral.wavelength_choice import SpectralOptions
+from lensfield.engine.stray.options import StrayOptions
+
 from ..capture.radiance import capture
 from ..job.job import Shot
 from ..job.result import Result

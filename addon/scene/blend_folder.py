@@ -4,7 +4,8 @@ import os
 
 import bpy
 
-from ...engine.runtime.errors import absence
+from lensfield.engine.runtime.errors import absence
+
 from .errors import SceneError
 
 REMEDY = "open the .blend where it is now, or use Save As"

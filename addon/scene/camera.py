@@ -6,19 +6,20 @@ from functools import lru_cache
 import numpy as np
 from mathutils import Euler, Vector
 
-from ...engine.field.field_map import field_map
-from ...engine.field.overscan import CAMERA_VIEW, FARTHEST, FIT_SAMPLES, LENS_VIEW, choose_capture
-from ...engine.image.pixel_grid import PixelGrid
-from ...engine.image.projection import fitted_projection
-from ...engine.image.sampling import Sampling
-from ...engine.inspection.curves import reference_nm
-from ...engine.lens.formats import format_mm
-from ...engine.lens.pinhole import fitting_pitch_um as pitch_um
-from ...engine.library import described_lenses
-from ...engine.plan.options import Options
-from ...engine.plan.plan_cache import cached_plan
-from ...engine.rays.rings import AT_REST, in_metres
-from ...engine.runtime.errors import InputError
+from lensfield.engine.field.field_map import field_map
+from lensfield.engine.field.overscan import CAMERA_VIEW, FARTHEST, FIT_SAMPLES, LENS_VIEW, choose_capture
+from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.image.projection import fitted_projection
+from lensfield.engine.image.sampling import Sampling
+from lensfield.engine.inspection.curves import reference_nm
+from lensfield.engine.lens.formats import format_mm
+from lensfield.engine.lens.pinhole import fitting_pitch_um as pitch_um
+from lensfield.engine.library import described_lenses
+from lensfield.engine.plan.options import Options
+from lensfield.engine.plan.plan_cache import cached_plan
+from lensfield.engine.rays.rings import AT_REST, in_metres
+from lensfield.engine.runtime.errors import InputError
+
 from .active_camera import camera_data, camera_settings
 from .errors import SceneError
 from .instances import rendered_instances

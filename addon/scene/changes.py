@@ -13,9 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ...engine import Options
-from ...engine.runtime.errors import InputError
-from ...engine.runtime.files import atomic_path
+from lensfield.engine import Options
+from lensfield.engine.runtime.errors import InputError
+from lensfield.engine.runtime.files import atomic_path
+
 from .fingerprint import all_settings_digest, blocks_of, flat, values_and_digest
 from .motion import has_simulations
 

@@ -11,7 +11,8 @@ import time
 import bpy
 from bpy.app.handlers import persistent
 
-from ...engine.runtime.threads import in_main_thread
+from lensfield.engine.runtime.threads import in_main_thread
+
 from .compositor import forget_fingerprints, has_lens_images, is_true, refresh, relabel, rewrite_switches
 from .fingerprint import changed, forget, forget_all, forget_unannounced, is_known, settings_digest
 

@@ -4,7 +4,8 @@ import bpy
 import numpy as np
 import scipy
 
-from ...engine.pictures.spectral_exr import read_parts, write_planes_exr
+from lensfield.engine.pictures.spectral_exr import read_parts, write_planes_exr
+
 from .errors import SceneError, blenders_reason
 from .render_state import rendered_layer
 

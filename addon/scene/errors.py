@@ -1,6 +1,6 @@
 """Errors about scenes, in the engine's format."""
 
-from ...engine.runtime.errors import InputError
+from lensfield.engine.runtime.errors import InputError
 
 
 class SceneError(InputError):

@@ -14,7 +14,8 @@ from hashlib import file_digest as file_hash
 import bpy
 import numpy as np
 
-from ...engine.runtime.files import stamp_of
+from lensfield.engine.runtime.files import stamp_of
+
 from .units import metres_per_unit
 
 LEFT_OUT = {"rna_type", "name_full", "is_active", "is_runtime_data", "location_absolute", "dimensions", "users",

@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...engine.lens.pinhole import fitting_pitch_um
+from lensfield.engine.lens.pinhole import fitting_pitch_um
+
 from .active_camera import camera_settings
 from .camera import frame_px, size_for_view
 from .lens_facts import lean_per_m

@@ -6,15 +6,15 @@ from functools import lru_cache
 
 import numpy as np
 
-from ...engine import Lens, library
-from ...engine.bake.bake import bake
-from ...engine.bake.quality import SKETCH
-from ...engine.library.baked import Edges, needed_ends_mm, needed_wavelengths_nm
-from ...engine.prescription.prescription import Prescription
-from ...engine.rays.rings import AT_REST, Rings, turned
-from ...engine.runtime.background_work import Newest
-from ...engine.runtime.errors import LensError
-from ...engine.runtime.files import stamp_of
+from lensfield.engine import Lens, library
+from lensfield.engine.bake.bake import bake
+from lensfield.engine.bake.quality import SKETCH
+from lensfield.engine.library.baked import Edges, needed_ends_mm, needed_wavelengths_nm
+from lensfield.engine.prescription.prescription import Prescription
+from lensfield.engine.rays.rings import AT_REST, Rings, turned
+from lensfield.engine.runtime.background_work import Newest
+from lensfield.engine.runtime.errors import LensError
+from lensfield.engine.runtime.files import stamp_of
 
 MOST_LENSES = 6
 SKETCHED = "sketched"  # a quality of `load_lens`: at a few wavelengths, and not cached on disk

@@ -5,18 +5,19 @@ from functools import lru_cache
 
 import numpy as np
 
-from ...engine.inspection.curves import field_angle_rad, reference_nm
-from ...engine.inspection.grid_curves import half_angles_rad, paths
-from ...engine.lens import Lens, RadialLens
-from ...engine.lens.conventions import four_by_three
-from ...engine.lens.entrance_pupil import focus_rise
-from ...engine.library import LensSource, has_rings, prescription_of
-from ...engine.prescription.photographs import Agreement
-from ...engine.prescription.system import system_of
-from ...engine.rays import field_heights, fields
-from ...engine.rays.light_end import light_end
-from ...engine.rays.rings import AT_REST, Rings, resized_rings, ring_ends, turned
-from ...engine.rays.view import focus_lean, sensor_axes, tilted
+from lensfield.engine.inspection.curves import field_angle_rad, reference_nm
+from lensfield.engine.inspection.grid_curves import half_angles_rad, paths
+from lensfield.engine.lens import Lens, RadialLens
+from lensfield.engine.lens.conventions import four_by_three
+from lensfield.engine.lens.entrance_pupil import focus_rise
+from lensfield.engine.library import LensSource, has_rings, prescription_of
+from lensfield.engine.prescription.photographs import Agreement
+from lensfield.engine.prescription.system import system_of
+from lensfield.engine.rays import field_heights, fields
+from lensfield.engine.rays.light_end import light_end
+from lensfield.engine.rays.rings import AT_REST, Rings, resized_rings, ring_ends, turned
+from lensfield.engine.rays.view import focus_lean, sensor_axes, tilted
+
 from .lens_cache import identity_of, load_lens
 from .units import M_TO_MM
 

@@ -9,11 +9,12 @@ from pathlib import Path
 
 import bpy
 
-from ...engine import LensError
-from ...engine.prescription.prescription import Prescription
-from ...engine.prescription.readers import AS_IT_IS, ReadingOptions, read_prescription
-from ...engine.prescription.readers.toml import write_prescription
-from ...engine.runtime.files import atomic_path
+from lensfield.engine import LensError
+from lensfield.engine.prescription.prescription import Prescription
+from lensfield.engine.prescription.readers import AS_IT_IS, ReadingOptions, read_prescription
+from lensfield.engine.prescription.readers.toml import write_prescription
+from lensfield.engine.runtime.files import atomic_path
+
 from .blend_folder import check_blend_folder
 from .lens_facts import lens_facts
 from .trust import is_near_blend

@@ -8,9 +8,10 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ...engine.pictures.spectral_exr import write_planes_exr
-from ...engine.runtime.errors import InputError
-from ...engine.runtime.files import temporary_folder
+from lensfield.engine.pictures.spectral_exr import write_planes_exr
+from lensfield.engine.runtime.errors import InputError
+from lensfield.engine.runtime.files import temporary_folder
+
 from .errors import SceneError
 from .working_space import REC709
 

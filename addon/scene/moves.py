@@ -9,7 +9,8 @@ import json
 
 import bpy
 
-from ...engine.runtime.files import atomic_path
+from lensfield.engine.runtime.files import atomic_path
+
 from .changes import MAYBE, MOST_BLOCKS, name_of, needs_copy, read_changes, set_value, values_suffice
 from .fingerprint import blocks_of, digest_without, values_and_digest
 

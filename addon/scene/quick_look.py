@@ -8,9 +8,10 @@ sensor.
 import bpy
 import numpy as np
 
-from ...engine.look.lens_curves import POINTS, LensCurves
-from ...engine.look.lens_maps import LensMaps
-from ...engine.look.lens_tables import NODES
+from lensfield.engine.look.lens_curves import POINTS, LensCurves
+from lensfield.engine.look.lens_maps import LensMaps
+from lensfield.engine.look.lens_tables import NODES
+
 from .compositor import QUICK_LOOK
 
 NAME = "Quick Look"

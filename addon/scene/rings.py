@@ -5,13 +5,14 @@ from math import degrees
 
 from mathutils import Vector
 
-from ...engine import Lens
-from ...engine.lens.iris import Iris
-from ...engine.library import clamped_rings, has_rings, iris_is_visible, pinhole_of, prescription_of
-from ...engine.prescription.coatings import AS_LENS, coating_of
-from ...engine.prescription.tolerances import copy_of
-from ...engine.rays.rings import AT_REST, Rings, resized_rings
-from ...engine.runtime.errors import InputError
+from lensfield.engine import Lens
+from lensfield.engine.lens.iris import Iris
+from lensfield.engine.library import clamped_rings, has_rings, iris_is_visible, pinhole_of, prescription_of
+from lensfield.engine.prescription.coatings import AS_LENS, coating_of
+from lensfield.engine.prescription.tolerances import copy_of
+from lensfield.engine.rays.rings import AT_REST, Rings, resized_rings
+from lensfield.engine.runtime.errors import InputError
+
 from .active_camera import camera_data, camera_settings
 from .camera import lens_for_view, scene_frame
 from .lens_cache import identity_of, load_lens, unwatched

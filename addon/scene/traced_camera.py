@@ -11,11 +11,12 @@ from importlib.resources import files
 import _cycles
 import numpy as np
 
-from ...engine.kernels.tracing import KINDS
-from ...engine.rays.from_sensor import FromSensor, lens_from_sensor
-from ...engine.rays.sensor_aim import Bins
-from ...engine.runtime.errors import InputError, LensError
-from ...engine.runtime.files import temporary_folder
+from lensfield.engine.kernels.tracing import KINDS
+from lensfield.engine.rays.from_sensor import FromSensor, lens_from_sensor
+from lensfield.engine.rays.sensor_aim import Bins
+from lensfield.engine.runtime.errors import InputError, LensError
+from lensfield.engine.runtime.files import temporary_folder
+
 from .units import mm_per_unit
 
 SHADER = files(__package__) / "traced_camera.osl"

@@ -10,7 +10,8 @@ from fnmatch import fnmatch
 
 import bpy
 
-from ...engine.runtime.inputs import is_below, note_who_names
+from lensfield.engine.runtime.inputs import is_below, note_who_names
+
 from .errors import SceneError
 
 REMEDY = "the path comes from the .blend: check it, then press Trust in the Lensfield panel"

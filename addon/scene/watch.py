@@ -5,7 +5,7 @@ from contextlib import contextmanager, suppress
 
 import bpy
 
-from ...engine.runtime.errors import Stopped
+from lensfield.engine.runtime.errors import Stopped
 
 SAMPLES, KERNELS = re.compile(r"Sample (\d+)/(\d+)"), "Loading render kernels"
 LOADING = "Loading Cycles for this GPU, which takes minutes the first time"

@@ -4,7 +4,7 @@ import bpy
 import numpy as np
 from mathutils import Color
 
-from ...engine.spectral.spectra import reflectance_basis
+from lensfield.engine.spectral.spectra import reflectance_basis
 
 REC709 = "Linear Rec.709"
 ROUNDING = 1e-5  # error of Blender's conversion between identical spaces

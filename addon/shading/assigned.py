@@ -5,9 +5,10 @@ from functools import cache
 
 import bpy
 
-from ...engine.runtime.errors import InputError
-from ...engine.spectral.refraction import load_refraction, refraction_names
-from ...engine.spectral.spectra import BAND_NM, is_user_file, load_spectrum
+from lensfield.engine.runtime.errors import InputError
+from lensfield.engine.spectral.refraction import load_refraction, refraction_names
+from lensfield.engine.spectral.spectra import BAND_NM, is_user_file, load_spectrum
+
 from ..scene.errors import SceneError
 from ..scene.trust import check_trusted
 

@@ -12,7 +12,8 @@ from functools import cached_property
 import bpy
 import numpy as np
 
-from ...engine.spectral.spectra import BAND_NM, Spectrum, blackbody, load_spectrum
+from lensfield.engine.spectral.spectra import BAND_NM, Spectrum, blackbody, load_spectrum
+
 from ..scene.instances import uses_nodes
 from .closure_rules import is_idle
 from .node_paths import constant_of, feeding, glowing_colour

@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 
-from ...engine.spectral.spectra import BAND_NM, Spectrum
+from lensfield.engine.spectral.spectra import BAND_NM, Spectrum
+
 from ..scene.working_space import colour_basis
 
 

@@ -8,8 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
-from ...engine.spectral.repeated_colour import RepeatedColour, rec709_of
-from ...engine.spectral.spectra import channel_basis
+from lensfield.engine.spectral.repeated_colour import RepeatedColour, rec709_of
+from lensfield.engine.spectral.spectra import channel_basis
+
 from ..scene.instances import cycles_output, rendered_instances
 from ..scene.volumes import has_volume
 from ..scene.working_space import colour_basis

@@ -18,8 +18,9 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from ...engine.spectral.refraction import D_LINE_NM, Refraction
-from ...engine.spectral.spectra import BAND_NM, Spectrum, channel_basis
+from lensfield.engine.spectral.refraction import D_LINE_NM, Refraction
+from lensfield.engine.spectral.spectra import BAND_NM, Spectrum, channel_basis
+
 from ..scene.errors import SceneError
 from ..scene.instances import cycles_output, uses_nodes
 from ..scene.render_state import read_again

@@ -2,9 +2,10 @@
 
 from contextlib import suppress
 
-from ...engine.library.bodies import load_camera
-from ...engine.photo.photograph import missing_channels, missing_text
-from ...engine.runtime.errors import InputError
+from lensfield.engine.library.bodies import load_camera
+from lensfield.engine.photo.photograph import missing_channels, missing_text
+from lensfield.engine.runtime.errors import InputError
+
 from ..job.named_files import FROM_FILE
 from ..scene.active_camera import camera_data
 from .common.lens_worker import lens_request

@@ -4,7 +4,8 @@ import bpy
 from bl_operators.presets import AddPresetBase
 from bl_ui.utils import PresetPanel
 
-from ...engine.runtime.files import atomic_path
+from lensfield.engine.runtime.files import atomic_path
+
 from ..scene.active_camera import camera_in
 from ..scene.linked import stated_path
 

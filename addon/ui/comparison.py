@@ -8,8 +8,9 @@ import time
 
 import bpy
 
-from ...engine.library import bundled_names, has_rings
-from ...engine.runtime.errors import InputError
+from lensfield.engine.library import bundled_names, has_rings
+from lensfield.engine.runtime.errors import InputError
+
 from ..job.named_files import FROM_FILE
 from ..scene.active_camera import camera_settings
 from ..scene.camera import frame_px

@@ -7,15 +7,16 @@ from pathlib import Path
 import bpy
 from bpy.props import CollectionProperty, FloatProperty, FloatVectorProperty, StringProperty
 
-from ...engine.fitting.even_light import check_even_light
-from ...engine.fitting.fit import fit_to_files
-from ...engine.fitting.flat_fields import read_flat_fields
-from ...engine.fitting.raw_light import f_numbers_of
-from ...engine.fitting.vignetting import COLUMNS, read_vignetting
-from ...engine.library import bundled_names, has_rings, prescription_of
-from ...engine.prescription.photographs import MM_PER_M, NOT_COMPARED
-from ...engine.runtime.errors import InputError, one_line
-from ...engine.runtime.inputs import note_who_names
+from lensfield.engine.fitting.even_light import check_even_light
+from lensfield.engine.fitting.fit import fit_to_files
+from lensfield.engine.fitting.flat_fields import read_flat_fields
+from lensfield.engine.fitting.raw_light import f_numbers_of
+from lensfield.engine.fitting.vignetting import COLUMNS, read_vignetting
+from lensfield.engine.library import bundled_names, has_rings, prescription_of
+from lensfield.engine.prescription.photographs import MM_PER_M, NOT_COMPARED
+from lensfield.engine.runtime.errors import InputError, one_line
+from lensfield.engine.runtime.inputs import note_who_names
+
 from ..job.named_files import FROM_FILE
 from ..scene.active_camera import camera_in, settings_to_edit
 from ..scene.lens_file import stored_lens

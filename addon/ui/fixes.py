@@ -2,7 +2,8 @@
 
 import bpy
 
-from ...engine.runtime.errors import InputError
+from lensfield.engine.runtime.errors import InputError
+
 from ..scene.linked import check_editable
 from .common.plain_words import plain
 from .common.text_wrap import draw_wrapped

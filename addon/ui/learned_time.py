@@ -5,7 +5,8 @@ import math
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from ...engine.runtime.values import json_value
+from lensfield.engine.runtime.values import json_value
+
 from ..job.result import Result
 from ..scene.camera import frame_px
 from .common.session import session

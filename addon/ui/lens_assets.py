@@ -5,12 +5,13 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ...engine.lens.entrance_pupil import focus_nearness
-from ...engine.library import described_lenses
-from ...engine.look.lens_tables import COLOURS_NM
-from ...engine.rays.rings import AT_REST
-from ...engine.runtime.errors import InputError
-from ...engine.runtime.files import atomic_path
+from lensfield.engine.lens.entrance_pupil import focus_nearness
+from lensfield.engine.library import described_lenses
+from lensfield.engine.look.lens_tables import COLOURS_NM
+from lensfield.engine.rays.rings import AT_REST
+from lensfield.engine.runtime.errors import InputError
+from lensfield.engine.runtime.files import atomic_path
+
 from ..scene.compositor import QUICK_LOOK
 from ..scene.lens_cache import load_lens
 from ..scene.lens_facts import lens_facts

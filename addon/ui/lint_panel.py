@@ -2,7 +2,8 @@
 
 import bpy
 
-from ...engine.runtime.errors import InputError
+from lensfield.engine.runtime.errors import InputError
+
 from ..render.preflight import preflight
 from ..scene.active_camera import camera_settings
 from ..scene.rings import rings_for

@@ -14,19 +14,20 @@ from typing import NamedTuple
 import bpy
 from bpy.props import BoolProperty, CollectionProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 
-from ...engine.inspection.cross_section import cross_section
-from ...engine.library import has_rings
-from ...engine.prescription.glasses import glass_names, similar_glasses
-from ...engine.prescription.prescription import Prescription
-from ...engine.prescription.readers import SUFFIXES, ReadingOptions, read_prescription
-from ...engine.prescription.readers.reading import F_NUMBER, FOCAL_LENGTH
-from ...engine.prescription.system import System, system_of, unknown_glasses
-from ...engine.rays.field_heights import image_radius_mm
-from ...engine.rays.focus import build_system
-from ...engine.rays.rings import turned
-from ...engine.runtime.errors import InputError, one_line
-from ...engine.runtime.files import stamp_of
-from ...engine.runtime.inputs import note_who_names
+from lensfield.engine.inspection.cross_section import cross_section
+from lensfield.engine.library import has_rings
+from lensfield.engine.prescription.glasses import glass_names, similar_glasses
+from lensfield.engine.prescription.prescription import Prescription
+from lensfield.engine.prescription.readers import SUFFIXES, ReadingOptions, read_prescription
+from lensfield.engine.prescription.readers.reading import F_NUMBER, FOCAL_LENGTH
+from lensfield.engine.prescription.system import System, system_of, unknown_glasses
+from lensfield.engine.rays.field_heights import image_radius_mm
+from lensfield.engine.rays.focus import build_system
+from lensfield.engine.rays.rings import turned
+from lensfield.engine.runtime.errors import InputError, one_line
+from lensfield.engine.runtime.files import stamp_of
+from lensfield.engine.runtime.inputs import note_who_names
+
 from ..job.named_files import FROM_FILE
 from ..scene.active_camera import settings_to_edit
 from ..scene.lens_file import lens_file_for_scene

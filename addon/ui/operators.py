@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import bpy
 
-from ...engine.field.overscan import CAMERA_VIEW
-from ...engine.runtime.errors import InputError, one_line
+from lensfield.engine.field.overscan import CAMERA_VIEW
+from lensfield.engine.runtime.errors import InputError, one_line
+
 from ..capture.remarks import ENOUGH_SAMPLES
 from ..render.render import render_through_lens
 from ..scene.active_camera import camera_data, camera_settings, settings_to_edit

@@ -11,10 +11,11 @@ from math import isinf
 
 import bpy
 
-from ...engine.field.overscan import LENS_VIEW
-from ...engine.lens.formats import crop_factor
-from ...engine.library import has_rings
-from ...engine.runtime.errors import InputError
+from lensfield.engine.field.overscan import LENS_VIEW
+from lensfield.engine.lens.formats import crop_factor
+from lensfield.engine.library import has_rings
+from lensfield.engine.runtime.errors import InputError
+
 from ..capture.remarks import MANY_SAMPLES, SAME_VIEW
 from ..job.job import folder_for, is_temporary
 from ..job.named_files import FROM_FILE, named_files

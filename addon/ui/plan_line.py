@@ -2,10 +2,11 @@
 
 import math
 
-from ...engine.image.detail import splitting_bytes
-from ...engine.image.sampling import Sampling
-from ...engine.plan.plan_cache import cached_plan
-from ...engine.runtime.messages import duration
+from lensfield.engine.image.detail import splitting_bytes
+from lensfield.engine.image.sampling import Sampling
+from lensfield.engine.plan.plan_cache import cached_plan
+from lensfield.engine.runtime.messages import duration
+
 from ..capture.bands import pass_count
 from ..capture.room import detail_bytes, pass_bytes
 from ..capture.sampled_passes import detail_times

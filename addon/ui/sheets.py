@@ -10,11 +10,12 @@ from pathlib import Path
 
 from PIL import Image
 
-from ...engine.inspection.sheet import write_lens_plot
-from ...engine.library import has_rings
-from ...engine.runtime import cache
-from ...engine.runtime.files import atomic_path
-from ...engine.runtime.values import digest_of
+from lensfield.engine.inspection.sheet import write_lens_plot
+from lensfield.engine.library import has_rings
+from lensfield.engine.runtime import cache
+from lensfield.engine.runtime.files import atomic_path
+from lensfield.engine.runtime.values import digest_of
+
 from ..render.child import work_folder
 from .common.background import Answers
 

@@ -12,9 +12,10 @@ from pathlib import Path
 import bpy
 from bpy.app.handlers import persistent
 
-from ...engine.runtime.child import Child
-from ...engine.runtime.errors import InputError
-from ...engine.runtime.messages import duration, time_left
+from lensfield.engine.runtime.child import Child
+from lensfield.engine.runtime.errors import InputError
+from lensfield.engine.runtime.messages import duration, time_left
+
 from ..capture.finished_passes import passes_left
 from ..capture.scene_plan import check_wavelengths
 from ..job.job import check_output_folder, folder_for, requested

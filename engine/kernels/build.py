@@ -40,6 +40,14 @@ COMPILERS = {
     "macos-x64": "clang",
 }
 """Cross compilers for other machines' libraries. Those for Macs also require LLVM's linker, lld."""
+WHEEL_TAGS = {
+    "linux-x64": "manylinux_2_17_x86_64.manylinux2014_x86_64",
+    "linux-arm64": "manylinux_2_17_aarch64.manylinux2014_aarch64",
+    "windows-x64": "win_amd64",
+    "macos-arm64": "macosx_11_0_arm64",
+    "macos-x64": "macosx_11_0_x86_64",
+}
+"""How the names of wheels state these platforms. The libraries need nothing of a system but that it can load them."""
 
 
 class CompilerMissing(Exception):

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 PACKAGE = Path(__file__).resolve().parents[2]
-SOURCES = ("__init__.py", "cli.py", "request.py", "engine/**/*", "addon/**/*", "commands/**/*")
+SOURCES = ("__init__.py", "cli.py", "request.py", "restart.py", "engine/**/*", "addon/**/*", "commands/**/*")
 SUFFIXES = (".py", ".c", ".h", ".osl", ".wgsl", ".csv", ".spd", ".yml")
 """Code and tables. Lenses of the library are not among them: keys that depend on a lens contain its own digest."""
 HEX_DIGITS = 16

@@ -6,9 +6,10 @@ and the viewports too when it ends.
 
 import bpy
 
-from ....engine.runtime import background_work
-from ....engine.runtime.background_work import Work
-from ....engine.runtime.waiting import Flag
+from lensfield.engine.runtime import background_work
+from lensfield.engine.runtime.background_work import Work
+from lensfield.engine.runtime.waiting import Flag
+
 from .areas import areas, redraw_panels
 
 TICK_S = 0.05

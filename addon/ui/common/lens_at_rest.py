@@ -1,6 +1,7 @@
 """The facts of a scene's lens with its rings at rest, read in a thread: this takes a fraction of a second."""
 
-from ....engine.runtime.files import stamp_of
+from lensfield.engine.runtime.files import stamp_of
+
 from ...scene.active_camera import camera_settings
 from ...scene.lens_facts import LensFacts, lens_facts
 from .background import Answers

@@ -8,10 +8,11 @@ from dataclasses import dataclass, field
 
 import bpy
 
-from ....engine.runtime.background_work import Work
-from ....engine.runtime.errors import InputError, Stopped
-from ....engine.runtime.files import stamp_of
-from ....engine.runtime.waiting import Flag
+from lensfield.engine.runtime.background_work import Work
+from lensfield.engine.runtime.errors import InputError, Stopped
+from lensfield.engine.runtime.files import stamp_of
+from lensfield.engine.runtime.waiting import Flag
+
 from ...scene.active_camera import camera_settings
 from ...scene.camera import SceneFrame, scene_frame
 from ...scene.lens_cache import load_lens, loaded_lens

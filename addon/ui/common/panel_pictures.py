@@ -1,6 +1,7 @@
 """Pictures as wide as a panel."""
 
-from ....engine.runtime.errors import InputError
+from lensfield.engine.runtime.errors import InputError
+
 from .text_wrap import PANEL_MARGINS, draw_wrapped, region_widgets
 
 

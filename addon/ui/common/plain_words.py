@@ -2,7 +2,7 @@
 
 import re
 
-from ....engine.runtime.errors import InputError, one_line
+from lensfield.engine.runtime.errors import InputError, one_line
 
 PANORAMA = "Panoramic cameras have no lens, unless Match Camera to Lens has set them"
 _SENTENCES = {"type": {"ORTHO": "Orthographic cameras have no lens", "PANO": PANORAMA,

@@ -2,7 +2,7 @@
 
 import bpy
 
-from ....engine.kernels.library import use_gpu
+from lensfield.engine.kernels.library import use_gpu
 
 PACKAGE = __package__.rsplit(".", 3)[0]
 IN_CAMERA, IN_PANEL = "CAMERA", "PANEL"

@@ -8,8 +8,9 @@ import bpy
 import bpy.utils.previews
 import numpy as np
 
-from ....engine.library import PICTURES
-from ....engine.runtime.files import stamp_of
+from lensfield.engine.library import PICTURES
+from lensfield.engine.runtime.files import stamp_of
+
 from ...scene.errors import SceneError
 
 PREVIEW_PX = 640  # the longer side; previews that Blender loads have 256, too few for the text

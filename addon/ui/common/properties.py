@@ -19,21 +19,22 @@ from bpy.props import (
     StringProperty,
 )
 
-from ....engine import Options
-from ....engine.blur import METHODS
-from ....engine.lens.formats import FORMATS
-from ....engine.lens.iris import Iris
-from ....engine.library import described_lenses
-from ....engine.library.bodies import described_cameras
-from ....engine.plan.options import AUTO, KNOBS, TIER_ACCURACY
-from ....engine.prescription.readers import SUFFIXES
-from ....engine.runtime.errors import InputError
-from ....engine.runtime.inputs import note_who_names
-from ....engine.runtime.setting import settings_of
-from ....engine.spectral.refraction import refraction_names
-from ....engine.spectral.spectra import library_names, parse_wavelengths
-from ....engine.spectral.wavelength_choice import IMAGE_WAVELENGTHS, SpectralOptions
-from ....engine.stray.options import OFF, PARTS, StrayOptions
+from lensfield.engine import Options
+from lensfield.engine.blur import METHODS
+from lensfield.engine.lens.formats import FORMATS
+from lensfield.engine.lens.iris import Iris
+from lensfield.engine.library import described_lenses
+from lensfield.engine.library.bodies import described_cameras
+from lensfield.engine.plan.options import AUTO, KNOBS, TIER_ACCURACY
+from lensfield.engine.prescription.readers import SUFFIXES
+from lensfield.engine.runtime.errors import InputError
+from lensfield.engine.runtime.inputs import note_who_names
+from lensfield.engine.runtime.setting import settings_of
+from lensfield.engine.spectral.refraction import refraction_names
+from lensfield.engine.spectral.spectra import library_names, parse_wavelengths
+from lensfield.engine.spectral.wavelength_choice import IMAGE_WAVELENGTHS, SpectralOptions
+from lensfield.engine.stray.options import OFF, PARTS, StrayOptions
+
 from ....request import CAMERA, RenderRequest, view_on_sensor
 from ...job.job import folder_for
 from ...job.named_files import FROM_FILE

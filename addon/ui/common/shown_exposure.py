@@ -2,11 +2,12 @@
 
 import bpy
 
-from ....engine.library.bodies import load_camera
-from ....engine.photo.photograph import shutter_text
-from ....engine.runtime.errors import InputError
-from ....engine.sensor.exposure import exposure_value
-from ....engine.sensor.metering import usual_exposure
+from lensfield.engine.library.bodies import load_camera
+from lensfield.engine.photo.photograph import shutter_text
+from lensfield.engine.runtime.errors import InputError
+from lensfield.engine.sensor.exposure import exposure_value
+from lensfield.engine.sensor.metering import usual_exposure
+
 from ...job.photo import ShownExposure
 from ...scene.active_camera import camera_data
 from .session import session

@@ -3,7 +3,7 @@ cancels it."""
 
 import bpy
 
-from ....engine.runtime.errors import InputError, one_line
+from lensfield.engine.runtime.errors import InputError, one_line
 
 STEP_S = 0.01
 

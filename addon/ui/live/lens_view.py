@@ -14,8 +14,8 @@ import gpu
 import numpy as np
 from gpu_extras.batch import batch_for_shader
 
-from ....engine.look.lens_tables import BOKEH_NODES, NODES, RAYS, STEEPEST_RAD, LensTables
-from ....engine.rays.stop_places import cell_size, stop_places
+from lensfield.engine.look.lens_tables import BOKEH_NODES, NODES, RAYS, STEEPEST_RAD, LensTables
+from lensfield.engine.rays.stop_places import cell_size, stop_places
 
 SOURCES = files(__package__) / "shaders"
 TILE_PX, REACH_TILES = 16, 6  # blur reaches at most their product from its middle

@@ -17,20 +17,21 @@ import bpy
 import numpy as np
 from bpy.app.handlers import persistent
 
-from ....engine.depth.depth_range import blur_per_nearness_px
-from ....engine.field.field_map import field_map
-from ....engine.field.overscan import LENS_VIEW
-from ....engine.image.pixel_grid import PixelGrid
-from ....engine.lens.entrance_pupil import focus_nearness, focus_rise
-from ....engine.lens.iris import opening
-from ....engine.lens.pinhole import fitting_pitch_um
-from ....engine.library.bodies import load_camera
-from ....engine.library.rays import lens_rays
-from ....engine.look.lens_tables import COLOURS_NM, LensTables, lens_tables
-from ....engine.runtime.background_work import Work
-from ....engine.runtime.errors import InputError, one_line
-from ....engine.runtime.files import stamp_of
-from ....engine.sensor.metering import developed_white, metered_rec709
+from lensfield.engine.depth.depth_range import blur_per_nearness_px
+from lensfield.engine.field.field_map import field_map
+from lensfield.engine.field.overscan import LENS_VIEW
+from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.lens.entrance_pupil import focus_nearness, focus_rise
+from lensfield.engine.lens.iris import opening
+from lensfield.engine.lens.pinhole import fitting_pitch_um
+from lensfield.engine.library.bodies import load_camera
+from lensfield.engine.library.rays import lens_rays
+from lensfield.engine.look.lens_tables import COLOURS_NM, LensTables, lens_tables
+from lensfield.engine.runtime.background_work import Work
+from lensfield.engine.runtime.errors import InputError, one_line
+from lensfield.engine.runtime.files import stamp_of
+from lensfield.engine.sensor.metering import developed_white, metered_rec709
+
 from ...job.named_files import check_named_files
 from ...job.photo import ShownExposure
 from ...scene.active_camera import camera_settings

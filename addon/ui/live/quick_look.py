@@ -10,14 +10,15 @@ import bpy
 import numpy as np
 from bpy.app.handlers import persistent
 
-from ....engine.field.overscan import CAMERA_VIEW
-from ....engine.lens import RadialLens
-from ....engine.lens.entrance_pupil import focus_nearness
-from ....engine.lens.pinhole import fitting_pitch_um, turned_sensor_mm
-from ....engine.look.lens_curves import CompositorLens, lens_curves
-from ....engine.look.lens_maps import lens_maps
-from ....engine.runtime.errors import InputError, one_line
-from ....engine.runtime.threads import in_main_thread
+from lensfield.engine.field.overscan import CAMERA_VIEW
+from lensfield.engine.lens import RadialLens
+from lensfield.engine.lens.entrance_pupil import focus_nearness
+from lensfield.engine.lens.pinhole import fitting_pitch_um, turned_sensor_mm
+from lensfield.engine.look.lens_curves import CompositorLens, lens_curves
+from lensfield.engine.look.lens_maps import lens_maps
+from lensfield.engine.runtime.errors import InputError, one_line
+from lensfield.engine.runtime.threads import in_main_thread
+
 from ...job.named_files import check_named_files
 from ...scene.active_camera import camera_settings
 from ...scene.camera import TO_PERSPECTIVE, SceneFrame, frame_px, pixel_aspect, size_for_view

@@ -4,7 +4,8 @@ from contextlib import suppress
 
 import bpy
 
-from ....engine.runtime.errors import InputError
+from lensfield.engine.runtime.errors import InputError
+
 from ...scene.active_camera import camera_object_in
 from ...scene.clicked_focus import focus_on, lens_ray, surface_at, view_ray
 from ...scene.linked import check_editable

@@ -10,8 +10,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from ....engine.pictures.spectral_exr import read_parts
-from ....engine.runtime.errors import InputError
+from lensfield.engine.pictures.spectral_exr import read_parts
+from lensfield.engine.runtime.errors import InputError
+
 from ...scene.active_camera import camera_settings
 from ...scene.camera import view_tangents
 from ...scene.focus import focus_now

@@ -15,8 +15,9 @@ import bpy
 import numpy as np
 from bpy.app.handlers import persistent
 
-from ....engine.runtime.child import Child
-from ....engine.runtime.errors import InputError
+from lensfield.engine.runtime.child import Child
+from lensfield.engine.runtime.errors import InputError
+
 from ...capture.growing_capture import FINER
 from ...job.named_files import check_named_files, named_files
 from ...job.photo import ShownExposure

@@ -10,7 +10,8 @@ import numpy as np
 from bpy_extras.view3d_utils import location_3d_to_region_2d
 from mathutils import Vector
 
-from ....engine.spectral.colour import decode_srgb
+from lensfield.engine.spectral.colour import decode_srgb
+
 from ..common.areas import areas
 from ..common.preferences import IN_CAMERA, preview_place
 from ..common.previews import open_png

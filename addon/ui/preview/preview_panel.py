@@ -2,7 +2,8 @@
 
 import bpy
 
-from ....engine.runtime.errors import InputError
+from lensfield.engine.runtime.errors import InputError
+
 from ..common.panel_pictures import draw_picture
 from ..common.plain_words import plain
 from ..common.preferences import IN_CAMERA, IN_PANEL, preview_place

@@ -5,8 +5,9 @@ from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
 
-from ....engine.runtime.child import Child
-from ....engine.runtime.errors import InputError
+from lensfield.engine.runtime.child import Child
+from lensfield.engine.runtime.errors import InputError
+
 from ...job.photo import ShownExposure
 from ...scene.active_camera import camera_settings
 from ...scene.camera import view_tangents
