@@ -43,10 +43,12 @@
 # make scenes      render two hundred ordinary scenes through a nearly perfect lens and by Cycles alone, and five of them
 #                  by every command: all must agree (an hour); SCENES="hdri lamps" selects scenes or themes; the table,
 #                  pictures and .blend files are in build/scenes. make test renders two, chosen by SEED
-# make extension   build dist/*.zip, for installation in Blender: one for each platform and generation of Blender
-# make release     run make scenes, and all tests and cases; then build all artefacts in an empty dist/: the zips of make
-#                  extension, the sdist, the wheel of this platform, and their SHA-256 checksums in SHA256SUMS
-#                  (CONTRIBUTING.md lists the compilers)
+# make wheels      build the wheels of all platforms in dist/, or of PLATFORMS="linux-x64 windows-x64"; CONTRIBUTING.md
+#                  lists the compilers. The same compilers build the same bytes
+# make dist        build everything for users in an empty dist/: the wheels, the sdist, one zip for each platform and
+#                  generation of Blender, index.json and index.html, which make the folder on a web server a repository
+#                  of Blender extensions, and SHA-256 checksums in SHA256SUMS
+# make release     run make scenes, and all tests and cases; then make dist
 # make ui-test     operate a window of BLENDER=/path/to/blender as a user would (ten minutes; requires a display, or
 #                  Xvfb, and ImageMagick's import); it installs the zip for Blender 5.1 and later: for others, add
 #                  GENERATION=blender4.5 (4.5 and 5.0) or GENERATION=python3.14 (of a distribution, on Python 3.14);
@@ -101,6 +103,7 @@ SAMPLES ?= 64
 ROUNDS ?= 100
 BLENDER ?= blender
 GENERATION ?= blender5.1
+PLATFORMS ?=
 STEPS ?=
 PRESCRIPTIONS ?=
 SCENES ?=
@@ -126,7 +129,7 @@ SITE = .venv-site
 RELEASE = .venv-release
 LOCK = packaging/lock-5.0.1.txt
 
-.PHONY: demo kernels test heavy fuzz long-runs kill-test test-kernels test-engine test-blender ui-test bench bench-device bench-all validate validate-sensor validate-raw validate-photographs validate-plate scenes extension release test-bake test-sensor test-photographs test-plate test-farm lens-rims stop-places glasses lenses lens-pictures hero camera-pictures cameras tables bench-tables \
+.PHONY: demo kernels test heavy fuzz long-runs kill-test test-kernels test-engine test-blender ui-test bench bench-device bench-all validate validate-sensor validate-raw validate-photographs validate-plate scenes wheels dist release test-bake test-sensor test-photographs test-plate test-farm lens-rims stop-places glasses lenses lens-pictures hero camera-pictures cameras tables bench-tables \
         test-numpy ci site lint lock
 
 demo: $(READY) kernels
@@ -227,19 +230,27 @@ scenes: $(READY) kernels
 	status=0; $(VENV)/bin/python -W ignore validation/ordinary_scenes.py $(SCENES) || status=1; \
 	    $(VENV)/bin/python -W ignore validation/scene_commands.py || status=1; exit $$status
 
-extension: $(READY)
-	$(VENV)/bin/python packaging/build_extension.py dist
+wheels: $(RELEASE)/.ready
+	$(RELEASE)/bin/python packaging/build_wheels.py dist $(PLATFORMS)
+	$(RELEASE)/bin/python -m twine check --strict dist/*.whl
 
-release: scenes $(READY) $(RELEASE)/.ready
-	$(MAKE) test ALL_CASES=yes
+dist: $(READY) $(RELEASE)/.ready
 	rm -rf dist
+	$(MAKE) wheels
+	$(RELEASE)/bin/python -m build --sdist --outdir dist
+	$(RELEASE)/bin/python -m twine check --strict dist/*.tar.gz
 	$(VENV)/bin/python packaging/build_extension.py dist
-	$(RELEASE)/bin/python -m build --outdir dist
-	cd dist && sha256sum * > SHA256SUMS && sha256sum --check --quiet SHA256SUMS
+	cd dist && find . -type f ! -name SHA256SUMS -printf '%P\n' | sort | xargs sha256sum > SHA256SUMS
+
+release: scenes
+	$(MAKE) test ALL_CASES=yes
+	$(MAKE) dist
 
 ui-test: $(READY)
-	$(VENV)/bin/python packaging/build_extension.py dist linux-x64-$(GENERATION)
-	$(VENV)/bin/python tests/window/run.py $(BLENDER) dist/*-linux-x64-$(GENERATION).zip build/ui-test $(STEPS)
+	rm -rf build/ui-test
+	$(VENV)/bin/python packaging/build_wheels.py build/ui-test/zip linux-x64
+	$(VENV)/bin/python packaging/build_extension.py build/ui-test/zip linux-x64-$(GENERATION)
+	$(VENV)/bin/python tests/window/run.py $(BLENDER) $$(find build/ui-test/zip -name '*.zip') build/ui-test $(STEPS)
 
 test-bake: $(BAKE_READY) kernels
 	$(BAKE)/bin/python -m pytest -q tests/engine/bake/test_witness.py tests/engine/bake/test_second_witness.py \

@@ -3,8 +3,9 @@
     python packaging/build_extension.py FOLDER [ZIP ...]
 
 builds these zips, such as linux-x64-blender5.1, or all of them: one for each platform and generation of Blender. FOLDER
-contains the wheels of packaging/build_wheels.py for their platforms. A generation has one version of Python, and
-Blender refuses an extension without wheels for its Python. numpy is not included: Blender contains it.
+contains the wheels of packaging/build_wheels.py for their platforms. It becomes a repository of extensions: on any web
+server, Blender installs and updates from its index.json. A generation has one version of Python, and Blender refuses an
+extension without wheels for its Python. numpy is not included: Blender contains it.
 """
 
 import re
@@ -38,30 +39,36 @@ LARGEST_MB = 74
 class Generation:
     """Versions of Blender with the same Python; from the first one up to, but not including, the end.
 
-    The suffix of the extension's version is what extensions.blender.org tells generations apart by: it joins the zips
-    of one version for all platforms. As of a pre-release, the version comes before that of newer Blenders.
+    Attributes
+    ----------
+    suffix : str
+        Of the extension's version. extensions.blender.org takes one zip of a version for each platform, so generations
+        need different versions. As that of a pre-release, it comes before the version for newer Blenders.
+    folder : str
+        In the folder of zips: a repository for Blenders that no version tells apart from others.
     """
 
     python: str
     first: str
     end: str | None = None
     suffix: str = ""
+    folder: str = ""
     platforms: tuple[str, ...] = tuple(PLATFORMS)
 
 
 GENERATIONS = {
     "blender4.5": Generation("3.11", "4.5.0", "5.1.0", "-blender4.5"),
     "blender5.1": Generation("3.13", "5.1.0"),
-    "python3.14": Generation("3.14", "4.5.0", platforms=("linux-x64",)),  # Blender as built by Linux distributions
+    "python3.14": Generation("3.14", "4.5.0", folder="python3.14", platforms=("linux-x64",)),  # Linux distributions' own
 }
 ZIPS = {f"{platform}-{name}": (platform, generation) for name, generation in GENERATIONS.items()
         for platform in generation.platforms}
 
 
-def extension_tool():
-    """Blender's extension builder, which does not require a running Blender."""
+def use_extension_tool(*words):
+    """Run Blender's tool for extensions, which does not require a running Blender."""
     scripts = Path(bpy.utils.resource_path("LOCAL")) / "scripts"
-    return scripts / "addons_core" / "bl_pkg" / "cli" / "blender_ext.py"
+    subprocess.run([sys.executable, scripts / "addons_core" / "bl_pkg" / "cli" / "blender_ext.py", *words], check=True)
 
 
 def download_wheels(folder, platform, python):
@@ -101,12 +108,13 @@ def build(output, name):
     """
     platform, generation = ZIPS[name]
     wheel = output / f"lensfield-{__version__}-py3-none-{WHEEL_TAGS[platform]}.whl"
-    path = output / f"lensfield-{__version__}-{name}.zip"
+    path = output / generation.folder / f"lensfield-{__version__}-{name}.zip"
+    path.parent.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory() as temporary:
         source = Path(temporary) / "lensfield"
         stage(source, wheel, platform, generation)
-        for words in (("build", "--source-dir", source, "--output-filepath", path), ("validate", path)):
-            subprocess.run([sys.executable, extension_tool(), *words], check=True)
+        use_extension_tool("build", "--source-dir", source, "--output-filepath", path)
+        use_extension_tool("validate", path)
     return path
 
 
@@ -120,6 +128,8 @@ def main(arguments):
         paths = [build(output, name) for name in names]
     except FileNotFoundError as missing:
         sys.exit(f"lensfield: {missing.filename}: missing: build it with packaging/build_wheels.py")
+    for folder in {path.parent for path in paths}:
+        use_extension_tool("server-generate", "--repo-dir", folder, "--html")
     if large := [path.name for path in paths if path.stat().st_size > 1e6 * LARGEST_MB]:
         sys.exit(f"lensfield: larger than {LARGEST_MB} MB: {', '.join(large)}")
 

@@ -2,9 +2,9 @@
 
     python packaging/moderate.py [FOLDER]
 
-lists findings in the files that the manifest of a folder (default: this tree) puts into the zips. Each line has the
-file, the line, the finding, the reason why moderators refuse it, and the remedy. The exit status is 1 if there are
-findings. Python is parsed: neither comments nor documents count.
+lists findings in the files that the manifest of a folder (default: this tree) puts into the zips, and in the engine,
+whose wheel the zips contain. Each line has the file, the line, the finding, the reason why moderators refuse it, and
+the remedy. The exit status is 1 if there are findings. Python is parsed: neither comments nor documents count.
 
 The rules come from these pages, as of November 2026:
 
@@ -40,7 +40,7 @@ ROOT = Path(__file__).resolve().parent.parent
 BLENDERS = {"_cycles", "addon_utils", "bl_operators", "bl_ui", "blf", "bpy", "bpy_extras", "gpu", "gpu_extras",
             "mathutils", "numpy", "zstandard"}
 """Modules that Blender contains and extensions may import."""
-WHEELS = {"OpenEXR", "PIL", "matplotlib", "rawpy", "scipy", "wgpu", "yaml"}
+WHEELS = {"OpenEXR", "PIL", "lensfield", "matplotlib", "rawpy", "scipy", "wgpu", "yaml"}
 """Modules in the zips' wheels (packaging/build_extension.py)."""
 THREADS = {"_thread", "concurrent", "threading"}
 NETWORK = {"aiohttp", "ftplib", "http", "httpx", "requests", "smtplib", "socket", "socketserver", "ssl", "telnetlib",
@@ -53,6 +53,7 @@ CHANGES = {"append", "clear", "extend", "insert", "pop", "remove", "setdefault",
 SAFE_WRITERS = {"atomic_path", "temporary_folder"}
 MODE = re.compile("[rbt+]*[wax+][wabtx+]*")  # of `open`, for writing
 PICTURES = {".bmp", ".gif", ".ico", ".jpeg", ".jpg", ".png", ".svg", ".webp"}
+COMPILED = {".a", ".dll", ".dylib", ".exe", ".o", ".pyd", ".so"}
 OWN_PICTURES = "engine/library/pictures/"  # taken by Lensfield
 ADVERTISING = re.compile(r"patreon|ko-?fi\b|gumroad|paypal|liberapay|buymeacoffee|opencollective|superhivemarket"
                          r"|blendermarket|github\.com/sponsors|discord\.(gg|com)|\bdonat(e|ion)", re.IGNORECASE)
@@ -240,9 +241,13 @@ def packaged_files(folder, manifest):
     patterns = manifest["build"]["paths_exclude_pattern"]
     included = [pattern[2:] for pattern in patterns if pattern.startswith("!/")]
     excluded = {pattern[1:] for pattern in patterns if pattern.startswith("/")}
-    paths = [path for name in included for path in (folder / name, *(folder / name).rglob("*")) if path.is_file()]
-    names = (path.relative_to(folder).as_posix() for path in paths if "__pycache__" not in path.parts)
-    return sorted(name for name in names if name not in excluded)
+    return sorted(path for name in included for path in files_in(folder, name) if path not in excluded)
+
+
+def files_in(folder, name):
+    """A file or all files in a subfolder: sorted names with slashes, relative to the folder."""
+    paths = (path for path in (folder / name, *(folder / name).rglob("*")) if path.is_file())
+    return sorted(path.relative_to(folder).as_posix() for path in paths if "__pycache__" not in path.parts)
 
 
 def findings(folder):
@@ -250,7 +255,11 @@ def findings(folder):
     manifest = tomllib.loads((folder / "blender_manifest.toml").read_text(encoding="utf-8"))
     for text in manifest_findings(manifest):
         yield f"blender_manifest.toml: {text}"
-    for name in packaged_files(folder, manifest):
+    packaged = packaged_files(folder, manifest)
+    for name in packaged:
+        if Path(name).suffix.lower() in COMPILED:
+            yield f"{name}: compiled code: the platform accepts it only in wheels from PyPI; move it to the engine"
+    for name in [*packaged, *files_in(folder, "engine")]:
         if Path(name).suffix.lower() in PICTURES and not name.startswith(OWN_PICTURES):
             yield f"{name}: picture: logos need their owners' permission; use Blender's icons"
         elif name.endswith(".py"):

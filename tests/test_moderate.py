@@ -109,16 +109,23 @@ def test_permissions_name_and_links_of_the_manifest_are_checked(moderate, manife
     assert found.startswith(words)
 
 
-def test_the_packaged_files_alone_are_searched_and_listed_by_line(extension):
+def test_the_packaged_files_and_the_engine_are_searched_and_listed_by_line(extension):
     for name in ("addon/ui/panels.py", "addon/__pycache__/panels.py", "commands/cluster.py", "tests/test_panels.py"):
         (extension / name).parent.mkdir(parents=True, exist_ok=True)
         (extension / name).write_text("import bpy\n\nimport threading\n")
     (extension / "addon" / "logo.PNG").touch()
+    (extension / "addon" / "loops.so").touch()
+    for name in ("kernels.so", "threads.py", "evaluate.py"):
+        (extension / "engine" / name).parent.mkdir(exist_ok=True)
+        (extension / "engine" / name).write_text("import threading\n" + "eval(text)\n" * (name == "evaluate.py"))
     completed = subprocess.run([sys.executable, SCRIPT, extension], capture_output=True, text=True)
     assert completed.returncode == 1 and completed.stdout.splitlines() == [
+        "addon/loops.so: compiled code: the platform accepts it only in wheels from PyPI; move it to the engine",
         "addon/logo.PNG: picture: logos need their owners' permission; use Blender's icons",
         "addon/ui/panels.py:3: import threading: threads that use Blender's API crash it; let engine/runtime start the "
-        "thread", "2 findings for moderators"]
+        "thread",
+        "engine/evaluate.py:2: eval(): code that is not in the files cannot be reviewed; write the code out",
+        "4 findings for moderators"]
 
 
 def test_the_extension_has_no_findings():

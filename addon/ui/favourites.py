@@ -1,10 +1,12 @@
-"""Favourite lenses: at the top of the list, in all files. They are stored in the add-on's preferences."""
+"""Favourite lenses: at the top of the list, in all files."""
 
 import bpy
 
+from lensfield.engine.runtime.errors import InputError, one_line
+
 from ..job.named_files import FROM_FILE
 from ..scene.active_camera import camera_in
-from .common.preferences import addon_preferences, favourite_lenses
+from .common.favourite_lenses import favourite_lenses, toggle_favourite
 from .common.properties import forget_items
 
 
@@ -17,13 +19,14 @@ class LENSFIELD_OT_favourite(bpy.types.Operator):
     @classmethod
     def poll(cls, context):
         camera = camera_in(context)
-        return addon_preferences() is not None and camera is not None and camera.lensfield.lens != FROM_FILE
+        return camera is not None and camera.lensfield.lens != FROM_FILE
 
     def execute(self, context):
-        preferences, lens = addon_preferences(), camera_in(context).lensfield.lens
-        names = preferences.favourite_lenses.split()
-        preferences.favourite_lenses = " ".join(sorted({*names} ^ {lens}))
-        bpy.context.preferences.is_dirty = True  # so that Blender saves it
+        try:
+            toggle_favourite(camera_in(context).lensfield.lens)
+        except InputError as error:
+            self.report({"ERROR"}, one_line(error))
+            return {"CANCELLED"}
         forget_items()
         return {"FINISHED"}
 

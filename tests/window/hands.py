@@ -567,11 +567,7 @@ def _lensfield_nodes():
 
 
 def write_flat_fields(lens, paths):
-    """Write raw pictures of an even field through a lens with narrower rims; their names are their f-numbers. The
-    tests' functions import the installed extension as `lensfield`."""
-    for name, module in list(sys.modules.items()):
-        if name.startswith(MODULE):
-            sys.modules[f"lensfield{name[len(MODULE):]}"] = module
+    """Write raw pictures of an even field through a lens with narrower rims; their names are their f-numbers."""
     from flat_pictures import flat_light, mounted, write_flat
     from lensfield.engine.fitting.even_light import EvenField
     from lensfield.engine.fitting.rims import with_rims

@@ -74,7 +74,8 @@ class Viewport:
 
 
 def module(name):
-    return import_module(f"{MODULE}.{name}")
+    """A module of the extension, or of the engine from the extension's wheel."""
+    return import_module(f"{'lensfield' if name.startswith('engine') else MODULE}.{name}")
 
 
 def make_scene():

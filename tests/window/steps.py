@@ -1162,10 +1162,10 @@ def click_lens():
     shoot("search")
     yield from press("RET", panel)
     assert camera.lensfield.lens == "kodak-petzval-100mm", camera.lensfield.lens
-    preferences = bpy.context.preferences.addons[MODULE].preferences
-    for favourites in ("kodak-petzval-100mm", ""):
+    favourite_lenses = live_figures.module("addon.ui.common.favourite_lenses").favourite_lenses
+    for favourites in ({"kodak-petzval-100mm"}, set()):
         yield from click("lensfield.favourite", panel, across=STAR)
-        assert preferences.favourite_lenses == favourites
+        assert favourite_lenses() == favourites
         shoot(f"star-{bool(favourites)}")
     dof = camera.dof
     yield from click("dof.use_dof", panel)

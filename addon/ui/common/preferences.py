@@ -26,8 +26,6 @@ class LensfieldPreferences(bpy.types.AddonPreferences):
         items=[(AUTO, "Auto", "On the graphics card, if its pictures agree with the CPU's"),
                (OFF, "Off", "On the CPU")])
 
-    favourite_lenses: bpy.props.StringProperty(options={"HIDDEN"})  # names, separated by spaces
-
     def draw(self, context):
         self.layout.use_property_split = True
         self.layout.prop(self, "preview_place")
@@ -51,12 +49,6 @@ def follow_gpu():
     """Let this Blender and the processes that it starts use the graphics card as preferred."""
     preferences = addon_preferences()
     use_gpu(not preferences or preferences.lens_on_gpu == AUTO)
-
-
-def favourite_lenses():
-    """The names of the user's favourite lenses."""
-    preferences = addon_preferences()
-    return frozenset(preferences.favourite_lenses.split()) if preferences else frozenset()
 
 
 classes = (LensfieldPreferences,)

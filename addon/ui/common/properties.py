@@ -43,8 +43,8 @@ from ...scene.compositor import refresh
 from ...scene.linked import stated_path
 from ...scene.trust import check_trusted, trust
 from ...shading.assigned import spectrum_path
+from .favourite_lenses import favourite_lenses
 from .plain_words import sentence
-from .preferences import favourite_lenses
 from .previews import lens_picture
 from .shown_exposure import fixed_value
 

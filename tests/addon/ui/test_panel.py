@@ -19,6 +19,7 @@ from lensfield.addon.scene.errors import SceneError
 from lensfield.addon.scene.requirements import check_scene
 from lensfield.addon.ui import lint_panel, panels, plan_line
 from lensfield.addon.ui.common import lens_worker
+from lensfield.addon.ui.common.favourite_lenses import favourite_lenses
 from lensfield.addon.ui.common.preferences import follow_gpu
 from lensfield.addon.ui.common.properties import DEFAULT_LENS, forget_items, offered_lenses, searched_lens_items
 from lensfield.addon.ui.common.session import LastRender, session
@@ -72,10 +73,20 @@ def test_lenses_are_listed_by_title():
 @pytest.fixture
 def preferences(monkeypatch):
     """The add-on's preferences: Lensfield is not enabled as an add-on here."""
-    stored = SimpleNamespace(favourite_lenses="", preview_place="CAMERA")
+    stored = SimpleNamespace(preview_place="CAMERA")
     monkeypatch.setattr("lensfield.addon.ui.common.preferences.addon_preferences", lambda: stored)
-    monkeypatch.setattr("lensfield.addon.ui.favourites.addon_preferences", lambda: stored)
-    yield stored
+    return stored
+
+
+@pytest.fixture
+def settings_folder(monkeypatch, tmp_path):
+    """Blender's folder of settings, for this test."""
+    def user_resource(kind, path="", create=False):
+        (tmp_path / path).mkdir(parents=True, exist_ok=create or not path)
+        return str(tmp_path / path)
+
+    monkeypatch.setattr(bpy.utils, "user_resource", user_resource)
+    yield tmp_path
     forget_items()
 
 
@@ -87,7 +98,7 @@ def test_a_preference_leaves_casting_to_the_processor(preferences, monkeypatch):
         assert os.environ.get(VARIABLE) == value
 
 
-def test_favourites_are_listed_first(scene, preferences):
+def test_favourites_are_listed_first(scene, settings_folder):
     usual = [name for name, *_ in offered_lenses()]
     for lens in ("tessar-50mm", "nikkor-28mm"):
         scene.camera.data.lensfield.lens = lens
@@ -98,11 +109,14 @@ def test_favourites_are_listed_first(scene, preferences):
     assert [title for _, title, *_ in listed if title.startswith("\u2605")] == [title for _, title, *_ in listed[:2]]
     assert scene.camera.data.lensfield.lens == "nikkor-28mm"
     assert bpy.ops.lensfield.favourite() == {"FINISHED"}
-    assert preferences.favourite_lenses == "tessar-50mm"
+    assert favourite_lenses() == {"tessar-50mm"}
 
 
-def test_favourites_require_the_preferences_of_an_add_on(scene):
-    assert not bpy.ops.lensfield.favourite.poll()
+def test_favourites_that_cannot_be_stored_are_reported_in_one_line(scene, settings_folder):
+    (settings_folder / "lensfield" / "favourite_lenses.txt").mkdir(parents=True)
+    assert favourite_lenses() == set()
+    with pytest.raises(RuntimeError, match="favourite_lenses.txt: file is a folder"):
+        bpy.ops.lensfield.favourite()
 
 
 def test_a_search_matches_all_listed_facts_of_a_lens():
