@@ -162,7 +162,7 @@ test-numpy: $(READY) kernels  # as on machines without the compiled loops
 
 ci: ROUNDS = 40
 ci: HEAVY = 3
-ci: ci-5.0.1 test-engine ci-5.2.3 ci-4.5.15 ci-5.1.2 test-kernels test-numpy test-bake test-farm test-sensor test-photographs site  # longest first
+ci: ci-5.0.1 test-engine ci-5.2.3 ci-4.5.15 ci-5.1.2 test-kernels test-numpy test-bake test-farm test-sensor test-photographs wheels site  # longest first
 
 ci-5.0.1: CI_TESTS = tests/addon
 ci-5.2.3: CI_TESTS = tests/addon -m 'not one_blender'

@@ -97,7 +97,7 @@ def build(folder: Path, target: str | None = None) -> Path:
     with tempfile.TemporaryDirectory(dir=folder) as temporary:
         library = Path(temporary) / library_name(target)
         subprocess.run([*command, *_linking(target, Path(temporary)), "-o", library.name,
-                        *objects(target, Path(temporary))], check=True, cwd=temporary)
+                        *objects(target, Path(temporary)), *LIBRARIES.get(system, [])], check=True, cwd=temporary)
         os.replace(library, folder / library.name)  # atomic: other processes may be loading it
     return folder / library_name(target)
 
@@ -153,6 +153,7 @@ def _linking(target, folder):
             f"-Wl,-install_name,@rpath/{library_name(target)}"]
 
 
+LIBRARIES = {"windows": ["-lgcc"]}  # static: what reserves the memory of a function's large arrays there
 SYSTEM_STUB = """--- !tapi-tbd
 tbd-version:     4
 targets:         [ x86_64-macos, arm64-macos ]

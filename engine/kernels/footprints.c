@@ -107,7 +107,7 @@ static void find_touched(const extents *restrict e, int64_t length, touched *res
             before = before < 0 ? 0 : before;
             before = before < 1 ? before : 1;
             up_to = up_to < 1 ? up_to : 1;
-            t->share[k][i] = (pixel >= 0) & (pixel < end) ? up_to - before : 0;
+            t->share[k][i] = ((pixel >= 0) & (pixel < end)) ? up_to - before : 0;
         }
 }
 

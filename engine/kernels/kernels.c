@@ -1,6 +1,23 @@
 /* The variants, and those that this machine can run; and calls of the loops after checks of their sizes. */
 #include "kernels.h"
 
+/* Compilers copy large structures by this function, which is not linked. The barriers keep them from replacing the loops
+   by a call of it. */
+void *memcpy(void *to, const void *from, __SIZE_TYPE__ bytes)
+{
+    typedef uint64_t __attribute__((may_alias, aligned(1))) word;
+    __SIZE_TYPE__ done = 0;
+    for (; done + sizeof(word) <= bytes; done += sizeof(word)) {
+        *(word *)((char *)to + done) = *(const word *)((const char *)from + done);
+        __asm__ volatile("" ::: "memory");
+    }
+    for (; done < bytes; done++) {
+        ((char *)to)[done] = ((const char *)from)[done];
+        __asm__ volatile("" ::: "memory");
+    }
+    return to;
+}
+
 typedef struct {
     const char *name;
     lf_spread_loop *spread;
