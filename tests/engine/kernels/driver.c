@@ -771,11 +771,13 @@ static void traced_ray(const lf_system *s, const double *start, double *out)
     out[12] = path + s->indices[s->surfaces] * way;
 }
 
-/* A small displacement: an offset, and the matrix of turns about x and y. */
+/* A small displacement: an offset, and the matrix of turns about x and y. Systems differ in the last bits of cosines, so
+   angles are given by the tangents of their halves. */
 static void displace(double *pose)
 {
-    const double about_x = 0.1 * (2 * unit() - 1), about_y = 0.1 * (2 * unit() - 1);
-    const double cx = cos(about_x), sx = sin(about_x), cy = cos(about_y), sy = sin(about_y);
+    const double half_x = 0.05 * (2 * unit() - 1), half_y = 0.05 * (2 * unit() - 1);
+    const double cx = (1 - half_x * half_x) / (1 + half_x * half_x), sx = 2 * half_x / (1 + half_x * half_x);
+    const double cy = (1 - half_y * half_y) / (1 + half_y * half_y), sy = 2 * half_y / (1 + half_y * half_y);
     const double matrix[9] = {cy, sy * sx, sy * cx, 0, cx, -sx, -sy, cy * sx, cy * cx};
     for (int k = 0; k < 3; k++) pose[k] = 0.2 * (2 * unit() - 1);
     for (int k = 0; k < 9; k++) pose[3 + k] = matrix[k];
