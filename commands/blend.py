@@ -1,5 +1,6 @@
 """Opening a .blend with the add-on registered."""
 
+import sys
 from pathlib import Path
 
 from lensfield.engine import InputError
@@ -9,19 +10,35 @@ from lensfield.engine.runtime.inputs import is_confined
 from .blend_paths import check_blend
 from .terminal import quiet
 
+PYTHONS = (3, 11), (3, 13)  # for which Blender's wheel is built
+LIBRARIES = "libx11-6 libxrender1 libxfixes3 libxi6 libxkbcommon0 libsm6 libgl1"  # Debian's names of what it needs
+
 
 def import_addon():
-    """The add-on; raises an InputError without bpy."""
+    """The add-on; raises an InputError without bpy, or without a system library that it needs."""
     try:
         with quiet(1):  # Blender prints a message if $OCIO is set
             with uninterrupted():  # a process stopped during this import could not remove Blender's temporary folder
                 import bpy
                 mark_as_own(bpy.app.tempdir)
             from .. import addon
+    except ModuleNotFoundError as error:
+        raise InputError("bpy", "module", "not installed", _remedy(error)) from None
     except ImportError as error:
-        raise InputError("bpy", "module", "not installed", f"install Blender's Python wheel ({error})") from None
+        raise InputError("bpy", "system library", str(error),
+                         f"install it; on Debian or Ubuntu: sudo apt-get install {LIBRARIES}") from None
     remove_left_work(Path(bpy.app.tempdir).parent)
     return addon
+
+
+def _remedy(error):
+    if error.name != "bpy":
+        return f"install Blender's wheel again ({error})"
+    if sys.version_info[:2] in PYTHONS:
+        return 'pip install "lensfield[blender]"'
+    exist, here = (" and ".join(".".join(map(str, each)) for each in versions) for versions in
+                   (PYTHONS, [sys.version_info[:2]]))
+    return f"Blender's wheel is for Python {exist}, and this is {here}: use one of those, or Blender itself"
 
 
 def open_scene(path, name=None):

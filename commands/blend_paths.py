@@ -212,7 +212,8 @@ def _unpacked(blend, file):
     try:
         from zstandard import ZstdDecompressor  # included in Blender
     except ImportError:
-        raise InputError(blend, "scene", "compressed", "install zstandard, or save the file without Compress") from None
+        raise InputError(blend, "scene", "compressed", 'pip install "lensfield[blender]", or save the file without '
+                         "Compress") from None
     return io.BufferedReader(ZstdDecompressor().stream_reader(file, read_across_frames=True), READ_BYTES)
 
 

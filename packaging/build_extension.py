@@ -59,7 +59,8 @@ class Generation:
 GENERATIONS = {
     "blender4.5": Generation("3.11", "4.5.0", "5.1.0", "-blender4.5"),
     "blender5.1": Generation("3.13", "5.1.0"),
-    "python3.14": Generation("3.14", "4.5.0", folder="python3.14", platforms=("linux-x64",)),  # Linux distributions' own
+    # Blender as built by Linux distributions
+    "python3.14": Generation("3.14", "4.5.0", folder="python3.14", platforms=("linux-x64",)),
 }
 ZIPS = {f"{platform}-{name}": (platform, generation) for name, generation in GENERATIONS.items()
         for platform in generation.platforms}
