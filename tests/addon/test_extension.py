@@ -12,10 +12,12 @@ import zipfile
 from contextlib import contextmanager
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from importlib import metadata
 from pathlib import Path
 
 import bpy
 import pytest
+from packaging.requirements import Requirement
 
 import lensfield
 from lensfield.engine.kernels.build import WHEEL_TAGS, library_name, this_platform
@@ -66,15 +68,18 @@ def wheel(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def build_extension():
-    """packaging/build_extension.py without other wheels, to avoid downloads."""
-    module = module_of("build_extension")
-    module.download_wheels = lambda folder, platform, python: folder.mkdir()
-    return module
+    return module_of("build_extension")
+
+
+@pytest.fixture
+def without_downloads(build_extension, monkeypatch):
+    """Lets zips contain no other wheels than Lensfield's."""
+    monkeypatch.setattr(build_extension, "download_wheels", lambda folder, platform, python: folder.mkdir())
 
 
 @pytest.fixture(scope="module")
 def package(build_extension, wheel):
-    """The zip for this Blender."""
+    """The zip for this Blender, with all wheels."""
     return build_extension.build(wheel.parent, fitting(build_extension)[0])
 
 
@@ -90,10 +95,16 @@ def fitting(build_extension):
 
 @pytest.fixture
 def run_in_blender(tmp_path):
-    """Runs code in this Python, but without the package that is installed in it: a function of (code, arguments) that
-    returns what it printed. Blender's folder of the user is `user` in tmp_path."""
+    """Runs code in this Python, but without the packages that are installed in it, except Blender and what its wheel
+    requires: a function of (code, arguments) that returns what it printed. Blender's folder of the user is `user` in
+    tmp_path."""
+    libraries = tmp_path / "libraries"
+    libraries.mkdir()
+    for name in required_by("bpy"):
+        for top in {file.parts[0] for file in metadata.files(name) if ".." not in file.parts}:
+            (libraries / top).symlink_to(Path(sysconfig.get_path("platlib"), top))
     environment = os.environ | {"BLENDER_USER_RESOURCES": str(tmp_path / "user"), "LENSFIELD_CACHE": "",
-                                "PYTHONPATH": sysconfig.get_path("platlib")}
+                                "PYTHONPATH": str(libraries)}
 
     def run(code, *arguments):
         completed = subprocess.run([sys.executable, "-S", "-c", code, *map(str, arguments)], capture_output=True,
@@ -102,6 +113,16 @@ def run_in_blender(tmp_path):
         return completed.stdout
 
     return run
+
+
+def required_by(name):
+    """The names of an installed package and of all that it requires."""
+    names, left = set(), [name]
+    while left:
+        names.add(name := left.pop())
+        requirements = (Requirement(text) for text in metadata.requires(name) or [])
+        left += {each.name for each in requirements if not each.marker or each.marker.evaluate({"extra": ""})} - names
+    return names
 
 
 def test_manifest_is_valid():
@@ -277,7 +298,8 @@ def served(folder):
 @pytest.mark.one_blender
 @pytest.mark.parametrize("name", ["linux-x64-blender4.5", "linux-x64-python3.14", "windows-x64-blender5.1",
                                   "macos-arm64-blender4.5"])
-def test_a_zip_has_only_its_platforms_wheels_and_its_generations_versions(name, build_extension, tmp_path):
+def test_a_zip_has_only_its_platforms_wheels_and_its_generations_versions(name, build_extension, without_downloads,
+                                                                          tmp_path):
     platform, generation = build_extension.ZIPS[name]
     wheel = tmp_path / f"lensfield-{lensfield.__version__}-py3-none-{WHEEL_TAGS[platform]}.whl"
     wheel.touch()
