@@ -44,7 +44,7 @@
 #                  by every command: all must agree (an hour); SCENES="hdri lamps" selects scenes or themes; the table,
 #                  pictures and .blend files are in build/scenes. make test renders two, chosen by SEED
 # make wheels      build the wheels of all platforms in dist/, or of PLATFORMS="linux-x64 windows-x64"; CONTRIBUTING.md
-#                  lists the compilers. The same compilers build the same bytes
+#                  lists the compilers, which build the same bytes again; and check what the wheels need of a system
 # make dist        build everything for users in an empty dist/: the wheels, the sdist, one zip for each platform and
 #                  generation of Blender, index.json and index.html, which make the folder on a web server a repository
 #                  of Blender extensions, and SHA-256 checksums in SHA256SUMS
@@ -233,6 +233,7 @@ scenes: $(READY) kernels
 wheels: $(RELEASE)/.ready
 	$(RELEASE)/bin/python packaging/build_wheels.py dist $(PLATFORMS)
 	$(RELEASE)/bin/python -m twine check --strict dist/*.whl
+	$(RELEASE)/bin/python packaging/audit_wheels.py dist/*.whl
 
 dist: $(READY) $(RELEASE)/.ready
 	rm -rf dist
