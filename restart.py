@@ -16,7 +16,8 @@ class LENSFIELD_PT_restart(bpy.types.Panel):
     def draw(self, context):
         column = self.layout.column(align=True)
         column.label(text="Restart Blender to finish the update", icon="INFO")
-        column.label(text=f"Version {lensfield.__version__} of the engine is loaded")
+        column.label(text=f"Version {lensfield.__version__} of the engine is loaded, from")
+        column.label(text=lensfield.__path__[0])
 
 
 def register():
