@@ -1,4 +1,5 @@
-"""The check of the built site reports broken links and foreign files, and the reference lists the public names."""
+"""The check of the built site reports broken links, foreign files, and pictures that are large or lack a text; and the
+reference lists the public names."""
 
 import re
 
@@ -6,10 +7,10 @@ import pytest
 
 from lensfield import engine
 from places import ROOT
-from site_check import broken_links, foreign_loads
+from site_check import CHECKS, LARGEST_BYTES, broken_links, foreign_loads, large_pictures, pictures_without_text
 
 GOOD = ('<a href="https://example.org/"></a><p id="part"></p><a href="sub/page.html#part"></a>'
-        '<script src="own.js"></script>')
+        '<script src="own.js"></script><img src="own.png" alt="Two lenses">')
 LOADS = ['<script src="https://example.org/x.js"></script>', '<img src="//example.org/x.png">',
          '<img srcset="https://example.org/x.png 2x">', '<link rel="stylesheet" href="https://example.org/x.css">',
          '<style>@import "https://example.org/x.css";</style>', '<p style="background: url(//example.org/x.png)">',
@@ -23,12 +24,13 @@ def site(tmp_path):
     (tmp_path / "sub").mkdir()
     (tmp_path / "index.html").write_text(GOOD)
     (tmp_path / "sub" / "page.html").write_text('<h1 id="part"></h1><a href="../index.html#part"></a><a href="#"></a>')
+    (tmp_path / "own.png").write_bytes(bytes(LARGEST_BYTES))
     (tmp_path / "own.js").write_text('draw("http://www.w3.org/2000/svg")  // https://example.org/licence')
     return tmp_path
 
 
 def test_a_sound_site_has_no_findings(site):
-    assert not [*foreign_loads(site), *broken_links(site)]
+    assert not [line for check in CHECKS for line in check(site)]
 
 
 @pytest.mark.parametrize("element", LOADS)
@@ -51,6 +53,17 @@ def test_loads_by_scripts_and_style_sheets_are_reported(site, name, code):
 def test_broken_links_are_reported(site, element, address):
     (site / "index.html").write_text(GOOD + element.format(address))
     assert list(broken_links(site)) == [f"index.html: no target for {address}"]
+
+
+@pytest.mark.parametrize("text", ["", 'alt=""', 'alt=" "', 'alt="../own.png"'])
+def test_pictures_without_text_are_reported(site, text):
+    (site / "sub" / "page.html").write_text(f'<img src="../own.png" {text}>')
+    assert list(pictures_without_text(site)) == ["sub/page.html: no text for ../own.png"]
+
+
+def test_large_pictures_are_reported(site):
+    (site / "sub" / "large.jpg").write_bytes(bytes(LARGEST_BYTES + 1))
+    assert list(large_pictures(site)) == ["sub/large.jpg: 300001 bytes, more than 300000"]
 
 
 def test_the_reference_lists_the_public_names_of_the_engine():

@@ -75,11 +75,11 @@ def scope(output):
     return picture.resize((round(squeeze * picture.width), picture.height), Image.Resampling.LANCZOS)
 
 
-def capture(scene, output):
+def capture(scene, output, size_px=FRAME_PX):
     """Capture the scene's light in layers of depth; returns the file."""
     radiance = output / f"{Path(bpy.data.filepath).stem}_{scene.name}_{scene.frame_current:04d}_radiance.exr"
     if not radiance.exists():
-        scene.render.resolution_x, scene.render.resolution_y = FRAME_PX
+        scene.render.resolution_x, scene.render.resolution_y = size_px
         scene.cycles.samples = SAMPLES
         addon.render_through_lens(scene, lens=CAPTURE_LENS, wavelengths_nm=WAVELENGTHS_NM, output_folder=output,
                                   view="camera", denoise="on", room=ROOM, options=MOVING,

@@ -6,6 +6,7 @@ Each lens is shown with its picture engine/library/pictures/NAME.jpg, if this ex
 """
 
 import sys
+from html import escape
 from pathlib import Path
 
 from lensfield.engine.inspection.illumination_band import relative_error
@@ -58,7 +59,9 @@ def lenses() -> list[Prescription]:
 def row(lens: Prescription) -> str:
     """A lens's line of the table."""
     picture = PICTURES / f"{lens.name}.jpg"
-    shown = f'<img src="../engine/library/pictures/{picture.name}" width="{WIDTH}">' if picture.is_file() else ""
+    text = escape(f"Bust in front of lamps, and points of light from centre to corner, through {lens.title}")
+    shown = (f'<img src="../engine/library/pictures/{picture.name}" alt="{text}" width="{WIDTH}">'
+             if picture.is_file() else "")
     error = relative_error(lens, [NEAR_CORNER])
     rims = "" if error is None else f"Rims: light ± {100 * error[0]:.0f} %"
     facts = lens.source, f"Figures: {lens.passport}", rims, str(lens.photographs or ""), lens.notes, *widest_notes(lens)

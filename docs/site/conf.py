@@ -39,9 +39,10 @@ html_css_files = ["site.css"]
 html_copy_source = html_show_sourcelink = html_use_index = False
 
 CONTENTS = {
-    "Guide": ["docs/guide/install", "docs/guide/artist", "docs/guide/artist-reference", "docs/guide/scripts",
-              "docs/farm", "docs/guide/engineer", "docs/guide/spectra", "docs/camera"],
-    "Lenses": ["docs/gallery", "docs/lenses", "docs/photographs", "docs/anamorphic"],
+    "Start": ["docs/guide/install", "docs/guide/answers", "docs/gallery", "docs/lenses"],
+    "For": ["docs/guide/artist", "docs/guide/scripts", "docs/farm", "docs/guide/engineer"],
+    "Reference": ["docs/guide/artist-reference", "docs/guide/spectra", "docs/camera", "docs/anamorphic",
+                  "docs/photographs"],
     "Methods and accuracy": ["docs/depth", "docs/traced_lens", "docs/stray_light", "docs/cornell_box", "docs/stmap",
                              "docs/reliability"],
     "Developers": ["docs/site/api", "CONTRIBUTING", "docs/architecture", "CHANGELOG"],

@@ -1,4 +1,5 @@
-"""Check a built site: its links within it have targets, and browsers load nothing from other hosts for it.
+"""Check a built site: its links within it have targets, browsers load nothing from other hosts for it, its pictures are
+small, and each has a text for readers who do not see it.
 
     python docs/site/site_check.py build/site
 """
@@ -14,14 +15,17 @@ FOLLOWED = "a", "area"  # by the reader's choice; browsers load what other eleme
 ADDRESSES = "href", "src", "srcset", "poster", "data"
 IN_CODE = re.compile(r"""(?:url\(|["'`])\s*["']?((?!http://www\.w3\.org/)(?:https?:)?//\w[^\s"'`)]*)""")
 """In scripts and style sheets, an address on another host. Addresses on w3.org only name XML formats."""
+PICTURES = ".gif", ".jpg", ".png", ".svg", ".webp"
+LARGEST_BYTES = 300_000  # of a picture, for readers on a phone
 
 
 class Page(HTMLParser):
-    """The names of a page's parts, the addresses that it links to and that browsers load for it, and its code."""
+    """The names of a page's parts, the addresses that it links to and that browsers load for it, its code, and the
+    addresses and texts of its pictures."""
 
     def __init__(self, path):
         super().__init__()
-        self.names, self.followed, self.loaded, self.code = {""}, [], [], ""
+        self.names, self.followed, self.loaded, self.code, self.pictures = {""}, [], [], "", []
         self.feed(path.read_text(encoding="utf-8"))
 
     def handle_starttag(self, tag, attrs):
@@ -29,6 +33,8 @@ class Page(HTMLParser):
         self.names |= {attributes[name] for name in ("id", "name") if name in attributes}
         self.code += f'"{attributes.get("style", "")}"'
         addresses = self.followed if tag in FOLLOWED else self.loaded
+        if tag == "img":
+            self.pictures.append((attributes.get("src", ""), attributes.get("alt", "")))
         addresses += [attributes[name].split()[0] for name in ADDRESSES if attributes.get(name)]
 
     def handle_data(self, data):
@@ -57,6 +63,20 @@ def broken_links(folder):
                 yield f"{path.relative_to(folder)}: no target for {address}"
 
 
+def pictures_without_text(folder):
+    """Pictures without a text in place of them, as lines "FILE: ADDRESS"; Sphinx repeats the address there."""
+    for path in sorted(folder.rglob("*.html")):
+        yield from (f"{path.relative_to(folder)}: no text for {address}" for address, text in _page(path).pictures
+                    if not text.strip() or text == address)
+
+
+def large_pictures(folder):
+    """Pictures of more than LARGEST_BYTES, as lines "FILE: BYTES"."""
+    for path in sorted(folder.rglob("*")):
+        if path.suffix in PICTURES and path.stat().st_size > LARGEST_BYTES:
+            yield f"{path.relative_to(folder)}: {path.stat().st_size} bytes, more than {LARGEST_BYTES}"
+
+
 def _exists(path, link):
     if link.scheme or link.netloc:
         return True
@@ -69,8 +89,10 @@ def _page(path):
     return Page(path)
 
 
+CHECKS = foreign_loads, broken_links, pictures_without_text, large_pictures
+
 if __name__ == "__main__":
     site = Path(sys.argv[1]).resolve()
-    findings = [*foreign_loads(site), *broken_links(site)]
+    findings = [line for check in CHECKS for line in check(site)]
     print(*findings, f"{len(findings)} findings in {len([*site.rglob('*.html')])} pages", sep="\n")
     sys.exit(bool(findings))

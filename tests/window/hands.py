@@ -10,7 +10,10 @@ import subprocess
 import sys
 import threading
 import time
+from collections import namedtuple
 from contextlib import contextmanager, suppress
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import bpy
@@ -199,11 +202,62 @@ def shoot(name, place=None):
     subprocess.run([*_screenshot(place), FOLDER.parent / f"{STEP}-{name}.png"], check=True)
 
 
+Box = namedtuple("Box", "x y width height")
+"""A rectangle of the main window, in pixels from its lower left corner."""
+
+
+def top_right(place, width, height):
+    """The upper right part of an area or a region, for a screenshot."""
+    return Box(place.x + place.width - width, place.y + place.height - height, width, height)
+
+
 def _screenshot(place):
     """A command that writes a screenshot to a file."""
     crop = [] if place is None else ["-crop", f"{place.width}x{place.height}+{place.x}+"
                                               f"{main_window().height - place.y - place.height}", "+repage"]
     return ["import", "-window", "root", *crop]
+
+
+def show_preferences(section, share):
+    """Show Blender's preferences on the right of the window, in this share of its width, next to the 3D view alone;
+    returns their area."""
+    for kind in ("PROPERTIES", "OUTLINER", "DOPESHEET_EDITOR"):
+        with over(kind):
+            bpy.ops.screen.area_close()
+        yield DRAW_S
+    with over():
+        bpy.ops.screen.area_split(direction="VERTICAL", factor=1 - share)
+    yield DRAW_S
+    place = max(main_window().screen.areas, key=lambda area: area.x)
+    place.type = "PREFERENCES"
+    bpy.context.preferences.active_section = section
+    yield DRAW_S
+    return place
+
+
+def press_at(place, from_right, from_top):
+    """Click at a distance, in pixels, from the upper right corner of a region."""
+    yield from press("LEFTMOUSE", place, across=1 - from_right / place.width, up=1 - from_top / place.height)
+    yield DRAW_S  # a second time, for menus
+
+
+def uninstall():
+    """Remove the extension, if it is installed from disk."""
+    repository = bpy.context.preferences.extensions.repos["User Default"]
+    if (Path(repository.directory) / "lensfield").exists():
+        bpy.ops.extensions.package_uninstall(repo_directory=repository.directory, pkg_id="lensfield")
+
+
+@contextmanager
+def served(folder):
+    """The address of a web server on this machine that serves the files of a folder."""
+    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(SimpleHTTPRequestHandler, directory=folder))
+    threading.Thread(target=server.serve_forever).start()
+    try:
+        yield f"http://127.0.0.1:{server.server_port}"
+    finally:
+        server.shutdown()
+        server.server_close()
 
 
 def at_rest(name, place):

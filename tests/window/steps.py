@@ -2,10 +2,12 @@
 
 import functools
 import itertools
+import json
 import math
 import os
 import shutil
 import signal
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -19,6 +21,7 @@ from hands import (
     MODULE,
     PACKAGE,
     SAMPLE,
+    Box,
     adjust,
     alike,
     alive,
@@ -53,6 +56,7 @@ from hands import (
     place_on_sheet,
     point,
     press,
+    press_at,
     preview_columns_px,
     preview_is_fresh,
     preview_under_way,
@@ -66,16 +70,20 @@ from hands import (
     scroll_to,
     scroll_up,
     seen_distance,
+    served,
     session,
     shoot,
+    show_preferences,
     show_section,
     show_tab,
     stalls,
     start,
     start_endless,
+    top_right,
     trust,
     turn,
     type_number,
+    uninstall,
     until,
     write,
     write_flat_fields,
@@ -92,6 +100,11 @@ STAR = MARK = 0.83  # of the panel's width
 TOOLTIP_S = 2
 PIECE, TOWN = (0.469, 0.36), (0.45, 0.5)  # a chess piece and a house in the viewport, in fractions of it
 SECOND_LENS = 0.175, 0.655  # its title in the dialog that compares lenses, in fractions of the window
+ZIP_NAME = "lensfield-0.1.0-linux-x64-blender5.1.zip"
+INSTALL_SCALE, INSTALL_SHARE = 1.5, 0.64  # of Blender's interface; of the window's width for the preferences
+SETTINGS_ARROW, REPOSITORIES = (30, 27), (100, 27)  # px from the upper right corner of the preferences, at this scale
+PLUS, ADD_REMOTE = (43, 88), (157, 120)  # in the list of repositories, and in the menu of its button
+CHECK_FOR_UPDATES = 372, 168  # in the dialog of this menu
 DOT_LENS = """# A Cooke triplet, without its field
 name: Triplet 50mm f/5
 focal_length: 50.00
@@ -1397,3 +1410,81 @@ def click_names():
     assert "evening" in lens_image_path().name
     shoot("saved-as")
     assert "Saved copy" not in (yield from blenders_log())
+
+
+def install_from_disk():
+    """Installed by mouse from a zip; screenshots for the guide. One of the last steps, because Lensfield is installed
+    anew."""
+    bpy.context.preferences.view.ui_scale, bpy.context.preferences.view.filebrowser_display_type = INSTALL_SCALE, "SCREEN"
+    uninstall()
+    zips = FOLDER / "zips"
+    zips.mkdir()
+    shutil.copy(PACKAGE, zips / ZIP_NAME)
+    place = yield from show_preferences("ADDONS", share=INSTALL_SHARE)
+    main = region(place)
+    shoot("version", Box(main_window().width - 400, 0, 400, 80))
+    yield from press_at(main, *SETTINGS_ARROW)
+    shoot("menu", top_right(main, 640, 160))
+    yield from press("I", main)
+    yield from until(lambda: any(each.type == "FILE_BROWSER" for each in main_window().screen.areas))
+    browser = area("FILE_BROWSER")
+    with over("FILE_BROWSER"):
+        browser.spaces.active.params.directory = os.fsencode(zips)
+    yield 1
+    files = region(browser)
+    yield from press("LEFTMOUSE", files, across=0.1, up=1 - 55 / files.height)
+    shoot("zip", Box(files.x, files.y + files.height - 110, 640, 110))
+    assert browser.spaces.active.params.filename == ZIP_NAME
+    with over("FILE_BROWSER"):
+        bpy.ops.file.execute("INVOKE_DEFAULT")
+    yield from until(lambda: MODULE in bpy.context.preferences.addons)
+    bpy.context.window_manager.addon_search = "lensfield"
+    yield 1
+    shoot("ticked", top_right(region(area("PREFERENCES")), main.width, 120))
+
+
+def install_from_repository():
+    """Installed by mouse from a remote repository on this machine, where an update then appears; screenshots for the
+    guide. The last step, because Lensfield is then from another repository."""
+    preferences = bpy.context.preferences
+    preferences.view.ui_scale = INSTALL_SCALE
+    official = preferences.extensions.repos["extensions.blender.org"]
+    preferences.system.use_online_access, preferences.extensions.use_online_access_handled = False, False
+    official.enabled = True
+    uninstall()
+    zips = FOLDER / "zips"
+    zips.mkdir()
+    shutil.copy(PACKAGE, zips / ZIP_NAME)
+    subprocess.run([bpy.app.binary_path, "--command", "extension", "server-generate", f"--repo-dir={zips}"], check=True)
+    place = yield from show_preferences("EXTENSIONS", share=INSTALL_SHARE)
+    main = region(place)
+    yield 1
+    shoot("online", top_right(main, main.width, 270))
+    yield from click("extensions.userpref_allow_online", main, across=0.75)
+    official.enabled = False  # no request leaves this machine
+    yield 1
+    yield from press_at(main, *REPOSITORIES)
+    yield from press_at(main, *PLUS)
+    shoot("add", top_right(main, 640, 330))
+    bpy.context.window_manager.clipboard = "https://example.org/lensfield/index.json"
+    yield from press_at(main, *ADD_REMOTE)
+    yield from press("V", main, ctrl=True)
+    yield from press("RET", main)
+    yield from press_at(main, *CHECK_FOR_UPDATES)
+    shoot("url", top_right(main, 600, 410))
+    for _ in "dialog", "list of repositories":
+        yield from press("ESC", main)
+    with served(zips) as address, over("PREFERENCES"):
+        assert bpy.ops.preferences.extension_repo_add(name="Lensfield", remote_url=f"{address}/index.json",
+                                                      type="REMOTE") == {"FINISHED"}
+        bpy.ops.extensions.repo_sync_all()
+        yield 3
+        shoot("list", top_right(main, main.width, 160))
+        yield from click("extensions.package_install", main, across=0.9)
+        yield from until(lambda: "bl_ext.Lensfield.lensfield" in bpy.context.preferences.addons)
+        index = json.loads((zips / "index.json").read_text(encoding="utf-8"))
+        index["data"][0]["version"] = "0.2.0"
+        (zips / "index.json").write_text(json.dumps(index), encoding="utf-8")
+        bpy.ops.extensions.repo_sync_all()
+        yield 3
+        shoot("update", top_right(main, main.width, 160))
