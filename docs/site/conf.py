@@ -40,14 +40,16 @@ html_copy_source = html_show_sourcelink = html_use_index = False
 
 CONTENTS = {
     "Start": ["docs/guide/install", "docs/guide/answers", "docs/gallery", "docs/lenses"],
-    "For": ["docs/guide/artist", "docs/guide/scripts", "docs/farm", "docs/guide/engineer"],
+    "For": ["Artists <docs/guide/artist>", "Scripters <docs/guide/scripts>", "Render farms <docs/farm>",
+            "Camera engineers <docs/guide/engineer>"],
     "Reference": ["docs/guide/artist-reference", "docs/guide/spectra", "docs/camera", "docs/anamorphic",
                   "docs/photographs"],
     "Methods and accuracy": ["docs/depth", "docs/traced_lens", "docs/stray_light", "docs/cornell_box", "docs/stmap",
                              "docs/reliability"],
     "Developers": ["docs/site/api", "CONTRIBUTING", "docs/architecture", "CHANGELOG"],
 }
-"""Pages in the side bar, by caption. Sphinx reports pages that are missing."""
+"""Pages in the side bar, by caption: for each kind of users, one page to begin with. Sphinx reports pages that are
+missing."""
 MARKS = re.compile(r"(`[^`]*`|^ *>>>.*(?:\n.+)*)|([*|])", re.MULTILINE)
 """Code, with its output, or a character that would be markup."""
 
