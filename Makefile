@@ -68,6 +68,8 @@
 #                  and seconds for each)
 # make hero        write the front page's pictures to build/hero and docs: a night portrait through ten lenses, and a
 #                  focus pull (half an hour); captures that exist in build/hero are not rendered again
+# make platform-pictures  write the pictures of packaging/platform, for the page of an extensions platform (a quarter of
+#                  an hour); a capture that exists in build/platform is not rendered again
 # make camera-pictures  write the pictures of docs/camera.md, from raw files in build/camera (ten minutes)
 # make cameras     write the library's cameras again, from RAWTOACES=FOLDER, a copy of rawtoaces-data (seconds)
 # make tables      rewrite the spectra and the upsampling basis with colour-science; make bench-tables compares bases
@@ -129,7 +131,7 @@ SITE = .venv-site
 RELEASE = .venv-release
 LOCK = packaging/lock-5.0.1.txt
 
-.PHONY: demo kernels test heavy fuzz long-runs kill-test test-kernels test-engine test-blender ui-test bench bench-device bench-all validate validate-sensor validate-raw validate-photographs validate-plate scenes wheels dist release test-bake test-sensor test-photographs test-plate test-farm lens-rims stop-places glasses lenses lens-pictures hero camera-pictures cameras tables bench-tables \
+.PHONY: demo kernels test heavy fuzz long-runs kill-test test-kernels test-engine test-blender ui-test bench bench-device bench-all validate validate-sensor validate-raw validate-photographs validate-plate scenes wheels dist release test-bake test-sensor test-photographs test-plate test-farm lens-rims stop-places glasses lenses lens-pictures hero platform-pictures camera-pictures cameras tables bench-tables \
         test-numpy ci site lint lock
 
 demo: $(READY) kernels
@@ -288,6 +290,9 @@ lens-pictures: $(READY)
 
 hero: $(READY) kernels
 	$(VENV)/bin/python -W ignore docs/figures/hero_pictures.py build/hero
+
+platform-pictures: $(READY) kernels
+	$(VENV)/bin/python -W ignore docs/figures/platform_pictures.py build/platform
 
 camera-pictures: $(READY) kernels
 	$(VENV)/bin/python -W ignore docs/figures/camera_pictures.py build/camera

@@ -1,26 +1,32 @@
-"""The icon and the featured picture of packaging/platform, for the page of an extensions platform.
+"""The icon and the pictures of packaging/platform, for the page of an extensions platform.
 
     python docs/figures/platform_pictures.py FOLDER
 
-The featured picture shows the night portrait of the front page through its three lenses, rendered at full size by Cycles;
-`make platform-pictures` does that with Blender's wheel, in build/platform (ten minutes on two cores). A capture and lens
-images that exist in FOLDER are reused. `make ui-test STEPS="install platform_pictures"` takes the other pictures.
+The featured picture shows the night portrait of the front page through its three lenses, rendered at full size by
+Cycles; `make platform-pictures` does that with Blender's wheel, in build/platform (a quarter of an hour on two cores). A
+capture and lens images that exist in FOLDER are reused. The other pictures are those of the guide and of the gallery.
 """
 
 import sys
 from pathlib import Path
+from shutil import copyfile
 
 import bpy
 import numpy as np
-from hero_pictures import ROOT, SCENE, SIDE_BY_SIDE, capture, portrait
 from PIL import Image
 
+from hero_pictures import DOCS, GALLERY, GALLERY_PX, ROOT, SCENE, SIDE_BY_SIDE, capture, portrait
 from lensfield import addon
 
 PLATFORM = ROOT / "packaging" / "platform"
 
-FEATURED_PX, FEATURED_GAP_PX, FEATURED_QUALITY = (1920, 1080), 12, 88
+FEATURED_PX, FEATURED_GAP_PX, QUALITY = (1920, 1080), 12, 88
 PORTRAIT_PX = (FEATURED_PX[0] - (len(SIDE_BY_SIDE) - 1) * FEATURED_GAP_PX) // len(SIDE_BY_SIDE), FEATURED_PX[1]
+
+COPIED = {"2_preview.jpg": "preview.jpg", "3_live.jpg": "live.jpg", "4_compositor.png": "compositor.png",
+          "5_compare.jpg": "contact_sheet.jpg", "6_sheet.png": "sheet.png"}
+"""Pictures, and those of the guide that they are."""
+COLUMNS, GAP_PX = 5, 6  # of the lenses side by side
 
 ICON_PX, FINER = 256, 8
 PLATE, ROUNDING = (22, 26, 36), 0.22  # the icon's background, and the radius of its corners in widths of the icon
@@ -55,8 +61,26 @@ def featured(folder):
     return sheet
 
 
-if __name__ == "__main__":
+def gallery():
+    """The pictures of the gallery, side by side in two rows."""
+    step = np.add(GALLERY_PX, GAP_PX)
+    sheet = Image.new("RGB", tuple(step * (COLUMNS, len(GALLERY) // COLUMNS) - GAP_PX), "white")
+    for index, lens in enumerate(GALLERY):
+        row, column = divmod(index, COLUMNS)
+        with Image.open(DOCS / "gallery" / f"{lens}.jpg") as picture:
+            sheet.paste(picture, tuple(step * (column, row)))
+    return sheet
+
+
+def main(folder):
     icon().save(PLATFORM / "icon.png", optimize=True)
+    gallery().save(PLATFORM / "1_lenses.jpg", quality=QUALITY, optimize=True)
+    for name, source in COPIED.items():
+        copyfile(DOCS / "guide" / "pictures" / source, PLATFORM / name)
     addon.register()
-    featured(Path(sys.argv[1])).save(PLATFORM / "featured.jpg", quality=FEATURED_QUALITY, optimize=True)
+    featured(folder).save(PLATFORM / "featured.jpg", quality=QUALITY, optimize=True)
     addon.unregister()
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

@@ -34,6 +34,7 @@ numpydoc_class_members_toctree = numpydoc_show_class_members = False
 
 html_theme = "furo"
 html_title = f"Lensfield {version}"
+html_favicon = "../../packaging/platform/icon.png"
 html_static_path = ["site.css"]
 html_css_files = ["site.css"]
 html_copy_source = html_show_sourcelink = html_use_index = False

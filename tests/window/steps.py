@@ -1415,7 +1415,8 @@ def click_names():
 def install_from_disk():
     """Installed by mouse from a zip; screenshots for the guide. One of the last steps, because Lensfield is installed
     anew."""
-    bpy.context.preferences.view.ui_scale, bpy.context.preferences.view.filebrowser_display_type = INSTALL_SCALE, "SCREEN"
+    view = bpy.context.preferences.view
+    view.ui_scale, view.filebrowser_display_type = INSTALL_SCALE, "SCREEN"
     uninstall()
     zips = FOLDER / "zips"
     zips.mkdir()
