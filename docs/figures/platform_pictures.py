@@ -3,8 +3,8 @@
     python docs/figures/platform_pictures.py FOLDER
 
 The featured picture shows the night portrait of the front page through its three lenses, rendered at full size by
-Cycles; `make platform-pictures` does that with Blender's wheel, in build/platform (a quarter of an hour on two cores). A
-capture and lens images that exist in FOLDER are reused. The other pictures are those of the guide and of the gallery.
+Cycles; `make platform-pictures` does that with Blender's wheel, in build/platform (a quarter of an hour on two cores).
+A capture and lens images that exist in FOLDER are reused. The other pictures are from the guide and the gallery.
 """
 
 import sys
@@ -25,7 +25,7 @@ PORTRAIT_PX = (FEATURED_PX[0] - (len(SIDE_BY_SIDE) - 1) * FEATURED_GAP_PX) // le
 
 COPIED = {"2_preview.jpg": "preview.jpg", "3_live.jpg": "live.jpg", "4_compositor.png": "compositor.png",
           "5_compare.jpg": "contact_sheet.jpg", "6_sheet.png": "sheet.png"}
-"""Pictures, and those of the guide that they are."""
+"""Pictures of the guide, by their names here."""
 COLUMNS, GAP_PX = 5, 6  # of the lenses side by side
 
 ICON_PX, FINER = 256, 8
