@@ -1472,6 +1472,7 @@ def install_from_repository():
     yield from press("V", main, ctrl=True)
     yield from press("RET", main)
     yield from press_at(main, *CHECK_FOR_UPDATES)
+    yield from point(main, across=1 - 300 / main.width, up=1 - 75 / main.height)  # without a tooltip
     shoot("url", top_right(main, 600, 410))
     for _ in "dialog", "list of repositories":
         yield from press("ESC", main)
