@@ -200,7 +200,8 @@ def test_parts_of_scipy_are_imported_when_they_are_used():
 
 
 @pytest.mark.parametrize("code, absent", [
-    ("from lensfield.engine import *", {"scipy.fft", "scipy.interpolate", "scipy.optimize", "matplotlib", "rawpy",
+    ("import lensfield", {"lensfield.engine"}),
+    ("from lensfield import *", {"scipy.fft", "scipy.interpolate", "scipy.optimize", "matplotlib", "rawpy",
                                         "wgpu"}),
     ("import lensfield.engine; lensfield.engine.LensError", {"numpy"}),
     ("import lensfield.cli; lensfield.cli.main(['--version'])", {"numpy", "scipy"}),
@@ -213,7 +214,8 @@ def test_a_program_loads_only_what_it_needs(code, absent):
 
 def test_every_public_name_of_the_engine_has_its_module():
     assert set(lensfield.engine._MODULES) == set(lensfield.engine.__all__)
-    assert all(getattr(lensfield.engine, name).__name__ == name for name in lensfield.engine.__all__)
+    assert all(getattr(lensfield, name).__name__ == name for name in lensfield.__all__)
+    assert lensfield.__all__ == lensfield.engine.__all__ and "simulate" in dir(lensfield)
 
 
 def test_package_and_extension_have_the_same_version():

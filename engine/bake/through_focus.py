@@ -37,7 +37,7 @@ def psf_at_depth(rays: RayTable, wavelength_nm: float, height_mm: float, depth_m
     Parameters
     ----------
     rays : RayTable
-        `lens_rays(lens)`.
+        `lens_rays(lens)` of a rotationally symmetric lens.
     wavelength_nm : float
     height_mm : float
         Height of the point's chief ray, which goes through the centre of the stop, on the sensor.
@@ -61,6 +61,14 @@ def psf_at_depth(rays: RayTable, wavelength_nm: float, height_mm: float, depth_m
         A depth that is not a positive distance, or a chief ray that enters the lens nearly sideways.
     LensError
         A height or wavelength outside the table, or a wavefront too wide or too rough to compute.
+
+    Examples
+    --------
+    >>> from lensfield import lens_rays, load_lens, psf_at_depth
+    >>> rays = lens_rays(load_lens("tessar-50mm", quality="preview", wavelengths_nm=[550]))
+    >>> psf = psf_at_depth(rays, 550, height_mm=10.0, depth_mm=2000.0, pitch_um=10.0, samples=65)
+    >>> psf.shape, round(psf.sum(), 3)
+    ((65, 65), 1.0)
     """
     _check_depth(depth_mm)
     fineness = QUALITIES[quality]

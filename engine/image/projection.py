@@ -29,6 +29,14 @@ class Projection:
     ------
     ImageError
         There are too many coefficients, one is not a number, or the first is not positive.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lensfield import Projection
+    >>> equidistant = Projection((1.0,))
+    >>> equidistant.angle_rad(np.array([0.0, 0.5])).tolist()
+    [0.0, 0.5]
     """
 
     angle_per_radius: tuple[float, ...] = ()

@@ -67,7 +67,7 @@ class SpectralImage:
     Examples
     --------
     >>> import numpy as np
-    >>> from lensfield.engine import SpectralImage
+    >>> from lensfield import SpectralImage
     >>> points = np.zeros((2, 24, 32), "float32")
     >>> points[:, 12, 16] = 1  # W m^-2 sr^-1 nm^-1, in a single pixel
     >>> image = SpectralImage(points, wavelengths_nm=[450, 550], pitch_um=15)

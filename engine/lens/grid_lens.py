@@ -42,6 +42,22 @@ class GridLens(Lens):
         of focus leans. Depth is along the camera's axis, from the entrance pupil.
     psf : float32 array (wavelength, row, column, v, u)
         +v points upwards, +u to the right.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lensfield import GridLens
+    >>> y_mm, x_mm = np.linspace(-1.5, 1.5, 5), np.linspace(-2, 2, 7)
+    >>> table, psf = np.ones((2, 5, 7)), np.zeros((2, 5, 7, 5, 5))
+    >>> psf[..., 2, 2] = 1  # all light in the sample of the chief ray
+    >>> lens = GridLens(
+    ...     name="MINE", efl_mm=10.0, magnification=-0.1, f_number_effective=2.0, object_distance_mm=100.0,
+    ...     entrance_pupil_mm=5.0, sensor_mm=(4.0, 3.0), reference_wavelength_nm=550.0, wavelengths_nm=[450.0, 650.0],
+    ...     y_mm=y_mm, x_mm=x_mm, mirrored=(False, False), within=np.hypot(x_mm / 2, y_mm[:, None] / 1.5) / 1.5,
+    ...     source_mm=table[..., None] * np.stack(np.meshgrid(x_mm, y_mm), axis=-1), relative_illumination=table,
+    ...     psf=psf, psf_pitch_um=2.5, enclosed_energy=table, transmittance=np.ones(2))
+    >>> lens.psf.shape  # (wavelength, row, column, v, u)
+    (2, 5, 7, 5, 5)
     """
 
     y_mm: np.ndarray

@@ -72,7 +72,7 @@ class Lens(Value):
 
     Examples
     --------
-    >>> from lensfield.engine import load_lens
+    >>> from lensfield import load_lens
     >>> lens = load_lens("edmund-54852")
     >>> f"{lens.efl_mm:.2f} mm, f/{lens.f_number_effective:.2f}, sensor {lens.sensor_mm} mm"
     '6.00 mm, f/1.88, sensor (4.8, 3.6) mm'

@@ -30,6 +30,21 @@ class RadialLens(Lens):
         +v points radially away from the axis, u along the tangent.
 
     No light arrives beyond the last height if the relative illumination is 0 there.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lensfield import RadialLens
+    >>> nm, heights_mm = [450.0, 650.0], np.array([0.0, 1.0, 2.0, 3.0])
+    >>> table, psf = np.ones((2, 4)), np.zeros((2, 4, 5, 5))
+    >>> psf[..., 2, 2] = 1  # all light in the sample of the chief ray
+    >>> lens = RadialLens(
+    ...     name="MINE", efl_mm=10.0, magnification=-0.1, f_number_effective=2.0, object_distance_mm=100.0,
+    ...     entrance_pupil_mm=5.0, sensor_mm=(4.8, 3.6), reference_wavelength_nm=550.0, wavelengths_nm=nm,
+    ...     heights_mm=heights_mm, real_height_mm=table * heights_mm * (1 - 0.01 * heights_mm),
+    ...     relative_illumination=table, psf=psf, psf_pitch_um=2.5, enclosed_energy=table, transmittance=np.ones(2))
+    >>> lens.psf.shape
+    (2, 4, 5, 5)
     """
 
     heights_mm: np.ndarray

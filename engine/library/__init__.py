@@ -102,7 +102,7 @@ def load_lens(source: LensSource, rings: Rings = AT_REST, quality: str = "standa
 
     Examples
     --------
-    >>> from lensfield.engine import load_lens
+    >>> from lensfield import load_lens
     >>> lens = load_lens("tessar-50mm", quality="preview", wavelengths_nm=[550])
     >>> lens.sensor_mm, round(lens.efl_mm)
     ((36.0, 24.0), 50)

@@ -70,7 +70,7 @@ def load_camera(source: CameraSource) -> Camera:
 
     Examples
     --------
-    >>> from lensfield.engine import load_camera
+    >>> from lensfield import load_camera
     >>> camera = load_camera("sony-a7-iv")
     >>> camera.title, camera.shape_px, camera.pitch_um
     ('Sony Alpha 7 IV', (4672, 7008), 5.123)

@@ -30,12 +30,24 @@ def lens_rays(lens: Lens, reach: float = 1.0) -> LensRays:
     ----------
     lens : Lens
     reach : float
-        The required radius of the rays in the stop, in semi-apertures: `Opening.reach`.
+        The required radius of the rays in the stop, in semi-apertures; above 1 for the corners of an iris with blades.
+
+    Returns
+    -------
+    RayTable or GridRayTable
+        A GridRayTable of a lens without rotational symmetry. `psf_at_depth` takes a RayTable.
 
     Raises
     ------
     LensError
         The prescription cannot be traced.
+
+    Examples
+    --------
+    >>> from lensfield import lens_rays, load_lens, psf_at_depth
+    >>> rays = lens_rays(load_lens("tessar-50mm", quality="preview", wavelengths_nm=[550]))
+    >>> psf_at_depth(rays, 550, height_mm=10.0, depth_mm=2000.0, pitch_um=10.0, samples=65).shape
+    (65, 65)
     """
     reach = max(reach, np.ceil(REACHES * (reach - ROUNDING)) / REACHES)
     if not lens.prescription:

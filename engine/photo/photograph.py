@@ -121,7 +121,7 @@ def photograph(irradiance: SpectralImage, camera: Camera, iso: float | None = No
     Examples
     --------
     >>> import numpy as np
-    >>> from lensfield.engine import Options, SpectralImage, load_camera, load_lens, photograph, simulate
+    >>> from lensfield import Options, SpectralImage, load_camera, load_lens, photograph, simulate
     >>> nm = [450, 550, 650]
     >>> radiance = SpectralImage(np.ones((3, 24, 32)), nm, pitch_um=15)
     >>> irradiance = simulate(radiance, load_lens("edmund-54852"), Options(accuracy=0.1))

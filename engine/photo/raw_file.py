@@ -31,7 +31,16 @@ def write_raw_file(raw: RawImage, irradiance: SpectralImage, path: AnyPath, lens
     Raises
     ------
     ImageError
-        From `check_lens`.
+        The irradiance names another lens.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lensfield import Exposure, SpectralImage, expose, load_camera, write_raw_file
+    >>> light = SpectralImage(np.full((3, 12, 16), 2e-4), [450, 550, 650], pitch_um=30, quantity="irradiance")
+    >>> raw = expose(light, load_camera("sony-a7-iv"), Exposure(shutter_s=1 / 60, iso=100.0))
+    >>> write_raw_file(raw, light, "shot.dng")
+    []
     """
     if lens is None:
         write_dng(raw, path, MountedLens(irradiance.lens_name, f_number=irradiance.f_number_effective))

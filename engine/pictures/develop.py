@@ -87,12 +87,21 @@ def developed(raw: RawImage) -> np.ndarray:
     Returns
     -------
     float32 array (row, column, 3)
-        As `camera_rgb`; grey of a monochrome camera. `preview.write_png` writes it.
+        For `write_png`. Grey of a monochrome camera; half the rows and columns of a Quad Bayer pattern.
 
     Raises
     ------
     CameraError
-        From `camera_rgb`, or the camera has two channels.
+        Pictures with this filter array cannot be demosaiced, or the camera has two channels.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lensfield import Exposure, SpectralImage, developed, expose, load_camera
+    >>> light = SpectralImage(np.full((3, 12, 16), 2e-4), [450, 550, 650], pitch_um=30, quantity="irradiance")
+    >>> raw = expose(light, load_camera("sony-a7-iv"), Exposure(shutter_s=1 / 60, iso=100.0))
+    >>> developed(raw).shape == (*raw.numbers.shape, 3)
+    True
     """
     return _rec709(camera_rgb(raw), raw.camera)
 

@@ -47,7 +47,21 @@ def auto_exposure(rec709: np.ndarray) -> float:
 
 
 def write_png(rec709: np.ndarray, path: str | os.PathLike, exposure: float) -> None:
-    """Write a linear Rec. 709 picture as an 8-bit sRGB PNG, which appears complete or not at all."""
+    """Write a linear Rec. 709 picture as an 8-bit sRGB PNG, which appears complete or not at all.
+
+    Parameters
+    ----------
+    rec709 : array (row, column, 3)
+    path : path
+    exposure : float
+        Factor before the conversion; the result is clipped to 0 to 1.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lensfield import write_png
+    >>> write_png(np.full((4, 6, 3), 0.18), "grey.png", exposure=1)
+    """
     save_png(srgb_pixels(rec709, exposure), path)
 
 

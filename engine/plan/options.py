@@ -74,7 +74,7 @@ class Options:
 
     Examples
     --------
-    >>> from lensfield.engine import Options
+    >>> from lensfield import Options
     >>> Options(accuracy=0.001).accuracy  # at most 0.1 % of any point's light in the wrong place
     0.001
     >>> Options(accuracy=0.1, fireflies="clamp", out_of_field="vignette").fireflies

@@ -58,7 +58,7 @@ class Rings:
 
     Examples
     --------
-    >>> from lensfield.engine import Rings, load_lens
+    >>> from lensfield import Rings, load_lens
     >>> rings = Rings(focus_mm=1200, f_number=8)
     >>> lens = load_lens("tessar-50mm", rings, quality="preview", wavelengths_nm=[550])
     >>> f"f/{lens.f_number_effective:.2f}"  # slower than f/8, because the lens is focused at 1.2 m

@@ -79,7 +79,7 @@ class InputError(ValueError):
 
     Examples
     --------
-    >>> from lensfield.engine import InputError, Options
+    >>> from lensfield import InputError, Options
     >>> try:
     ...     Options(accuracy=-1)
     ... except InputError as error:
@@ -186,7 +186,7 @@ class LensError(InputError):
 
     Examples
     --------
-    >>> from lensfield.engine import LensError, load_lens
+    >>> from lensfield import LensError, load_lens
     >>> try:
     ...     load_lens("nonsuch")
     ... except LensError as error:
@@ -200,7 +200,7 @@ class CameraError(InputError):
 
     Examples
     --------
-    >>> from lensfield.engine import CameraError, load_camera
+    >>> from lensfield import CameraError, load_camera
     >>> try:
     ...     load_camera("nonsuch")
     ... except CameraError as error:
@@ -214,7 +214,7 @@ class ImageError(InputError):
 
     Examples
     --------
-    >>> from lensfield.engine import ImageError, SpectralImage
+    >>> from lensfield import ImageError, SpectralImage
     >>> try:
     ...     SpectralImage([[1.0, 2.0]], wavelengths_nm=[450, 550], pitch_um=15)
     ... except ImageError as error:

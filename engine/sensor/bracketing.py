@@ -29,6 +29,16 @@ def merged_e_per_s(pictures: Sequence[RawImage]) -> np.ndarray:
     ------
     InputError
         There is no picture, or cameras or pixels differ.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lensfield import Exposure, SpectralImage, expose, load_camera, merged_e_per_s
+    >>> light = SpectralImage(np.full((3, 12, 16), 2e-4), [450, 550, 650], pitch_um=30, quantity="irradiance")
+    >>> camera = load_camera("sony-a7-iv")
+    >>> brackets = [expose(light, camera, Exposure(shutter_s, iso=100.0)) for shutter_s in (1 / 250, 1 / 60)]
+    >>> merged_e_per_s(brackets).shape == brackets[0].numbers.shape
+    True
     """
     if not pictures:
         raise InputError("bracketing", "pictures", "empty", "expected at least one picture")

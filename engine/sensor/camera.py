@@ -76,6 +76,15 @@ class Camera(Value):
     ------
     CameraError
         A parameter is missing or invalid.
+
+    Examples
+    --------
+    >>> from lensfield import Camera
+    >>> camera = Camera("MINE", shape_px=(3000, 4000), pitch_um=3.0, filters=("RG", "GB"), channels="RGB",
+    ...                 wavelengths_nm=[400, 550, 700], quantum_efficiency=[[0, 0, 0.4], [0, 0.5, 0], [0.3, 0, 0]],
+    ...                 gain_dn_per_e=0.35, base_iso=100.0, saturation_e=10000.0, bits=12, black_dn=64.0)
+    >>> camera.size_mm, camera.white_dn
+    ((12.0, 9.0), 4095)
     """
 
     name: str

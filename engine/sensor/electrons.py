@@ -52,7 +52,25 @@ def plane_weights(wavelengths_nm: np.ndarray, nodes_nm: np.ndarray,
 
 
 def missing_response(camera: Camera, wavelengths_nm: np.ndarray) -> np.ndarray:
-    """Share of each channel's response to even spectral irradiance outside these wavelengths: array (channel,)."""
+    """Share of each channel's response to even spectral irradiance outside some wavelengths.
+
+    Parameters
+    ----------
+    camera : Camera
+    wavelengths_nm : array (wavelength,)
+        Of a picture; only the shortest and the longest count.
+
+    Returns
+    -------
+    array (channel,)
+
+    Examples
+    --------
+    >>> from lensfield import load_camera, missing_response
+    >>> camera = load_camera("sony-a7-iv")
+    >>> missing_response(camera, [450, 550, 650]).round(2).tolist()  # of R, G and B
+    [0.13, 0.06, 0.36]
+    """
     nm = camera.wavelengths_nm
     fine_nm = _fine(nm[0], nm[-1], nm, wavelengths_nm)
     within_nm = fine_nm[(fine_nm >= np.min(wavelengths_nm)) & (fine_nm <= np.max(wavelengths_nm))]

@@ -42,6 +42,12 @@ class Exposure:
     ------
     InputError
         A value is not valid.
+
+    Examples
+    --------
+    >>> from lensfield import Exposure
+    >>> Exposure(shutter_s=1 / 50, iso=400.0, frame=7)
+    Exposure(shutter_s=0.02, iso=400.0, seed=0, frame=7, serial=0, noise=True)
     """
 
     shutter_s: float
@@ -80,6 +86,15 @@ class RawImage:
     exposure : Exposure
     resampled : float or None
         Pitch of the picture divided by the pitch of the sensor, if they differ.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lensfield import Exposure, SpectralImage, expose, load_camera
+    >>> light = SpectralImage(np.full((3, 12, 16), 2e-4), [450, 550, 650], pitch_um=30, quantity="irradiance")
+    >>> raw = expose(light, load_camera("sony-a7-iv"), Exposure(shutter_s=1 / 60, iso=100.0))
+    >>> raw.numbers.dtype, raw.numbers.shape == raw.channel.shape, raw.saturated
+    (dtype('uint16'), True, 0.0)
     """
 
     numbers: np.ndarray
@@ -129,6 +144,15 @@ def expose(irradiance: SpectralImage, camera: Camera, exposure: Exposure) -> Raw
     ------
     ImageError
         The picture is not irradiance in W m^-2 nm^-1, or there is not enough memory.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lensfield import Exposure, SpectralImage, expose, load_camera
+    >>> light = SpectralImage(np.full((3, 12, 16), 2e-4), [450, 550, 650], pitch_um=30, quantity="irradiance")
+    >>> raw = expose(light, load_camera("sony-a7-iv"), Exposure(shutter_s=1 / 60, iso=100.0))
+    >>> raw.numbers.shape, f"{raw.resampled:.2f}"  # times the sensor's pitch
+    ((70, 94), '5.86')
     """
     check_irradiance(irradiance)
     shape = covered_px(irradiance, camera)

@@ -95,6 +95,25 @@ def read_film(path: Path) -> Film:
     ------
     InputError
         The file is missing or damaged, or a value in it is invalid.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from lensfield import read_film
+    >>> path = Path("MINE.toml")
+    >>> _ = path.write_text('''
+    ... format = "lensfield-film"
+    ... version = 1
+    ... name = "MINE"
+    ... unit = "J/m2"
+    ... wavelengths_nm = [400, 700]
+    ... log_exposure = [-2, 0, 1]
+    ... [log_sensitivity]
+    ... pan = [-1, -1]
+    ... [density]
+    ... pan = [0.1, 0.8, 1.4]''')
+    >>> read_film(path).layers
+    ('pan',)
     """
     table = read_toml(path, FORMAT, VERSION, error=InputError)
     check_known(table, FIELDS)
@@ -135,6 +154,27 @@ def film_exposure(irradiance: SpectralImage, film: Film, shutter_s: float) -> np
         The picture is not irradiance.
     InputError
         The shutter time is not positive.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pathlib import Path
+    >>> from lensfield import SpectralImage, film_exposure, read_film
+    >>> path = Path("MINE.toml")
+    >>> _ = path.write_text('''
+    ... format = "lensfield-film"
+    ... version = 1
+    ... name = "MINE"
+    ... unit = "J/m2"
+    ... wavelengths_nm = [400, 700]
+    ... log_exposure = [-2, 0, 1]
+    ... [log_sensitivity]
+    ... pan = [-1, -1]
+    ... [density]
+    ... pan = [0.1, 0.8, 1.4]''')
+    >>> light = SpectralImage(np.full((2, 1, 1), 0.1), [400, 700], pitch_um=5, quantity="irradiance")
+    >>> film_exposure(light, read_film(path), shutter_s=0.5).round(3).tolist()
+    [[[1.5]]]
     """
     check_irradiance(irradiance)
     if not 0 < shutter_s < np.inf:
@@ -162,6 +202,26 @@ def film_density(exposure: np.ndarray, film: Film) -> np.ndarray:
     ------
     InputError
         The film has no characteristic curves.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pathlib import Path
+    >>> from lensfield import film_density, read_film
+    >>> path = Path("MINE.toml")
+    >>> _ = path.write_text('''
+    ... format = "lensfield-film"
+    ... version = 1
+    ... name = "MINE"
+    ... unit = "J/m2"
+    ... wavelengths_nm = [400, 700]
+    ... log_exposure = [-2, 0, 1]
+    ... [log_sensitivity]
+    ... pan = [-1, -1]
+    ... [density]
+    ... pan = [0.1, 0.8, 1.4]''')
+    >>> film_density(np.array([[[1.0, 10.0]]]), read_film(path)).tolist()
+    [[[0.8, 1.4]]]
     """
     if film.log_exposure is None or film.density is None:
         raise InputError(f"film {film.name}", "density", "missing", "expected characteristic curves")

@@ -34,6 +34,15 @@ def rolling_irradiance(irradiances: Sequence[SpectralImage], shutter_s: float, r
         Images differ in pixels, wavelengths, quantity or units.
     InputError
         There is no image, or a time is not valid.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lensfield import SpectralImage, rolling_irradiance
+    >>> frames = [SpectralImage(np.full((1, 4, 4), light), [550], pitch_um=5, quantity="irradiance")
+    ...           for light in (0, 1)]
+    >>> rolling_irradiance(frames, shutter_s=0.01, readout_s=0.01).cube[0, :, 0].tolist()  # later rows, later light
+    [0.0, 0.25, 0.5, 0.75]
     """
     if not irradiances:
         raise InputError("rolling shutter", "irradiances", "empty", "expected at least one image")

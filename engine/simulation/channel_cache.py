@@ -43,7 +43,7 @@ class ChannelCache:
     Two frames of an animation share the plan and the PSFs:
 
     >>> import numpy as np
-    >>> from lensfield.engine import ChannelCache, Options, SpectralImage, load_lens, simulate
+    >>> from lensfield import ChannelCache, Options, SpectralImage, load_lens, simulate
     >>> lens, cache = load_lens("edmund-54852"), ChannelCache(limit_mb=64)
     >>> for light in (1.0, 0.5):
     ...     frame = SpectralImage(np.full((24, 32), light), wavelengths_nm=[550], pitch_um=15)

@@ -102,7 +102,7 @@ def lens_image(radiance: SpectralImage, lens: Lens, options: Options, stray: Str
     Examples
     --------
     >>> import numpy as np
-    >>> from lensfield.engine import Options, SpectralImage, StrayOptions, lens_image, load_lens
+    >>> from lensfield import Options, SpectralImage, StrayOptions, lens_image, load_lens
     >>> radiance = SpectralImage(np.ones((24, 32)), wavelengths_nm=[550], pitch_um=15)
     >>> lens = load_lens("edmund-54852")
     >>> irradiance, stray = lens_image(radiance, lens, Options(accuracy=0.1), StrayOptions("veil", cleanliness="dusty"))

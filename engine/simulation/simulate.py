@@ -69,7 +69,7 @@ def simulate(radiance: Radiance, lens: Lens, options: Options = BY_RESULT, *,
     Examples
     --------
     >>> import numpy as np
-    >>> from lensfield.engine import Options, SpectralImage, load_lens, simulate
+    >>> from lensfield import Options, SpectralImage, load_lens, simulate
     >>> points = np.zeros((24, 32))
     >>> points[12, 16] = 1
     >>> radiance = SpectralImage(points, wavelengths_nm=[550], pitch_um=6)

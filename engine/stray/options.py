@@ -38,7 +38,7 @@ class StrayOptions:
 
     Examples
     --------
-    >>> from lensfield.engine import StrayOptions
+    >>> from lensfield import StrayOptions
     >>> StrayOptions("ghosts,veil", cleanliness="dusty").listed
     ('ghosts', 'veil')
     """

@@ -83,7 +83,7 @@ def read_prescription(path: str | Path, options: ReadingOptions = AS_IT_IS) -> P
 
     Examples
     --------
-    >>> from lensfield.engine import read_prescription
+    >>> from lensfield import read_prescription
     >>> from lensfield.engine.library import prescription_path
     >>> tessar = read_prescription(prescription_path("tessar-50mm"))
     >>> tessar.focal_length_mm, len(tessar.surfaces), tessar.field

@@ -60,7 +60,7 @@ class ReadingOptions(NamedTuple):
 
     Examples
     --------
-    >>> from lensfield.engine import ReadingOptions, read_prescription
+    >>> from lensfield import ReadingOptions, read_prescription
     >>> from lensfield.engine.library import prescription_path
     >>> aps_c = ReadingOptions(sensor_mm=(23.5, 15.6))
     >>> read_prescription(prescription_path("tessar-50mm"), aps_c).sensor_mm
