@@ -18,6 +18,7 @@ from ..runtime.build_identity import software
 from ..runtime.errors import LensError, shown
 from ..runtime.files import atomic_path
 from ..runtime.inputs import reading
+from ..runtime.versions import check_version
 from .npz import read_arrays
 
 FORMAT = "lensfield-lens"
@@ -49,7 +50,15 @@ MEMBERS = ("header", *dict.fromkeys(name for layout in LAYOUTS.values() for name
 
 
 def write_package(lens: Lens, path: str | Path) -> None:
-    """Write `lens` to `path`. The file appears complete or not at all."""
+    """Write `lens` to `path`. The file appears complete or not at all.
+
+    Examples
+    --------
+    >>> from lensfield import load_lens, write_package
+    >>> write_package(load_lens("tessar-50mm", quality="preview", wavelengths_nm=[550]), "tessar.npz")
+    >>> load_lens("tessar.npz").sensor_mm
+    (36.0, 24.0)
+    """
     with atomic_path(path) as temporary:
         temporary.write_bytes(package_bytes(lens))
 
@@ -134,7 +143,7 @@ def _header(contents, path):
         kind, version = header["format"], header["version"]
     except (KeyError, TypeError, ValueError, RecursionError):
         raise LensError(path, "header", "missing or damaged", "expected a Lensfield lens package") from None
-    if kind != FORMAT or version not in tuple(LAYOUTS):
-        raise LensError(path, "format", f"{shown(kind)} {shown(version)}",
-                        f"expected {FORMAT} {' or '.join(map(str, LAYOUTS))}")
+    if kind != FORMAT:
+        raise LensError(path, "format", shown(kind), f"expected {FORMAT}")
+    check_version(path, version, LAYOUTS, LensError)
     return header

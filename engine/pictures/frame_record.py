@@ -12,8 +12,10 @@ from typing import Any
 from ..runtime.build_identity import build_identity, software
 from ..runtime.errors import ImageError, InputError
 from ..runtime.files import atomic_path, file_status
+from ..runtime.versions import check_version
 from .spectral_exr import read_parts
 
+FORMAT, VERSION = "lensfield-record", 1
 RECORD_END = "report.json"  # of the name of a rendered frame's record
 SIGNATURES = {".png": b"\x89PNG\r\n\x1a\n", ".dng": b"II*\0"}
 
@@ -31,8 +33,8 @@ def write_record(record: Path, job: dict[str, Any], files: Iterable[Path],
     facts : mapping, optional
         Others that the record states, such as a report.
     """
-    contents = {"software": software(), "build": build_identity()} | dict(facts or {}) | {
-        "job": job, "sizes": _sizes(files)}
+    contents = {"format": FORMAT, "version": VERSION, "software": software(), "build": build_identity()}
+    contents |= dict(facts or {}) | {"job": job, "sizes": _sizes(files)}
     with atomic_path(record) as temporary:
         temporary.write_text(json.dumps(contents, indent=2) + "\n", encoding="utf-8")
 
@@ -42,6 +44,11 @@ def read_record(record: Path, job: dict[str, Any], files: Iterable[Path]) -> dic
     job; else None. The frame may have more files.
 
     Its "build" identifies the build that wrote the files, which may differ from this one.
+
+    Raises
+    ------
+    InputError
+        The record is from a newer version of Lensfield.
     """
     files, contents = list(files), _contents(record)
     sizes = contents.get("sizes")
@@ -67,7 +74,10 @@ def _contents(record):
         contents = json.loads(record.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
         return {}
-    return contents if isinstance(contents, dict) else {}
+    if not isinstance(contents, dict):
+        return {}
+    check_version(record, contents.get("version", VERSION), [VERSION])
+    return contents
 
 
 def _sizes(files):

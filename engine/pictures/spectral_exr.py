@@ -30,6 +30,7 @@ from ..runtime.memory import check_room
 from ..runtime.numbers import is_integer
 from ..runtime.scratch import is_large, new_array, release_memory
 from ..runtime.threads import thread_count
+from ..runtime.versions import check_version
 from .detail_channels import detail_of, detail_planes, is_detail
 from .exr_header import check_header
 from .preview import to_rec709
@@ -46,6 +47,8 @@ MOST_HALF = float(np.finfo(np.float16).max)
 ARBITRARY = "arbitrary"
 SPEED_OF_LIGHT_M_S = 299792458.0
 LAYOUT_VERSION = "1.0"
+VERSION = 1
+"""Of the attributes and channels that the layout does not define; also of files without `lensfield:version`."""
 EMISSIVE_UNITS = "W.m^-2.sr^-1"  # the layout's canonical string; its values are densities per nm
 PANORAMA, WITHOUT_POLYNOMIAL = "polynomial", {"plane": PLANE, "equidistant": FISHEYE}  # equidistant: older files
 LAYER_PART, STRAY_PART = "layer.", "stray"
@@ -71,9 +74,9 @@ def write_exr(image: SpectralImage, path: str | os.PathLike, other_planes: dict[
     """Write a spectral image to a file, which appears complete or not at all.
 
     Radiance has the layout's attribute `emissiveUnits`. Irradiance, for which the layout defines no unit, does not.
-    The channels of a `Detail` are in `detail_channels.py`. Both have attributes with the prefix `lensfield:`: quantity,
-    units (which may be "arbitrary"), pitchUm, and centrePx, the point where the optical axis meets the picture, as row
-    and column, in this order and in the pixel coordinates of the windows.
+    The channels of a `Detail` are in `detail_channels.py`. Both have attributes with the prefix `lensfield:`: version,
+    quantity, units (which may be "arbitrary"), pitchUm, and centrePx, the point where the optical axis meets the
+    picture, as row and column, in this order and in the pixel coordinates of the windows.
     Captured radiance has focalMm, its squeeze as pixelAspectRatio, and a panorama's also projection and anglePerRadius,
     as in `Projection`; irradiance has lens and fNumberEffective. If R, G and B are exposed, exposure is the factor; the
     spectral channels are never exposed.
@@ -93,6 +96,15 @@ def write_exr(image: SpectralImage, path: str | os.PathLike, other_planes: dict[
         The stray light that the image contains; rounded by up to 1.5e-5 of its value in the file.
     attributes : dict of str, optional
         Further attributes of the header, for `read_attribute`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lensfield import SpectralImage, read_exr, write_exr
+    >>> radiance = SpectralImage(np.ones((2, 3, 4)), wavelengths_nm=[500, 600], pitch_um=5)
+    >>> write_exr(radiance, "radiance.exr")
+    >>> read_exr("radiance.exr").cube.shape
+    (2, 3, 4)
     """
     planes = _spectral_planes(image.cube, image.wavelengths_nm, path) | _rgb_planes(to_rec709(image))
     planes |= detail_planes(image.detail) | (other_planes or {})
@@ -137,6 +149,7 @@ def _header(image):
     top, left = image.overscan_px
     header = _windows(image.frame_px, (-top, -left), image.cube.shape[1:], image.squeeze) | {
         "spectralLayoutVersion": LAYOUT_VERSION,
+        "lensfield:version": VERSION,
         "lensfield:quantity": image.quantity,
         "lensfield:units": ARBITRARY if image.arbitrary else UNITS[image.quantity],
         "lensfield:pitchUm": np.array([image.pitch_um]),  # stored in double precision, unlike a float
@@ -280,6 +293,14 @@ def read_exr(path: str | os.PathLike, pitch_um: float | None = None) -> Spectral
     ------
     ImageError
         The file is not an EXR, lacks spectral channels, or does not state its pixel pitch.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lensfield import SpectralImage, read_exr, write_exr
+    >>> write_exr(SpectralImage(np.ones((2, 3, 4)), wavelengths_nm=[500, 600], pitch_um=5), "radiance.exr")
+    >>> read_exr("radiance.exr").wavelengths_nm.tolist()
+    [500.0, 600.0]
     """
     return read_with_planes(path, pitch_um)[0]
 
@@ -444,6 +465,7 @@ def _stacked(channels, names):
 def _first_image(parts, path, pitch_um, stacked=_stacked):
     """The first part's spectral image, whose cube `stacked` creates from channels by their names, and its planes."""
     header, channels = parts[0]
+    check_version(path, header.get("lensfield:version", VERSION), [VERSION], ImageError, "lensfield:version")
     names = sorted(((wavelength, name) for name in channels
                     if (wavelength := channel_wavelength_nm(name)) is not None), key=lambda plane: plane[0])
     if not names:

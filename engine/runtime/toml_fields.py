@@ -11,6 +11,7 @@ from typing import Any
 
 from .errors import InputError, LensError
 from .text import read_text
+from .versions import check_version
 
 WIDTH = 105  # of a line of text as written, without the field's name
 LONGEST_FILE = 2**20  # characters: a typical file has a few thousand
@@ -114,8 +115,7 @@ def read_toml(path: Path, kind: str, version: int, before: re.Pattern[str] | Non
     """
     table = read_any_toml(path, before, error)
     table.choice("format", [kind])
-    if table.values.get("version") != version:
-        raise table.refusal("version", f"expected {version}")
+    check_version(path, table.values.get("version"), [version], error)
     return table
 
 

@@ -15,6 +15,7 @@ from ..runtime.files import atomic_path
 from ..runtime.values import json_value
 from .report_parts import FileFacts, LensImageFacts, Part, Parts, SceneFacts
 
+FORMAT, VERSION = "lensfield-report", 1
 FIGURE = re.compile(r"\d[\d.]*")
 
 
@@ -48,7 +49,7 @@ class Report:
     Examples
     --------
     >>> import numpy as np
-    >>> from lensfield.engine import Options, Report, SpectralImage, load_lens, simulate
+    >>> from lensfield import Options, Report, SpectralImage, load_lens, simulate
     >>> radiance = SpectralImage(np.ones((24, 32)), wavelengths_nm=[550], pitch_um=15)
     >>> report = Report()
     >>> irradiance = simulate(radiance, load_lens("edmund-54852"), Options(accuracy=0.1), report=report)
@@ -150,5 +151,5 @@ class Report:
     def write(self, path: Path) -> None:
         """Write the report as JSON, atomically."""
         with atomic_path(path) as temporary:
-            facts = {"software": software()} | self.as_dict()
+            facts = {"format": FORMAT, "version": VERSION, "software": software()} | self.as_dict()
             temporary.write_text(json.dumps(facts, indent=2) + "\n", encoding="utf-8")

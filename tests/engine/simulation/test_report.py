@@ -61,7 +61,7 @@ def test_a_written_report_reads_back(tmp_path):
         pass
     report.write(tmp_path / "new" / "report.json")
     contents = json.loads((tmp_path / "new" / "report.json").read_text())
-    assert contents == {"software": software()} | report.as_dict()
+    assert contents == {"format": "lensfield-report", "version": 1, "software": software()} | report.as_dict()
     assert contents["radiance"] == "triplet.exr" and contents["overscan_needed_px"] == [3, None]
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["report.json"]
 
