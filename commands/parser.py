@@ -24,7 +24,8 @@ def command_parser(main, version):
     """The parser for a version of Lensfield; `serve` runs commands through `main(arguments)`."""
     parser = argparse.ArgumentParser(prog="lensfield", description="Render Blender scenes through real lenses.")
     parser.add_argument("--version", action=_Version, const=version, nargs=0,
-                        help="print the version, the build, and whether the inner loops run in C, numpy or on a GPU")
+                        help="print the version, the build, whether the inner loops run in C, numpy or on a GPU, and "
+                             "the versions of Python, the system, Blender and packages, for reports of errors")
     commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=_Subcommand)
     for name, text in COMMANDS.items():
         commands.add_parser(name, help=text, module=name)
@@ -53,10 +54,13 @@ class _Version(argparse.Action):
         from lensfield.engine.runtime.build_identity import build_identity
         from lensfield.engine.runtime.errors import InputError
 
+        from .surroundings import surroundings
+
         try:
             loops, gpu = running(), usable_gpu()
             on_gpu = f"; casting, filter: {gpu.name}" if gpu else ""
-            print(f"lensfield {self.const}, build {build_identity()} (inner loops: {loops}{on_gpu})")
+            print(f"lensfield {self.const}, build {build_identity()} (inner loops: {loops}{on_gpu})", surroundings(),
+                  sep="\n")
         except InputError as error:
             parser.error(str(error))
         parser.exit()

@@ -2,16 +2,18 @@
 
 import json
 import os
+import platform
 import subprocess
 import sys
 from dataclasses import replace
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from lenses import make_lens
-from lensfield import cli
+from lensfield import __version__, cli
 from lensfield.commands import filter
 from lensfield.commands.arguments import check_outputs, engine_options
 from lensfield.engine import InputError, Options, SpectralImage
@@ -22,6 +24,7 @@ from lensfield.engine.blur.polar_sections import Sections
 from lensfield.engine.lens_files.package import write_package
 from lensfield.engine.pictures.spectral_exr import read_exr, write_exr
 from lensfield.engine.plan.plan import Plan
+from lensfield.engine.runtime.build_identity import build_identity
 from refusals import refused
 
 PLAN = Plan(method=Sections(32, 64, 11), psf_radius_px=10, psf_energy=1 - 1e-6, taps=200.0, precision="float32",
@@ -263,6 +266,14 @@ def test_a_name_of_300_characters_is_a_one_line_error_with_a_remedy(radiance, tm
 def test_closed_standard_streams_do_no_harm(tmp_path):
     command = f'"{sys.executable}" -c "from lensfield.cli import console; console()" lens list >&- 2>&- <&-'
     assert subprocess.run(command, shell=True).returncode == 0
+
+
+def test_the_version_names_what_reports_of_errors_need(capsys):
+    assert run("--version") == 0
+    first, second = capsys.readouterr().out.splitlines()
+    assert first.startswith(f"lensfield {__version__}, build {build_identity()} (inner loops: ")
+    assert f"Python {platform.python_version()}, {platform.platform()}, " in second
+    assert f"numpy {np.__version__}, scipy {version('scipy')}, OpenEXR {version('OpenEXR')}" in second
 
 
 @pytest.mark.parametrize("arguments", ["lens info edmund-54852", "lens list", "lens check edmund-54852", "--help",

@@ -282,7 +282,8 @@ def test_command_and_reports_name_the_device(gpu, capsys):
     assert cli.main(["--version"]) == 0
     with loops():
         assert cli.main(["--version"]) == 0
-    named, plain = capsys.readouterr().out.splitlines()
+    named, surroundings, plain, same = capsys.readouterr().out.splitlines()
+    assert surroundings == same
     assert named == plain.replace(")", f"; casting, filter: {gpu.name})")
     lens = radial_lens()
     layered = scene(lens, SMALL_GRID, (12.0,))
