@@ -47,7 +47,7 @@ CONTENTS = {
                   "docs/photographs"],
     "Methods and accuracy": ["docs/depth", "docs/traced_lens", "docs/stray_light", "docs/cornell_box", "docs/stmap",
                              "docs/reliability"],
-    "Developers": ["docs/site/api", "CONTRIBUTING", "docs/architecture", "CHANGELOG"],
+    "Developers": ["docs/api", "docs/site/api", "CONTRIBUTING", "docs/architecture", "CHANGELOG"],
 }
 """Pages in the side bar, by caption: for each kind of users, one page to begin with. Sphinx reports pages that are
 missing."""
