@@ -37,7 +37,7 @@ def package(tmp_path_factory):
     copy = tmp_path_factory.mktemp("other") / "lensfield"
     for folder in ("engine", "addon", "commands"):
         shutil.copytree(ROOT / folder, copy / folder, ignore=shutil.ignore_patterns("__pycache__", "lib", "*.jpg"))
-    for name in ("__init__.py", "cli.py", "request.py"):
+    for name in ("__init__.py", "cli.py", "request.py", "restart.py"):
         shutil.copy(ROOT / name, copy / name)
     return copy
 
