@@ -22,11 +22,9 @@ from lensfield import __version__
 from lensfield.engine.kernels.build import WHEEL_TAGS
 
 ROOT = Path(__file__).resolve().parent.parent
-COMPILED = ("scipy", "OpenEXR", "pillow", "PyYAML", "rawpy", "matplotlib", "contourpy", "kiwisolver", "wgpu==0.32.*",
-            "cffi")
-PURE = "cycler", "fonttools", "packaging", "pyparsing", "python-dateutil", "six", "rendercanvas", "pycparser"
-"""Requirements in Python alone, dependencies of matplotlib, which draws lens sheets, and of wgpu. fonttools also has
-wheels with compiled parts, which are four times as large and which matplotlib does not need for pictures."""
+COMPILED = "scipy", "OpenEXR", "pillow", "PyYAML", "rawpy", "wgpu==0.32.*", "cffi"
+PURE = "rendercanvas", "pycparser"
+"""Requirements in Python alone: dependencies of wgpu."""
 PLATFORMS = {
     "linux-x64": ("manylinux_2_28_x86_64", "manylinux_2_27_x86_64", "manylinux_2_17_x86_64", "manylinux2014_x86_64"),
     "windows-x64": ("win_amd64",),
