@@ -189,9 +189,7 @@ def _add_plot(lens):
 
 def _plot(options):
     from lensfield.engine.inspection.sheet import write_lens_plot
-    from lensfield.engine.inspection.style import require_matplotlib
 
-    require_matplotlib()
     if options.ghosts is not None:
         _plot_ghosts(options)
         return

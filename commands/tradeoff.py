@@ -25,11 +25,9 @@ def add_options(tradeoff):
 
 
 def _tradeoff(options):
-    from lensfield.engine.inspection.style import require_matplotlib
     from lensfield.engine.inspection.tradeoff import description, measure, write_table
     from lensfield.engine.inspection.tradeoff_plot import write_plot
 
-    require_matplotlib()
     table, plot = (options.output / f"tradeoff.{kind}" for kind in ("csv", "png"))
     lens = chosen_lens(options)
     pictures, spectral = _tradeoff_pictures(options, lens)

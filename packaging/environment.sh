@@ -13,16 +13,16 @@ alone=
 libraries="libx11-6 libxrender1 libxfixes3 libxi6 libxkbcommon0 libsm6 libgl1"
 
 case $2 in
-bake) version=3.11 module=optiland.optic packages= extras=witness,plots,test
+bake) version=3.11 module=optiland.optic packages= extras=witness,test
     alone="rayoptics==0.9.8 opticalglass==1.1.1 transforms3d==0.4.2" ;;
 tables) version=3.11 module=colour packages= extras=tables ;;
-sensor) version=3.11 module=emva1288.process.results packages= extras=emva,judges,plots,test ;;
+sensor) version=3.11 module=emva1288.process.results packages= extras=emva,judges,test ;;
 photographs) version=3.11 module=lensfunpy packages= extras=lensfun,test ;;
 lint) version=3.11 module=mypy packages= extras=lint ;;
 release) version=3.11 module=build packages= extras=release ;;
 site) version=3.11 module=sphinx packages= extras=site ;;
-4.5.* | 5.0.*) version=3.11 module=bpy packages="bpy==$2 numpy>=1.26,<2" extras=gpu,plots,test${3:+,$3} ;;
-*) version=3.13 module=bpy packages="bpy==$2 numpy>=2.2,<3" extras=gpu,plots,test${3:+,$3} ;;
+4.5.* | 5.0.*) version=3.11 module=bpy packages="bpy==$2 numpy>=1.26,<2" extras=gpu,test${3:+,$3} ;;
+*) version=3.13 module=bpy packages="bpy==$2 numpy>=2.2,<3" extras=gpu,test${3:+,$3} ;;
 esac
 
 install_packages() { # install_packages WHY PACKAGE...

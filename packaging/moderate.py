@@ -40,7 +40,7 @@ ROOT = Path(__file__).resolve().parent.parent
 BLENDERS = {"_cycles", "addon_utils", "bl_operators", "bl_ui", "blf", "bpy", "bpy_extras", "gpu", "gpu_extras",
             "mathutils", "numpy", "zstandard"}
 """Modules that Blender contains and extensions may import."""
-WHEELS = {"OpenEXR", "PIL", "lensfield", "matplotlib", "rawpy", "scipy", "wgpu", "yaml"}
+WHEELS = {"OpenEXR", "PIL", "lensfield", "rawpy", "scipy", "wgpu", "yaml"}
 """Modules in the zips' wheels (packaging/build_extension.py)."""
 THREADS = {"_thread", "concurrent", "threading"}
 NETWORK = {"aiohttp", "ftplib", "http", "httpx", "requests", "smtplib", "socket", "socketserver", "ssl", "telnetlib",

@@ -8,7 +8,7 @@ from packaging.requirements import Requirement  # installed with pytest
 from places import ROOT
 
 LINE = re.compile(r"([\w.-]+)==(\S+) --hash=sha256:[0-9a-f]{64}")
-EXTRAS = "gpu", "plots", "test"  # as in packaging/environment.sh
+EXTRAS = "gpu", "test"  # as in packaging/environment.sh
 
 
 def test_lock_fits_the_project():

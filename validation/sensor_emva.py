@@ -19,7 +19,8 @@ from PIL import Image
 from scipy.constants import c, h
 
 from lensfield.engine import SpectralImage
-from lensfield.engine.inspection.style import GRID_COLOUR, INK, require_matplotlib
+from lensfield.engine.inspection.axes import Axis, Panel, labels_of
+from lensfield.engine.inspection.canvas import Box, Page, Pen
 from lensfield.engine.library.bodies import load_camera
 from lensfield.engine.sensor.camera import Camera
 from lensfield.engine.sensor.exposure import Exposure, expose
@@ -34,7 +35,7 @@ SIGMAS = 5
 FITTED = 0.7  # of saturation: the standard's limit for its linear fits
 NS_PER_S = 1e9
 COLOURS = "#000000", "#E69F00", "#009E73", "#0072B2", "#D55E00"
-MARKERS = "osD^v"
+MARKERS = "circle", "square", "diamond", "up", "down"
 TABLE = re.compile(r"(## Judged by EMVA 1288\n.*?\n)(\|.*?)(?=\n\n)", re.DOTALL)
 
 
@@ -284,34 +285,37 @@ def table(measured):
 
 def write_plot(measured, path):
     """Draw temporal variance over signal, and the ratio of signal to noise over light, measured and expected."""
-    figure = require_matplotlib()(figsize=(9, 4), dpi=110, layout="constrained")
-    transfer, ratio = figure.subplots(1, 2)
-    for (bench, _, results), colour, marker in zip(measured, COLOURS, MARKERS, strict=True):
-        temporal, camera = results.temporal, bench.camera
-        signal, variance = temporal["u_y"] - temporal["u_ydark"], temporal["s2_y"]
-        area_um2 = camera.pitch_um**2
-        style = {"color": colour, "marker": marker, "markersize": 3, "linestyle": "none"}
-        transfer.plot(signal, variance, **style)
-        ratio.plot(temporal["u_p"] / area_um2, signal / np.sqrt(variance),
-                   label=f"{camera.name}, ISO {bench.iso:g}", **style)
-        signal = bench.gain * bench.levels_e()
-        expected = bench.dark_variance_dn + bench.gain * signal
-        transfer.plot(signal, expected, color=colour, linewidth=0.8)
-        ratio.plot(signal / (bench.gain * bench.efficiency * area_um2), signal / np.sqrt(expected), color=colour,
-                   linewidth=0.8)
-    _dress(transfer, "signal without dark signal (DN)", "temporal variance (DN²)")
-    _dress(ratio, "photons per µm²", "signal-to-noise ratio")
-    ratio.legend(fontsize=7.5, frameon=False)
-    figure.savefig(path)
+    page, names = Page(9, 4, 110), [f"{bench.camera.name}, ISO {bench.iso:g}" for bench, *_ in measured]
+    pens = [Pen(colour, 0.8, marker=marker, marker_pt=3.5) for colour, marker in zip(COLOURS, MARKERS, strict=True)]
+    left, right = zip(*(_curves(bench, results) for bench, _, results in measured), strict=True)
+    _draw(page, Box(0.7, 0.5, 3.7, 3.4), left, pens, "signal without dark signal (DN)", "temporal variance (DN²)")
+    panel = _draw(page, Box(5.15, 0.5, 3.7, 3.4), right, pens, "photons per µm²", "signal-to-noise ratio")
+    panel.legend([(name, replace(pen, width_pt=0)) for name, pen in zip(names, pens, strict=True)], 7.5)
+    Image.fromarray(page.pixels()).save(path)
 
 
-def _dress(panel, across, up):
-    panel.set(xscale="log", yscale="log")
-    panel.set_xlabel(across, fontsize=9, color=INK)
-    panel.set_ylabel(up, fontsize=9, color=INK)
-    panel.grid(color=GRID_COLOUR, linewidth=0.6)
-    panel.spines[["top", "right"]].set_visible(False)
-    panel.tick_params(labelsize=8, colors=INK)
+def _curves(bench, results):
+    """Variance over signal, and ratio over light: of each, measured x and y, and expected x and y."""
+    temporal, area_um2 = results.temporal, bench.camera.pitch_um**2
+    signal, variance = temporal["u_y"] - temporal["u_ydark"], temporal["s2_y"]
+    model = bench.gain * bench.levels_e()
+    expected = bench.dark_variance_dn + bench.gain * model
+    return ((signal, variance, model, expected),
+            (temporal["u_p"] / area_um2, signal / np.sqrt(variance),
+             model / (bench.gain * bench.efficiency * area_um2), model / np.sqrt(expected)))
+
+
+def _draw(page, place, curves, pens, across, up):
+    """Draw measured points and expected lines of each camera on logarithmic axes, and return the panel."""
+    x, y = (np.concatenate([np.ravel(part) for curve in curves for part in curve[axis::2]]) for axis in (0, 1))
+    panel = Panel(page, place, Axis.around(x, 0.05, log=True), Axis.around(y, 0.05, log=True))
+    x_ticks, y_ticks = panel.x.ticks(5), panel.y.ticks(5)
+    panel.dress(x_ticks, labels_of(x_ticks), y_ticks, labels_of(y_ticks), 8)
+    panel.name_axes(across, up, 9)
+    for (x, y, model_x, model_y), pen in zip(curves, pens, strict=True):
+        panel.curve(x, y, replace(pen, width_pt=0))
+        panel.curve(model_x, model_y, replace(pen, marker=""))
+    return panel
 
 
 def measure(name, iso, series):

@@ -17,7 +17,6 @@ from lensfield.engine.depth.depth_range import AUTO, OFF, TRACED
 from lensfield.engine.field.field_map import field_map
 from lensfield.engine.field.overscan import CAMERA_VIEW
 from lensfield.engine.inspection.contact_sheet import write_contact_sheet
-from lensfield.engine.inspection.style import font_path
 from lensfield.engine.library import bundled_names, has_rings, prescription_of
 from lensfield.engine.pictures.preview import auto_exposure
 from lensfield.engine.pictures.spectral_exr import read_parts
@@ -200,7 +199,6 @@ def plan_comparison(source, lenses, f_numbers=(), *, output_folder, progress=Non
     InputError
         Among others, a lens needs more than was captured.
     """
-    font_path()  # without it, a refusal before the render
     _check_names(lenses)
     plan = _plan_of_file if isinstance(source, Path) else _plan_of_scene
     comparison = plan(source, lenses, tuple(f_numbers) or (None,), Path(output_folder), progress or _silent, given)

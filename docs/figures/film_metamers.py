@@ -9,9 +9,12 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 from lensfield.engine import SpectralImage
-from lensfield.engine.inspection.style import GRID_COLOUR, INK, require_matplotlib
+from lensfield.engine.inspection.axes import Axis, Panel, labels_of
+from lensfield.engine.inspection.canvas import DASHED, SOLID, Box, Page, Pen
+from lensfield.engine.inspection.style import INK
 from lensfield.engine.sensor.film import Film, film_exposure
 from lensfield.engine.spectral.colour import XYZ_TO_REC709, encode_srgb
 from lensfield.engine.spectral.spectra import colour_matching, load_spectrum, trapezoid_weights
@@ -19,6 +22,7 @@ from lensfield.engine.spectral.spectra import colour_matching, load_spectrum, tr
 NM = np.arange(380.0, 721.0, 5.0)
 PEAKS_NM, WIDTH_NM = np.array([650.0, 550.0, 440.0]), 45.0
 REFERENCE_J_PER_M2 = 0.1  # of D55, for the reference density of each layer
+LABEL_PT, NAME_PT = 8, 9
 MIDDLE, EDGE = 0.5, 0.04  # reflectance of both metamers without their difference, and the least
 
 
@@ -59,23 +63,23 @@ def on_film(reflectances, film):
 
 def draw(path):
     """Write the picture."""
-    film = made_up_film()
+    film, page = made_up_film(), Page(8, 2.8, 110)
     pair = metamers(film)
-    figure = require_matplotlib()(figsize=(8, 2.8), dpi=110, layout="constrained")
-    curves, eye, emulsion = figure.subplots(1, 3, width_ratios=[2, 1, 1])
-    for reflectance, line in zip(pair, ("-", "--"), strict=True):
-        curves.plot(NM, reflectance, line, color=INK, linewidth=1.2)
-    curves.set(ylim=(0, 1))
-    curves.set_xlabel("wavelength (nm)", fontsize=9, color=INK)
-    curves.set_ylabel("reflectance", fontsize=9, color=INK)
-    curves.grid(color=GRID_COLOUR, linewidth=0.6)
-    curves.tick_params(labelsize=8, colors=INK)
-    for panel, colours, title in ((eye, to_the_eye(pair), "to the eye"), (emulsion, on_film(pair, film), "on film")):
-        panel.imshow(encode_srgb(colours)[None], aspect="auto")
-        panel.set_title(title, fontsize=9, color=INK)
-        panel.set_xticks([0, 1], ["solid", "dashed"], fontsize=8, color=INK)
-        panel.set_yticks([])
-    figure.savefig(path)
+    curves = Panel(page, Box(0.68, 0.55, 3.45, 2), Axis.around(NM, 0.05), Axis(0, 1))
+    x_ticks, y_ticks = curves.x.ticks(8), curves.y.ticks(6)
+    curves.dress(x_ticks, labels_of(x_ticks), y_ticks, labels_of(y_ticks), LABEL_PT)
+    curves.name_axes("wavelength (nm)", "reflectance", NAME_PT)
+    for reflectance, dashes in zip(pair, (SOLID, DASHED), strict=True):
+        curves.curve(NM, reflectance, Pen(INK, 1.2, dashes))
+    for left, colours, title in ((4.35, to_the_eye(pair), "to the eye"), (6.15, on_film(pair, film), "on film")):
+        place = Box(left, 0.55, 1.65, 2)
+        page.write(place.left + place.width / 2, place.top + 0.06, title, NAME_PT, across=0.5, up=0.0)
+        for number, (name, colour) in enumerate(zip(("solid", "dashed"), encode_srgb(colours), strict=True)):
+            half = place._replace(left=place.left + number * place.width / 2, width=place.width / 2)
+            page.rectangle(half, colour)
+            page.write(half.left + half.width / 2, half.bottom - 0.1, name, LABEL_PT, across=0.5)
+        page.frame(place, INK, 0.8)
+    Image.fromarray(page.pixels()).save(path)
 
 
 if __name__ == "__main__":

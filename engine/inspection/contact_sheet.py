@@ -5,9 +5,10 @@ from collections.abc import Sequence
 from math import sqrt
 
 import numpy as np
+from PIL import Image, ImageDraw
 
 from ..pictures.preview import save_png
-from .style import font_path
+from .canvas import load_font
 
 GAP_PX = 12
 LEAST_WIDTH_PX = 320  # of a cell, so that labels are legible below small pictures
@@ -37,14 +38,7 @@ def write_contact_sheet(pictures: Sequence[Sequence[np.ndarray]], labels: Sequen
     -------
     rows of (left, top, right, bottom)
         The pixels of the sheet that show each picture, counted from its upper left corner.
-
-    Raises
-    ------
-    InputError
-        matplotlib, which provides the font, is not installed.
     """
-    from PIL import Image, ImageDraw
-
     count = len(pictures), max(map(len, pictures))
     (height, width), scale = _shown_px(np.shape(pictures[0][0])[:2], count)
     cell_width = max(width, LEAST_WIDTH_PX)
@@ -74,9 +68,7 @@ def _shown_px(shape_px, count):
 
 def _font(texts, width_px):
     """The font, small enough for all texts to fit a width, but at least LEAST_TEXT_PX."""
-    from PIL import ImageFont
-
-    font = ImageFont.truetype(font_path(), min(width_px * TEXT_SHARE, MOST_TEXT_PX))
+    font = load_font(False, min(width_px * TEXT_SHARE, MOST_TEXT_PX))
     too_wide = max(1.0, *(font.getlength(text) / width_px for text in texts))
     return font.font_variant(size=max(int(font.size / too_wide), LEAST_TEXT_PX))
 

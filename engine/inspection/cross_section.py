@@ -3,7 +3,7 @@
 Lenses without rotational symmetry have two, along y and along x, through the axis of the undisturbed design.
 """
 
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,10 +14,9 @@ from ..rays.fields import find_fields, trace_fields, view_of
 from ..rays.rays import HalfPupil, Pupil, trace_pupil
 from ..rays.trace import points_from_image
 from ..runtime.errors import LensError
-from .style import INK, PALE_INK, TEXT, require_matplotlib
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+from .axes import Panel
+from .canvas import Box, Page, Pen
+from .style import INK, PALE_INK, TEXT
 
 GLASS_COLOUR, RAY_COLOURS = "#DCE9F2", ("#0072B2", "#009E73", "#D55E00")
 X, Y = 0, 1  # sections
@@ -27,80 +26,101 @@ FANS = [Pupil(FAN.radii, FAN.azimuths + turn) for turn in (np.pi / 2, 0)]  # alo
 POINTS = 41  # of a surface's profile
 IN_FRONT = 0.2  # length of the rays before the first surface, in lengths of the lens
 ROOM = 1.02  # semi-diameter of surfaces without one, in heights of their outermost ray
-MARGIN = 0.03
+MARGIN = 0.03  # of a picture
 DPI = 100
+RAY_PT, GLASS_PT, STOP_PT = 0.6, 0.8, 2.2
+SOLID_PEN = Pen(INK, 1.6)  # of mirrors and obstructions, and of the image plane
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A line of a cross section, or an outline.
+
+    Attributes
+    ----------
+    points_mm : array (point, 2)
+        Along the axis, and height; NaN where a ray is lost.
+    pen : Pen
+    fill : str or None
+        The colour of the area within an outline.
+    """
+
+    points_mm: np.ndarray
+    pen: Pen
+    fill: str | None = None
 
 
 def cross_section(system: System, side_px: int) -> np.ndarray:
-    """A square picture of a lens's cross section: uint8 array (row, column, 4).
-
-    Raises
-    ------
-    InputError
-        matplotlib is not installed.
-    """
-    figure_class = require_matplotlib()
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-    figure = figure_class(figsize=(side_px / DPI, side_px / DPI), dpi=DPI, facecolor="white")
-    canvas = FigureCanvasAgg(figure)
-    sections = (Y,) if system.prescription.radial else (Y, X)
-    height = (1 - 2 * MARGIN) / len(sections)
-    panels = [figure.add_axes((MARGIN, 1 - MARGIN - (number + 1) * height, 1 - 2 * MARGIN, height))
-              for number in range(len(sections))]
-    for panel, section in zip(panels, sections, strict=True):
-        draw_cross_section(panel, system, section)
-    if len(panels) > 1:
-        _relate(panels)
-    canvas.draw()
-    return np.array(canvas.buffer_rgba())
+    """A square picture of a lens's cross section: uint8 array (row, column, 4)."""
+    sections = [section_shapes(system, section) for section in ((Y,) if system.prescription.radial else (Y, X))]
+    page = Page(side_px / DPI, side_px / DPI, DPI)
+    width, height = (1 - 2 * MARGIN) * page.width, (1 - 2 * MARGIN) * page.height / len(sections)
+    low_mm, high_mm = _ends_mm([shape for shapes in sections for shape in shapes])
+    for number, (name, shapes) in enumerate(zip("yx", sections, strict=False)):
+        place = Box(MARGIN * page.width, (1 - MARGIN) * page.height - (number + 1) * height, width, height)
+        draw_shapes(page, place, shapes, low_mm, high_mm)
+        if len(sections) > 1:
+            page.write(place.left, place.top, name, TEXT, PALE_INK)
+    pixels = page.pixels()
+    return np.concatenate([pixels, np.full_like(pixels[..., :1], 255)], axis=-1)
 
 
-def _relate(panels):
-    """Draw sections at the same scale, and name them."""
-    left, bottom, right, top = np.transpose([[*panel.get_xlim(), *panel.get_ylim()] for panel in panels])[[0, 2, 1, 3]]
-    for panel, name in zip(panels, "yx", strict=True):
-        panel.set(xlim=(left.min(), right.max()), ylim=(bottom.min(), top.max()))
-        panel.text(0, 1, name, fontsize=TEXT, color=PALE_INK, va="top", transform=panel.transAxes)
+def draw_cross_section(page: Page, place: Box, system: System) -> Panel:
+    """Draw a lens's section along y, as large as the place permits, and return its panel, with millimetres on both
+    axes."""
+    shapes = section_shapes(system, Y)
+    return draw_shapes(page, place, shapes, *_ends_mm(shapes))
 
 
-def draw_cross_section(panel: "Axes", system: System, section: int = Y) -> None:
-    """Draw a lens's section along y (1) or x (0), without rays if its field is larger than it transmits."""
+def draw_shapes(page: Page, place: Box, shapes: list[Shape], low_mm: np.ndarray, high_mm: np.ndarray) -> Panel:
+    """Draw shapes between two corners in the middle of a place, as large as it permits."""
+    panel = Panel.to_scale(page, place, low_mm, high_mm)
+    for shape in shapes:
+        if shape.fill:
+            page.areas([panel.places(*shape.points_mm.T)], shape.fill)
+        page.lines([panel.places(*shape.points_mm.T)], shape.pen)
+    return panel
+
+
+def _ends_mm(shapes):
+    """The lower left and the upper right corner of shapes."""
+    points_mm = np.concatenate([shape.points_mm for shape in shapes])
+    return np.nanmin(points_mm, axis=0), np.nanmax(points_mm, axis=0)
+
+
+def section_shapes(system: System, section: int = Y) -> list[Shape]:
+    """A lens's section along y (1) or x (0), from the back to the front, without rays if its field is larger than it
+    transmits."""
     prescription = system.prescription
     fans_mm, image_mm = _fans_mm(system, section)
     vertices_mm, semi_mm = _vertices_mm(system), _semi_diameters_mm(system, section, fans_mm)
     rows = list(zip(prescription.surfaces, vertices_mm, semi_mm, strict=False))  # the last vertex is the image plane
-    for front, rear in zip(rows, rows[1:], strict=False):
-        if front[0].glass:
-            _draw_glass(panel, front, rear, section)
-    for row in rows:
-        _draw_mirror_or_obstruction(panel, *row, section)
-    for colour, fan_mm in zip(RAY_COLOURS, fans_mm, strict=False):  # of three, or of none
-        panel.plot(*fan_mm, color=colour, linewidth=0.6)
-    _draw_stop(panel, system, vertices_mm[prescription.stop_index], section)
-    panel.plot(*_placed(prescription.image_pose, vertices_mm[-1], section, image_mm).T, color=INK, linewidth=1.6)
-    panel.set_aspect("equal")
-    panel.axis("off")
+    glasses = [shape for front, rear in zip(rows, rows[1:], strict=False) if front[0].glass
+               for shape in _glass(front, rear, section)]
+    solids = [shape for row in rows for shape in _mirror_or_obstruction(*row, section)]
+    rays = [Shape(ray_mm, Pen(colour, RAY_PT)) for colour, fan_mm in zip(RAY_COLOURS, fans_mm, strict=False)
+            for ray_mm in fan_mm.T]  # of three fields, or of none
+    image = _placed(prescription.image_pose, vertices_mm[-1], section, image_mm)
+    return [*glasses, *solids, *rays, *_stop(system, vertices_mm[prescription.stop_index], section),
+            Shape(image, SOLID_PEN)]
 
 
-def _draw_glass(panel, front, rear, section):
-    """Fill the glass between two surfaces, (surface, vertex, semi-diameter) each; mirrors have holes."""
+def _glass(front, rear, section):
+    """The glass between two surfaces, (surface, vertex, semi-diameter) each; mirrors have holes."""
     hole_mm = max((surface.semi_obstruction_mm for surface, *_ in (front, rear) if surface.mirror), default=0.0)
     parts = [[_profile(surface, vertex_mm, section, ends_mm) for ends_mm in _parts_mm(hole_mm, semi_mm)]
              for surface, vertex_mm, semi_mm in (front, rear)]
-    for ahead, behind in zip(*parts, strict=False):
-        outline = np.concatenate([ahead, behind[::-1]])
-        panel.fill(*outline.T, facecolor=GLASS_COLOUR, edgecolor=INK, linewidth=0.8)
+    return [Shape(np.concatenate([ahead, behind[::-1], ahead[:1]]), Pen(INK, GLASS_PT), GLASS_COLOUR)
+            for ahead, behind in zip(*parts, strict=False)]
 
 
-def _draw_mirror_or_obstruction(panel, surface, vertex_mm, semi_mm, section):
+def _mirror_or_obstruction(surface, vertex_mm, semi_mm, section):
     hole_mm = surface.semi_obstruction_mm
     if surface.mirror:
         parts_mm = _parts_mm(hole_mm, semi_mm)
     else:
         parts_mm = [(-hole_mm, hole_mm)] if hole_mm else []
-    for ends_mm in parts_mm:
-        panel.plot(*_profile(surface, vertex_mm, section, ends_mm).T, color=INK, linewidth=1.6)
+    return [Shape(_profile(surface, vertex_mm, section, ends_mm), SOLID_PEN) for ends_mm in parts_mm]
 
 
 def _parts_mm(hole_mm, semi_mm):
@@ -184,8 +204,7 @@ def _placed(pose: Pose | None, vertex_mm, section, heights_mm, sag_mm=0.0):
     return np.stack([vertex_mm + position_mm[2], position_mm[section]], axis=1)
 
 
-def _draw_stop(panel, system, vertex_mm, section):
+def _stop(system, vertex_mm, section):
     pose = system.prescription.surfaces[system.prescription.stop_index].pose
-    for semi_mm in (-system.stop_semi_aperture_mm, system.stop_semi_aperture_mm):
-        edge_mm = _placed(pose, vertex_mm, section, [semi_mm, 1.3 * semi_mm])
-        panel.plot(*edge_mm.T, color=INK, linewidth=2.2, solid_capstyle="butt")
+    return [Shape(_placed(pose, vertex_mm, section, [semi_mm, 1.3 * semi_mm]), Pen(INK, STOP_PT))
+            for semi_mm in (-system.stop_semi_aperture_mm, system.stop_semi_aperture_mm)]

@@ -1,13 +1,12 @@
 """The panels of the sheet of a lens without rotational symmetry: PSFs as in the picture, and curves along x and y."""
 
 from collections.abc import Sequence
-from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..field.field_map import field_map
 from ..lens import GridLens
+from .canvas import Box, Page
 from .curves import WHITE_NM, reference_nm, white_contrast
 from .grid_curves import (
     angle_rad,
@@ -20,9 +19,8 @@ from .grid_curves import (
     reference_field,
     relative_illumination,
 )
-from .page import DISTORTION, LEFT, LEFT_WIDTH, MAP_HEIGHT, MAP_TOP, add_panel, focal_length_text, write
+from .page import DISTORTION, LEFT, LEFT_WIDTH, MAP_HEIGHT, MAP_TOP, focal_length_text, write, write_after
 from .panels import (
-    DASHES,
     PathCurves,
     distortion_title,
     draw_curves,
@@ -31,16 +29,13 @@ from .panels import (
     lateral_nm,
     limits_of,
 )
-from .psf_map import add_map, draw_colour_bar, draw_note, draw_single, draw_white, hidden_share
-from .style import PALE_INK, TEXT, TITLE, degree_labels
+from .psf_map import draw_colour_bar, draw_note, draw_single, draw_white, hidden_share, label_columns, label_rows
+from .style import TEXT, TITLE, degree_labels
 from .white_light import in_white_light
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 TILES = 3, 5  # along the short and the long side of the sensor
 MAP_GAP = 0.27  # between the two maps, in inches, as all lengths here
-OUTLINE_POINTS = 301
+OUTLINE_POINTS, HALVINGS = 721, 16  # directions, and steps in each, in search of the end of the lens data
 
 
 def grid_facts(lens: GridLens) -> tuple[str, str]:
@@ -51,12 +46,12 @@ def grid_facts(lens: GridLens) -> tuple[str, str]:
     return focal_length_text(lens.efl_mm) + squeeze, f"±{across:.3g}° × ±{up:.3g}°"
 
 
-def draw_grid_panels(figure: "Figure", lens: GridLens, frequencies_per_mm: Sequence[float]) -> None:
+def draw_grid_panels(page: Page, lens: GridLens, frequencies_per_mm: Sequence[float]) -> None:
     """Draw the PSFs of a lens over its picture, and its curves along x, y and diagonals."""
     reach = field_map(lens).covered_diagonal(lens.sensor_mm)
-    _draw_psfs(figure, lens, reach)
-    _draw_distortion(add_panel(figure, *DISTORTION), lens, reach)
-    draw_curves(figure, lens, [_along(lens, number, path, frequencies_per_mm) for number, path in
+    _draw_psfs(page, lens, reach)
+    _draw_distortion(page, lens, reach)
+    draw_curves(page, lens, [_along(lens, number, path, frequencies_per_mm) for number, path in
                                enumerate(paths(lens))], frequencies_per_mm, "lines: solid vertical, dashed horizontal")
 
 
@@ -73,7 +68,7 @@ def _along(lens, number, path, frequencies_per_mm):
         band=limits_of(lens, np.hypot(*places_mm) / (np.hypot(*lens.sensor_mm) / 2), illumination))
 
 
-def _draw_psfs(figure, lens, reach):
+def _draw_psfs(page, lens, reach):
     """Draw the maps of PSFs at the reference wavelength and in white light, and their colour bar."""
     width, height = lens.sensor_mm
     rows, columns = TILES if width >= height else TILES[::-1]
@@ -85,18 +80,18 @@ def _draw_psfs(figure, lens, reach):
     single = upright(psfs[wave]).reshape(rows, columns, *psfs.shape[2:][::-1])
     white = upright(white).reshape(rows, columns, *white.shape[2:0:-1], 3)
 
-    side_px = int(figure.dpi * min(LEFT_WIDTH / columns, (MAP_HEIGHT - MAP_GAP) / (2 * rows)))
-    side = side_px / figure.dpi  # makes samples of the tiles coincide with pixels of the figure
-    right, lower = LEFT + columns * side, MAP_TOP - rows * side - MAP_GAP
-    upper_map, lower_map = (add_map(figure, LEFT, top, columns * side, rows * side) for top in (MAP_TOP, lower))
-    shown = draw_single(upper_map, single, lens.psf_pitch_um, side_px)
-    draw_white(lower_map, white, lens.psf_pitch_um, side_px)
-    write(figure, LEFT, MAP_TOP + 0.76, "Point spread functions, as in the picture", TITLE)
-    write(figure, right, MAP_TOP + 0.74, f"at {lens.wavelengths_nm[wave]:.4g} nm", TEXT, ha="right")
-    write(figure, right, lower + 0.2, "in white light", TEXT, ha="right")
-    _label_tiles(lens, (upper_map, lower_map), x_mm, y_mm)
-    draw_colour_bar(figure, shown, right, MAP_TOP)
-    draw_note(figure, lower - rows * side, hidden_share(single, lens.psf_pitch_um))
+    side_px = int(page.dpi * min(LEFT_WIDTH / columns, (MAP_HEIGHT - MAP_GAP) / (2 * rows)))
+    side = side_px / page.dpi  # makes samples of the tiles coincide with pixels of the page
+    upper = Box(LEFT, MAP_TOP - rows * side, columns * side, rows * side)
+    lower = upper._replace(bottom=upper.bottom - MAP_GAP - rows * side)
+    draw_single(page, upper, single, lens.psf_pitch_um, side_px)
+    draw_white(page, lower, white, lens.psf_pitch_um, side_px)
+    title = write(page, LEFT, MAP_TOP + 0.76, "Point spread functions, as in the picture", TITLE)
+    write_after(page, title, upper.right, MAP_TOP + 0.72, f"at {lens.wavelengths_nm[wave]:.4g} nm", TEXT)
+    write(page, upper.right, lower.top + 0.2, "in white light", TEXT, across=1.0)
+    _label_tiles(page, lens, (upper, lower), x_mm, y_mm)
+    draw_colour_bar(page, upper.right, MAP_TOP)
+    draw_note(page, lower.bottom, hidden_share(single, lens.psf_pitch_um))
 
 
 def upright(psfs: np.ndarray) -> np.ndarray:
@@ -109,16 +104,13 @@ def _along_psf(displacement_um):
     return displacement_um[..., ::-1]
 
 
-def _label_tiles(lens, maps, x_mm, y_mm):
+def _label_tiles(page, lens, maps, x_mm, y_mm):
     """Label columns with x and rows with y, and with their field angles."""
-    upper, _ = maps
     across, up = (np.degrees(angle_rad(lens, *place)) for place in
                   ((x_mm, np.zeros_like(x_mm)), (np.zeros_like(y_mm), y_mm)))
-    upper.xaxis.tick_top()
-    upper.set_xticks(np.arange(x_mm.size) + 0.5, _place_labels(x_mm, across))
+    label_columns(page, maps[0], _place_labels(x_mm, across))
     for each in maps:
-        each.set_yticks(np.arange(y_mm.size) + 0.5, _place_labels(y_mm, up))
-        each.tick_params(length=0)
+        label_rows(page, each, _place_labels(y_mm, up))
 
 
 def _place_labels(places_mm, degrees):
@@ -126,7 +118,7 @@ def _place_labels(places_mm, degrees):
             zip(places_mm, degree_labels(degrees), strict=True)]
 
 
-def _draw_distortion(panel, lens, reach):
+def _draw_distortion(page, lens, reach):
     half_mm = np.array(lens.sensor_mm) / 2
     signs = np.array([(1, 1), (-1, 1), (1, -1), (-1, -1)]).T
     if lens.mirrored[1]:
@@ -135,12 +127,17 @@ def _draw_distortion(panel, lens, reach):
         signs = signs[:, :signs.shape[1] // 2]
     corners_mm = signs * reach * half_mm[:, None]
     title = distortion_title(distortion_percent(lens, *corners_mm), reach == 1)
-    draw_distortion(panel, lens, distortion_lines(lens), corners_mm, title,
-                    None if reach == 1 else partial(_draw_end, lens))
+    draw_distortion(page, DISTORTION, lens, distortion_lines(lens), corners_mm, title,
+                    None if reach == 1 else _end_mm(lens))
 
 
-def _draw_end(lens, panel, _):
-    """Draw the end of the lens data."""
-    x_mm, y_mm = (np.linspace(-side, side, OUTLINE_POINTS) / 2 for side in lens.sensor_mm)
-    known = np.asarray(reference_field(lens).within(x_mm, y_mm[:, None]), float)
-    panel.contour(x_mm, y_mm, known, [0.5], colors=PALE_INK, linestyles=[DASHES], linewidths=1, zorder=3)
+def _end_mm(lens):
+    """The outline of the lens data, which end once in each direction, or where it is beyond the sensor: array (point,
+    2)."""
+    turns = np.linspace(0, 2 * np.pi, OUTLINE_POINTS)
+    near_mm, far_mm = np.zeros(OUTLINE_POINTS), np.full(OUTLINE_POINTS, np.hypot(*lens.sensor_mm))
+    for _ in range(HALVINGS):
+        middle_mm = (near_mm + far_mm) / 2
+        known = reference_field(lens).within(middle_mm * np.cos(turns), middle_mm * np.sin(turns))
+        near_mm, far_mm = np.where(known, middle_mm, near_mm), np.where(known, far_mm, middle_mm)
+    return near_mm[:, None] * np.stack([np.cos(turns), np.sin(turns)], axis=-1)

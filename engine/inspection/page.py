@@ -1,39 +1,37 @@
 """The page of a lens sheet: its size, and where panels and texts are on it."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import numpy as np
-
+from .canvas import Box, Page
 from .style import INK
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 SIDE, DPI = 12, 140  # the sheet is square; inches, like all positions here
 MARGIN, LEFT, RIGHT = 0.3, 1.05, 6.85  # of the sheet, and of its two columns
 LEFT_WIDTH, RIGHT_WIDTH = 4.9, 4.4
+WORD_GAP = 0.2  # between texts side by side
 MAP_TOP, MAP_HEIGHT = 9.55, 6.15
 DISTORTION, MTF, ILLUMINATION, LATERAL_COLOUR = (
-    (RIGHT, 7.15, RIGHT_WIDTH, 2.9), (RIGHT, 3.9, RIGHT_WIDTH, 2.4), (LEFT, 0.95, LEFT_WIDTH, 1.8),
-    (RIGHT, 0.95, RIGHT_WIDTH, 1.8))
-"""Left, bottom, width and height of the panels."""
-HINTING = 0.97  # each letter of a smaller font may be up to a pixel wider
+    Box(RIGHT, 7.15, RIGHT_WIDTH, 2.9), Box(RIGHT, 3.9, RIGHT_WIDTH, 2.4), Box(LEFT, 0.95, LEFT_WIDTH, 1.8),
+    Box(RIGHT, 0.95, RIGHT_WIDTH, 1.8))
+"""The panels."""
 
 
-def add_panel(figure: "Figure", left: float, bottom: float, width: float, height: float) -> "Axes":
-    """An empty panel at this place."""
-    return figure.add_axes(np.array((left, bottom, width, height)) / SIDE)
+def new_sheet() -> Page:
+    """An empty sheet."""
+    return Page(SIDE, SIDE, DPI)
 
 
-def write(figure: "Figure", left: float, top: float, text: str, size: float, colour: Any = INK, **style: Any) -> None:
-    """Write text below a point, reduced to fit on the sheet. It may contain any characters, including dollars."""
-    written = figure.text(left / SIDE, top / SIDE, text, fontsize=size, color=colour, va="top", parse_math=False,
-                          **style)
-    width = written.get_window_extent(figure.canvas.get_renderer()).width / DPI
-    room = left - MARGIN if style.get("ha") == "right" else SIDE - MARGIN - left
-    if width > room:
-        written.set_fontsize(size * HINTING * room / width)
+def write(page: Page, left: float, top: float, text: str, size: float, colour: Any = INK, *, bold: bool = False,
+          across: float = 0.0) -> Box:
+    """Write text below a point, reduced to fit on the sheet."""
+    size = page.fitting_size(text, size, SIDE - MARGIN - left if across == 0 else left - MARGIN, bold=bold)
+    return page.write(left, top, text, size, colour, bold=bold, across=across)
+
+
+def write_after(page: Page, before: Box, right: float, top: float, text: str, size: float) -> None:
+    """Write text that ends at a place, or further right if another text is in the way."""
+    width = page.text_box(0, 0, text, size).width
+    write(page, max(right, before.right + WORD_GAP + width), top, text, size, across=1.0)
 
 
 def focal_length_text(efl_mm: float) -> str:

@@ -2,31 +2,34 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..lens import Lens
 from ..prescription.photographs import Vignetting
+from .axes import Axis, Panel, labels_of, write_middle
+from .canvas import DASHED, DOTTED, POINT, Box, Page, Pen
 from .curves import airy_radius_um
 from .illumination_band import illumination_band
-from .page import ILLUMINATION, LATERAL_COLOUR, MTF, add_panel
+from .page import ILLUMINATION, LATERAL_COLOUR, MTF
 from .psf_map import even_indices, shown_wavelengths
-from .style import GRID_COLOUR, INK, PALE_INK, SMALL, TITLE, degree_labels
+from .style import INK, PALE_INK, SMALL, TITLE, degree_labels
 from .white_light import wavelength_colours
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-    from matplotlib.patches import Patch
 
 REAL_COLOUR, IDEAL_COLOUR, AIRY_COLOUR, BAND_COLOUR = "#0072B2", "#B5B5B5", "#E6E6E6", "#E6E6E6"
 FREQUENCY_COLOURS = "#08306B", "#2F7EBC", "#8FC1E3", "#5A5A5A", "#A5A5A5"
-DASHES = (0, (2, 2))
-MOST_TICKS, MOST_ILLUMINATIONS = {1: 6, 2: 5, 3: 3, 4: 2}, 3  # ticks on each of as many panels side by side
-LABEL_SPACING, HEADROOM = 0.09, 1.03  # in heights of a panel
-PANEL_GAP = 0.3  # in inches
-LABEL_ROOM = 0.3  # for the labels at the right ends of curves
+END = Pen(PALE_INK, 1.2, (2, 2))  # of the sensor or of the lens data
+CURVE_PT, MTF_PT, BAND_PT = 1.8, 2, 7  # widths of curves, and of a band in a legend
+MOST_TICKS, MOST_ILLUMINATIONS = 7, 3
+LABEL_LINE, HEADROOM = 1.2, 1.03  # distance of labels in their sizes; heights of a panel
+MARGIN = 0.05  # of an axis, beyond the values
+PANEL_GAP = 0.3  # in inches, as all lengths here
+LABEL_ROOM, LABEL_GAP = 0.3, 0.07  # for the labels at the right ends of curves
+NAME_GAP, KEY_GAP = 0.42, 0.06  # from a panel down to the name of its axis, and to a key
+FRAME_PT = 0.5
+CORNER = "corner"
+EDGE = 0.08  # of the sheet, without labels
+PHOTOGRAPHED = Pen(INK, marker="circle", marker_pt=5, face="#FFFFFF")
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,82 +90,90 @@ def lateral_nm(lens: Lens) -> np.ndarray:
     return lens.wavelengths_nm[shown_wavelengths(lens)]
 
 
-def draw_curves(figure: "Figure", lens: Lens, paths: Sequence[PathCurves], frequencies_per_mm: Sequence[float],
+def draw_curves(page: Page, lens: Lens, paths: Sequence[PathCurves], frequencies_per_mm: Sequence[float],
                 key: str) -> None:
     """Draw the curves of a lens, with a panel for each path side by side; `key` names solid and dashed curves."""
-    _draw_mtf(figure, paths, frequencies_per_mm, key)
-    _draw_illumination(figure, paths, illumination_nm(lens))
-    _draw_lateral_colour(figure, [path for path in paths if path.lateral_um is not None], lens)
+    _draw_mtf(page, paths, frequencies_per_mm, key)
+    _draw_illumination(page, paths, illumination_nm(lens))
+    _draw_lateral_colour(page, [path for path in paths if path.lateral_um is not None], lens)
 
 
-def _draw_mtf(figure, paths, frequencies_per_mm, key):
-    panels = _side_by_side(figure, MTF, len(paths))
-    for panel, path in zip(panels, paths, strict=True):
+def _draw_mtf(page, paths, frequencies_per_mm, key):
+    panels = _side_by_side(page, MTF, paths, Axis(0, HEADROOM))
+    for number, (panel, path) in enumerate(zip(panels, paths, strict=True)):
+        _dress(panel, path, number, len(paths))
         for colour, one, other in zip(FREQUENCY_COLOURS, path.solid.T, path.dashed.T, strict=False):  # of five
-            panel.plot(path.along_mm, one, color=colour, linewidth=2)
-            panel.plot(path.along_mm, other, "--", color=colour, linewidth=2)
-        panel.set_ylim(0, HEADROOM)
-        _dress(panel, path, len(paths), "MTF in white light" if path is paths[0] else "")
-    panels[-1].set_title(key, fontsize=SMALL, loc="right", color=INK)
+            panel.curve(path.along_mm, one, Pen(colour, MTF_PT))
+            panel.curve(path.along_mm, other, Pen(colour, MTF_PT, DASHED))
+    panels[0].entitle("MTF in white light", TITLE)
+    panels[-1].entitle(key, SMALL, across=1.0)
     _label_ends(panels[-1], paths[-1].solid[-1], [f"{frequency:g}/mm" for frequency in frequencies_per_mm],
                 FREQUENCY_COLOURS)
 
 
-def _draw_illumination(figure, paths, wavelengths_nm):
+def _draw_illumination(page, paths, wavelengths_nm):
     """Draw the relative illumination along each path, in photographs too, and the cosine fourth law."""
-    left, bottom, width, height = ILLUMINATION
     alone = len(paths) == 1
-    panels = _side_by_side(figure, (left, bottom, width if alone else width - LABEL_ROOM, height), len(paths))
+    place = ILLUMINATION if alone else ILLUMINATION._replace(width=ILLUMINATION.width - LABEL_ROOM)
     most = max(np.max(path.illumination) for path in paths)
-    for panel, path in zip(panels, paths, strict=True):
+    panels = _side_by_side(page, place, paths, Axis(0, HEADROOM * max(1, most)))
+    for number, (panel, path) in enumerate(zip(panels, paths, strict=True)):
         if path.band is not None:
-            panel.fill_between(path.along_mm, *path.band, color=BAND_COLOUR, linewidth=0, zorder=0,
-                               label="uncertain rims")
-        for one, colour, curve in zip(wavelengths_nm, wavelength_colours(wavelengths_nm), path.illumination,
-                                      strict=True):
-            panel.plot(path.along_mm, curve, color=colour, linewidth=1.8, label=f"{one:.4g} nm")
-        for photograph in path.photographed:
-            panel.plot(photograph.heights_mm, photograph.light, "o", color=INK, markersize=4, markerfacecolor="white",
-                       zorder=3, label=f"photograph, {photograph}")
-        panel.plot(path.along_mm, path.cosine, ":", color="black", linewidth=1.8, label="cos⁴ of the field angle")
-        panel.set_ylim(0, HEADROOM * max(1, most))
-        _dress(panel, path, len(paths), "Relative illumination" if path is paths[0] else "")
+            panel.band(path.along_mm, *path.band, BAND_COLOUR)
+        _dress(panel, path, number, len(paths))
+        curves = _illumination_curves(path, wavelengths_nm)
+        for _, x, y, pen in curves:
+            panel.curve(x, y, pen)
+        if path.corner_mm is not None:
+            _name_corner(panel, path.corner_mm)
+    panels[0].entitle("Relative illumination", TITLE)
     if alone:
-        _draw_legend(panels[0], "lower left", labelspacing=0.25)
+        uncertain = [] if paths[0].band is None else [("uncertain rims", Pen(BAND_COLOUR, BAND_PT))]
+        panels[0].legend(uncertain + [(name, pen) for name, *_, pen in curves])
     else:
         key = "dotted: cos⁴ of the field angle" if paths[0].band is None else "dotted: cos⁴   grey: uncertain rims"
-        panels[-1].set_title(key, fontsize=SMALL, loc="right", color=INK)
+        panels[-1].entitle(key, SMALL, across=1.0)
         _label_wavelengths(panels[-1], wavelengths_nm, paths[-1].illumination[:, -1])
-    if paths[0].corner_mm is not None:
-        panels[0].text(paths[0].corner_mm, 0.98, "corner ", fontsize=SMALL - 1, color=PALE_INK, ha="right", va="top",
-                       rotation=90, transform=panels[0].get_xaxis_transform())
 
 
-def _draw_lateral_colour(figure, paths, lens):
+def _name_corner(panel, corner_mm):
+    """Name the line of the corner at the end that curves cover less."""
+    (x, bottom), (_, top) = panel.places(corner_mm, [panel.y.low, panel.y.high])
+    style = {"size_pt": SMALL - 1, "up": 0.0, "turned": True}
+    ends = [(top - 2 * POINT, 1.0), (bottom + 2 * POINT, 0.0)]
+    y, across = min(ends, key=lambda end: panel.covered(
+        panel.page.text_box(x - 2 * POINT, end[0], CORNER, across=end[1], **style)))
+    panel.page.write(x - 2 * POINT, y, CORNER, colour=PALE_INK, across=across, **style)
+
+
+def _illumination_curves(path, wavelengths_nm):
+    """The curves of illumination along a path: list of name, x, y and pen."""
+    curves = [(f"{nm:.4g} nm", path.along_mm, curve, Pen(colour, CURVE_PT)) for nm, colour, curve in
+              zip(wavelengths_nm, wavelength_colours(wavelengths_nm), path.illumination, strict=True)]
+    curves += [(f"photograph, {one}", one.heights_mm, one.light, PHOTOGRAPHED) for one in path.photographed]
+    return [*curves, ("cos⁴ of the field angle", path.along_mm, path.cosine, Pen("#000000", CURVE_PT, DOTTED))]
+
+
+def _draw_lateral_colour(page, paths, lens):
     """Draw the lateral colour along each path, and the size of the Airy disk."""
-    panels, wavelengths_nm = _side_by_side(figure, LATERAL_COLOUR, len(paths)), lateral_nm(lens)
-    airy_um = airy_radius_um(lens, lens.reference_wavelength_nm)
-    title = f"Lateral colour in µm, relative to {lens.reference_wavelength_nm:.4g} nm"
-    for panel, path in zip(panels, paths, strict=True):
-        panel.axhspan(-airy_um, airy_um, color=AIRY_COLOUR, linewidth=0, zorder=0, label="Airy disk")
+    wavelengths_nm, airy_um = lateral_nm(lens), airy_radius_um(lens, lens.reference_wavelength_nm)
+    values_um = np.concatenate([[-airy_um, airy_um], *(np.ravel(path.lateral_um) for path in paths)])
+    panels = _side_by_side(page, LATERAL_COLOUR, paths, Axis.around(values_um, MARGIN))
+    for number, (panel, path) in enumerate(zip(panels, paths, strict=True)):
+        panel.band([panel.x.low, panel.x.high], [-airy_um] * 2, [airy_um] * 2, AIRY_COLOUR)
+        _dress(panel, path, number, len(paths))
         for colour, curve in zip(wavelength_colours(wavelengths_nm), path.lateral_um, strict=True):
-            panel.plot(path.along_mm, curve, color=colour, linewidth=1.8)
-        _dress(panel, path, len(paths), title if path is paths[0] else "")
-    _draw_legend(panels[0], "lower left" if len(paths) == 1 else "best")
+            panel.curve(path.along_mm, curve, Pen(colour, CURVE_PT))
+    panels[0].entitle(f"Lateral colour in µm, relative to {lens.reference_wavelength_nm:.4g} nm", TITLE)
+    panels[0].legend([("Airy disk", Pen(AIRY_COLOUR, BAND_PT))])
     _label_wavelengths(panels[-1], wavelengths_nm, paths[-1].lateral_um[:, -1])
 
 
-def _side_by_side(figure, place, count):
-    """Panels with a common vertical axis."""
-    left, bottom, width, height = place
-    each = (width - (count - 1) * PANEL_GAP) / count
-    panels = []
-    for number in range(count):
-        panels.append(add_panel(figure, left + number * (each + PANEL_GAP), bottom, each, height))
-        if number:
-            panels[-1].sharey(panels[0])
-            panels[-1].tick_params(labelleft=False)
-    return panels
+def _side_by_side(page, place, paths, y):
+    """Panels for paths, with a common vertical axis."""
+    width = (place.width - (len(paths) - 1) * PANEL_GAP) / len(paths)
+    return [Panel(page, place._replace(left=place.left + number * (width + PANEL_GAP), width=width),
+                  Axis(path.start_mm, path.along_mm[-1]), y) for number, path in enumerate(paths)]
 
 
 def _label_wavelengths(panel, wavelengths_nm, ends):
@@ -170,44 +181,36 @@ def _label_wavelengths(panel, wavelengths_nm, ends):
     _label_ends(panel, ends, [f"{one:.4g} nm" for one in wavelengths_nm], wavelength_colours(wavelengths_nm))
 
 
-def _draw_legend(panel, place, **style):
-    """Draw the names of the curves."""
-    panel.legend(loc=place, fontsize=SMALL, frameon=False, **style)
-
-
-def draw_distortion(panel: "Axes", lens: Lens, lines_mm: Sequence[np.ndarray], corners_mm: np.ndarray, title: str,
-                    draw_end: "Callable[[Axes, Patch], None] | None") -> None:
+def draw_distortion(page: Page, place: Box, lens: Lens, lines_mm: Sequence[np.ndarray], corners_mm: np.ndarray,
+                    title: str, end_mm: np.ndarray | None) -> None:
     """Draw the ideal grid in grey, and in colour its image by the chief rays.
 
     Parameters
     ----------
-    panel : matplotlib Axes
+    page : Page
+    place : Box
+        The panel: the picture has the sensor's proportions, in its upper left corner.
     lens : Lens
     lines_mm : arrays (line, point, 2)
         The ideal grid, and its image.
     corners_mm : array (2, corner)
         x and y of the places that the title refers to.
     title : str
-    draw_end : callable or None
-        Draws the outline of the lens data in the panel within a patch, if they end before the sensor's corners.
+    end_mm : array (point, 2) or None
+        The outline of the lens data, if they end before the sensor's corners.
     """
-    from matplotlib.collections import LineCollection
-    from matplotlib.patches import Rectangle
-
     half_mm = np.array(lens.sensor_mm) / 2
-    sensor = panel.add_patch(Rectangle(-half_mm, *lens.sensor_mm, facecolor="none", edgecolor=INK, zorder=3))
-    for lines, colour, width in zip(lines_mm, (IDEAL_COLOUR, REAL_COLOUR), (0.9, 1.5), strict=True):
-        panel.add_collection(LineCollection(lines, colors=colour, linewidths=width)).set_clip_path(sensor)
+    panel = Panel.to_scale(page, place, -half_mm, half_mm, across=0, up=1)
+    for lines, colour, width_pt in zip(lines_mm, (IDEAL_COLOUR, REAL_COLOUR), (0.9, 1.5), strict=True):
+        page.lines([panel.places(*line.T) for line in lines], Pen(colour, width_pt), panel.box)
+    page.frame(panel.box, INK, FRAME_PT)
     key = "grey: ideal picture   blue: through the lens"
-    if draw_end:
-        draw_end(panel, sensor)
+    if end_mm is not None:
+        panel.curve(end_mm[:, 0], end_mm[:, 1], END)
         key += "   dashed: end of the lens data"
-    panel.plot(*corners_mm, "o", color=REAL_COLOUR, markersize=6, zorder=4, clip_on=False)
-    panel.set_aspect("equal", anchor="NW")
-    panel.set(xlim=(-half_mm[0], half_mm[0]), ylim=(-half_mm[1], half_mm[1]))
-    panel.axis("off")
-    _entitle(panel, title)
-    panel.text(0, -0.02, key, fontsize=SMALL, color=INK, va="top", transform=panel.transAxes)
+    page.lines([panel.places(*corners_mm)], Pen(REAL_COLOUR, marker="circle", marker_pt=6))
+    panel.entitle(title, TITLE)
+    page.write(panel.box.left, panel.box.bottom - KEY_GAP, key, SMALL)
 
 
 def distortion_title(percents: Sequence[float], reaches_corner: bool) -> str:
@@ -219,45 +222,36 @@ def distortion_title(percents: Sequence[float], reaches_corner: bool) -> str:
     return f"Distortion {least} to {most} % {place}{'s' * reaches_corner}"
 
 
-def _dress(panel, path, count, title):
-    """Draw a light grid and axis labels: places with their field angles, as many as fit in one of `count` panels; mark
-    the sensor's corner."""
-    from matplotlib.ticker import MaxNLocator
-
-    start_mm, end_mm = path.start_mm, path.along_mm[-1]
-    panel.set_xlim(start_mm, end_mm)
-    ticks_mm = MaxNLocator(MOST_TICKS[count]).tick_values(start_mm, end_mm)
-    slack_mm = 1e-9 * end_mm
-    ticks_mm = ticks_mm[(ticks_mm >= start_mm - slack_mm) & (ticks_mm <= end_mm + slack_mm)]
-    degrees = np.degrees(path.angle_rad(ticks_mm))
-    panel.set_xticks(ticks_mm, [f"{mm:g}\n{angle}".replace("-", "−") for mm, angle in
-                                zip(ticks_mm, degree_labels(degrees), strict=True)])
-    panel.set_xlabel(path.label, fontsize=SMALL, color=INK, labelpad=1)
-    panel.grid(color=GRID_COLOUR, linewidth=0.6)
-    panel.set_axisbelow(True)
-    panel.spines[["top", "right"]].set_visible(False)
-    panel.tick_params(labelsize=SMALL, colors=INK)
+def _dress(panel, path, number, count):
+    """Draw the light grid and the axis labels of one of several panels: places with their field angles, as many as fit;
+    mark the sensor's corner."""
+    room = np.inf if count == 1 else PANEL_GAP / 2
+    ticks_mm, labels = panel.fitting_ticks(MOST_TICKS, lambda ticks_mm: _place_labels(path, ticks_mm), room)
+    values = panel.y.ticks(MOST_TICKS)
+    panel.dress(ticks_mm, labels, values, () if number else labels_of(values))
+    panel.page.write(panel.box.left + panel.box.width / 2, panel.box.bottom - NAME_GAP, path.label, SMALL, across=0.5)
     if path.corner_mm is not None:
-        panel.axvline(path.corner_mm, color=PALE_INK, linewidth=1.2, linestyle=DASHES)
-    _entitle(panel, title)
+        panel.mark(path.corner_mm, END)
 
 
-def _entitle(panel, title):
-    panel.set_title(title, fontsize=TITLE, loc="left", color=INK)
+def _place_labels(path, ticks_mm):
+    angles = degree_labels(np.degrees(path.angle_rad(ticks_mm)))
+    return [f"{mm:g}\n{angle}".replace("-", "−") for mm, angle in zip(ticks_mm, angles, strict=True)]
 
 
 def _label_ends(panel, values, texts, colours):
     """Label curves at their right ends in their colours, and move overlapping labels apart."""
-    low, high = panel.get_ylim()
-    wanted = (np.asarray(values) - low) / (high - low)
+    spacing = LABEL_LINE * SMALL * POINT / panel.box.height
+    wanted = panel.y.shares(values)
     order = np.argsort(wanted)
     places = wanted[order]
     for _ in range(50 * places.size):
-        gaps = LABEL_SPACING - np.diff(places)
-        tight = np.maximum(gaps, 0) / 2
+        tight = np.maximum(spacing - np.diff(places), 0) / 2
         places[:-1] -= tight
         places[1:] += tight
         places = np.clip(places, 0, 1)
+    left = panel.box.right + LABEL_GAP
+    size = min(panel.page.fitting_size(text, SMALL, panel.page.width - EDGE - left, bold=True) for text in texts)
     for place, index in zip(places, order, strict=True):
-        panel.text(1.015, place, texts[index], color=colours[index], fontsize=SMALL, fontweight="bold", va="center",
-                   transform=panel.transAxes)
+        write_middle(panel.page, left, panel.box.bottom + place * panel.box.height, texts[index], size, colours[index],
+                     bold=True)

@@ -3,21 +3,20 @@
 The functions that draw tiles serve maps of other arrangements, too.
 """
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from ..lens import Lens, RadialLens
 from ..spectral.colour import encode_srgb
+from .axes import write_middle
+from .canvas import POINT, Box, Page
+from .colour_map import INFERNO, stepped
 from .curves import Field, field_angle_rad
-from .page import LEFT, add_panel, write
+from .page import LEFT, write
 from .style import INK, PALE_INK, SMALL, degree_labels
 from .white_light import wavelength_colours, white_psfs
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-    from matplotlib.image import AxesImage
 
 MOST_HEIGHTS, MOST_WAVELENGTHS = 6, 7
 GAP_PX = 3
@@ -26,27 +25,26 @@ DECADES = 3  # range of irradiance below the peak
 FRAMED_LEVEL = 0.01  # of the peak: samples above it are within the tiles
 FRAMED_SHARE = 90  # per cent of the PSFs to which this applies: a few wide PSFs may exceed their tiles
 BURNT_OUT = 6.0  # exposure of the peaks in the white row, relative to white, because lateral colour is faint
-COLOUR_MAP, COLOUR_STEPS = "inferno", 24
 SCALE_BAR_SHARE = 0.5  # of a tile, at most
 WORTH_REPORTING = 0.005  # of the light
+COLUMN_GAP, ROW_GAP = 0.06, 0.05  # from a map to its labels, in inches
+BAR = 0.08, 0.1, 1.55  # gap, width and height of the colour bar
 
 
-def draw_psf_map(figure: "Figure", corner: tuple[float, float], largest: tuple[float, float], lens: RadialLens,
-                 field: Field) -> "tuple[AxesImage, float, float, float]":
-    """Draw the map into a figure.
+def draw_psf_map(page: Page, corner: tuple[float, float], largest: tuple[float, float], lens: RadialLens,
+                 field: Field) -> tuple[float, float, float]:
+    """Draw the map on a page.
 
     Parameters
     ----------
-    figure : matplotlib Figure
+    page : Page
     corner, largest : (float, float)
-        The upper left corner, from the figure's lower left one, and the largest width and height, in inches.
+        The upper left corner, from the page's lower left one, and the largest width and height, in inches.
     lens : RadialLens
     field : Field
 
     Returns
     -------
-    shown : matplotlib image
-        The PSFs, for a colour bar.
     right, bottom : float
         The map's right and lower edges, in inches.
     hidden : float
@@ -54,18 +52,21 @@ def draw_psf_map(figure: "Figure", corner: tuple[float, float], largest: tuple[f
     """
     heights, wavelengths = shown_heights(lens, field), shown_wavelengths(lens)
     rows, columns = wavelengths.size, heights.size
-    side_px = int(figure.dpi * min(largest[0] / MOST_HEIGHTS, largest[1] / (rows + 1 + WHITE_ROW_GAP)))
-    side = side_px / figure.dpi  # makes samples of the tiles coincide with pixels of the figure
+    side_px = int(page.dpi * min(largest[0] / MOST_HEIGHTS, largest[1] / (rows + 1 + WHITE_ROW_GAP)))
+    side = side_px / page.dpi  # makes samples of the tiles coincide with pixels of the page
     left, top = corner
-    single = add_map(figure, left, top, columns * side, rows * side)
-    white = add_map(figure, left, top - (rows + WHITE_ROW_GAP) * side, columns * side, side)
+    single = Box(left, top - rows * side, columns * side, rows * side)
+    white = Box(left, single.bottom - (1 + WHITE_ROW_GAP) * side, columns * side, side)
     psfs = lens.psf[np.ix_(wavelengths, heights)]
-    shown = draw_single(single, psfs, lens.psf_pitch_um, side_px)
-    draw_white(white, white_psfs(lens, heights)[None], lens.psf_pitch_um, side_px)
-    _label_columns(single, lens, field, heights)
-    _label_rows(single, white, lens.wavelengths_nm[wavelengths])
-    return (shown, left + columns * side, top - (rows + 1 + WHITE_ROW_GAP) * side,
-            hidden_share(psfs, lens.psf_pitch_um))
+    draw_single(page, single, psfs, lens.psf_pitch_um, side_px)
+    draw_white(page, white, white_psfs(lens, heights)[None], lens.psf_pitch_um, side_px)
+    degrees = np.degrees(field_angle_rad(lens, lens.heights_mm[heights]))
+    label_columns(page, single, [f"{mm:.3g} mm\n{angle}" for mm, angle in
+                                 zip(field.optics.real_height_mm[heights], degree_labels(degrees), strict=True)])
+    nm = lens.wavelengths_nm[wavelengths]
+    label_rows(page, single, [f"{each:.4g} nm" for each in nm], wavelength_colours(nm), bold=True)
+    label_rows(page, white, ["white\nlight"], bold=True)
+    return single.right, white.bottom, hidden_share(psfs, lens.psf_pitch_um)
 
 
 def shown_heights(lens: RadialLens, field: Field) -> np.ndarray:
@@ -84,59 +85,47 @@ def even_indices(number: int, most: int) -> np.ndarray:
     return np.rint(np.linspace(0, number - 1, min(number, most))).astype(int)
 
 
-def add_map(figure: "Figure", left: float, top: float, width: float, height: float) -> "Axes":
-    """Axes without ticks or frame, with their upper left corner at a point in inches."""
-    size = figure.get_size_inches()
-    axes = figure.add_axes((left / size[0], (top - height) / size[1], width / size[0], height / size[1]))
-    axes.spines[:].set_visible(False)
-    axes.tick_params(length=0, labelsize=SMALL, colors=INK)
-    axes.set_xticks([])
-    axes.set_yticks([])
-    return axes
-
-
-def draw_single(axes: "Axes", psfs: np.ndarray, pitch_um: float, side_px: int) -> "AxesImage":
+def draw_single(page: Page, place: Box, psfs: np.ndarray, pitch_um: float, side_px: int) -> None:
     """Draw PSFs (row, column, v, u), each relative to its peak, on a logarithmic scale."""
-    from matplotlib import colormaps
-
     half_um = _half_width_um(psfs / psfs.max(axis=(2, 3), keepdims=True), pitch_um)
     tiles = np.stack([[tile(psf, pitch_um, half_um, side_px - 2 * GAP_PX) for psf in row] for row in psfs])
     tiles /= tiles.max(axis=(2, 3), keepdims=True)
-    shown = axes.imshow(_montage(np.log10(np.maximum(tiles, 10.0**-DECADES)), np.nan), aspect="auto", vmin=-DECADES,
-                        vmax=0, cmap=colormaps[COLOUR_MAP].resampled(COLOUR_STEPS), interpolation="nearest",
-                        extent=(0, psfs.shape[1], psfs.shape[0], 0))
-    _draw_scale_bar(axes, half_um, side_px)
-    return shown
+    colours = stepped(1 + np.log10(np.maximum(tiles, 10.0**-DECADES)) / DECADES)
+    page.picture(_montage(colours, 255), place)
+    _draw_scale_bar(page, place, half_um, side_px)
 
 
-def draw_white(axes: "Axes", psfs: np.ndarray, pitch_um: float, side_px: int) -> None:
+def draw_white(page: Page, place: Box, psfs: np.ndarray, pitch_um: float, side_px: int) -> None:
     """Draw PSFs (row, column, v, u, colour) in white light, exposed to make lateral colour visible."""
     brightest = psfs.max(axis=-1)
     half_um = _half_width_um(BURNT_OUT * brightest / brightest.max(axis=(2, 3), keepdims=True), pitch_um)
     tiles = np.stack([[np.stack([tile(psf[..., colour], pitch_um, half_um, side_px - 2 * GAP_PX)
                                  for colour in range(3)], axis=-1) for psf in row] for row in psfs])
     tiles *= BURNT_OUT / tiles.max(axis=(2, 3, 4), keepdims=True)
-    axes.imshow(_montage(encode_srgb(tiles), 1.0), aspect="auto", interpolation="nearest",
-                extent=(0, psfs.shape[1], psfs.shape[0], 0))
-    _draw_scale_bar(axes, half_um, side_px)
+    page.picture(_montage(np.rint(255 * encode_srgb(tiles)).astype(np.uint8), 255), place)
+    _draw_scale_bar(page, place, half_um, side_px)
 
 
-def draw_colour_bar(figure: "Figure", shown: "AxesImage", right: float, top: float) -> None:
+def draw_colour_bar(page: Page, right: float, top: float) -> None:
     """Draw the colour bar of a map of single wavelengths to the right of it."""
-    bar = add_panel(figure, right + 0.08, top - 1.6, 0.1, 1.55)
-    figure.colorbar(shown, cax=bar, ticks=range(-DECADES, 1))
-    bar.set_yticklabels([f"{10.0**decade:g}" for decade in range(-DECADES, 1)])
-    bar.tick_params(labelsize=SMALL - 1, colors=INK, length=2, pad=2)
-    bar.set_title("of peak", fontsize=SMALL - 1, color=INK, loc="left", pad=6)
+    gap, width, height = BAR
+    bar = Box(right + gap, top - height - 0.05, width, height)
+    page.picture(np.repeat(np.repeat(INFERNO[::-1, None], 9, axis=0), 9, axis=1), bar)
+    page.frame(bar, INK, 0.8)
+    for decade in range(DECADES + 1):
+        y = bar.top - height * decade / DECADES
+        page.rule(Box(bar.right, y, 2 * POINT, 0), INK, 0.8)
+        write_middle(page, bar.right + 5 * POINT, y, f"{10.0**-decade:g}", SMALL - 1)
+    page.write(bar.left, bar.top + 6 * POINT, "of peak", SMALL - 1, up=0.0)
 
 
-def draw_note(figure: "Figure", bottom: float, hidden: float) -> None:
+def draw_note(page: Page, bottom: float, hidden: float) -> None:
     """Write below a map how its tiles are exposed, and the share of light that they do not show."""
     note = f"White light has equal energy; peaks are overexposed {BURNT_OUT:g} times."
     if hidden >= WORTH_REPORTING:
         note += (f"\nUp to {100 * hidden:.2g} % of a point's light is not shown: dimmer than 1/{10**DECADES} of its "
                  "peak, or beyond its tile.")
-    write(figure, LEFT, bottom - 0.04, note, SMALL - 1, PALE_INK)
+    write(page, LEFT, bottom - 0.04, note, SMALL - 1, PALE_INK)
 
 
 def _half_width_um(psfs, pitch_um):
@@ -176,29 +165,28 @@ def _montage(tiles, gap):
     return padded.swapaxes(1, 2).reshape(rows * padded.shape[2], columns * padded.shape[3], *tiles.shape[4:])
 
 
-def _label_columns(axes, lens, field, heights):
-    """Label columns with the chief ray's height on the sensor and its field angle."""
-    degrees = np.degrees(field_angle_rad(lens, lens.heights_mm[heights]))
-    axes.xaxis.tick_top()
-    axes.set_xticks(np.arange(heights.size) + 0.5,
-                    [f"{mm:.3g} mm\n{angle}" for mm, angle in
-                     zip(field.optics.real_height_mm[heights], degree_labels(degrees), strict=True)])
-    axes.tick_params(length=0)
+def label_columns(page: Page, place: Box, labels: Sequence[str]) -> None:
+    """Label the columns of a map above it."""
+    for number, label in enumerate(labels):
+        middle = place.left + place.width * (number + 0.5) / len(labels)
+        page.write(middle, place.top + COLUMN_GAP, label, SMALL, across=0.5, up=0.0)
 
 
-def _label_rows(single, white, wavelengths_nm):
-    names = [f"{nm:.4g} nm" for nm in wavelengths_nm]
-    single.set_yticks(np.arange(wavelengths_nm.size) + 0.5, names, fontweight="bold")
-    for label, colour in zip(single.get_yticklabels(), wavelength_colours(wavelengths_nm), strict=True):
-        label.set_color(colour)
-    white.set_yticks([0.5], ["white\nlight"], fontweight="bold")
+def label_rows(page: Page, place: Box, labels: Sequence[str], colours: Sequence[Any] | np.ndarray | None = None, *,
+               bold: bool = False) -> None:
+    """Label the rows of a map at its left."""
+    for number, label in enumerate(labels):
+        middle = place.top - place.height * (number + 0.5) / len(labels)
+        write_middle(page, place.left - ROW_GAP, middle, label, SMALL, INK if colours is None else colours[number],
+                     bold=bold, across=1.0)
 
 
-def _draw_scale_bar(axes, half_um, side_px):
+def _draw_scale_bar(page, place, half_um, side_px):
     """Draw a bar of a round length in the lower left corner of the last row."""
+    side = side_px / page.dpi
     tile_um = 2 * half_um * side_px / (side_px - 2 * GAP_PX)
     decade = 10 ** np.floor(np.log10(SCALE_BAR_SHARE * tile_um))
     length_um = max(step * decade for step in (1, 2, 5) if step * decade <= SCALE_BAR_SHARE * tile_um)
-    bottom = axes.get_ylim()[0]
-    axes.plot([0.1, 0.1 + length_um / tile_um], [bottom - 0.1] * 2, color="white", linewidth=2, solid_capstyle="butt")
-    axes.text(0.1, bottom - 0.14, f"{length_um:g} µm", color="white", fontsize=SMALL - 1, va="bottom")
+    bar = Box(place.left + 0.1 * side, place.bottom + 0.1 * side, side * length_um / tile_um, 0)
+    page.rectangle(bar._replace(height=2 * POINT), "#FFFFFF")
+    page.write(bar.left, bar.bottom + 4 * POINT, f"{length_um:g} µm", SMALL - 1, "#FFFFFF", up=0.0)

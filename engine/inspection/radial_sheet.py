@@ -1,12 +1,12 @@
 """The panels of the sheet of a rotationally symmetric lens: curves over image height."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..lens import RadialLens
 from ..prescription.photographs import Vignetting
+from .canvas import Page
 from .curves import (
     cosine_fourth,
     distortion_grid,
@@ -17,9 +17,8 @@ from .curves import (
     relative_illumination,
     white_mtf,
 )
-from .page import DISTORTION, LEFT, LEFT_WIDTH, MAP_HEIGHT, MAP_TOP, add_panel, focal_length_text, write
+from .page import DISTORTION, LEFT, LEFT_WIDTH, MAP_HEIGHT, MAP_TOP, focal_length_text, write, write_after
 from .panels import (
-    DASHES,
     PathCurves,
     distortion_title,
     draw_curves,
@@ -29,10 +28,9 @@ from .panels import (
     limits_of,
 )
 from .psf_map import draw_colour_bar, draw_note, draw_psf_map
-from .style import PALE_INK, TEXT, TITLE
+from .style import TEXT, TITLE
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+OUTLINE_POINTS = 361
 
 
 def radial_facts(lens: RadialLens) -> tuple[str, str]:
@@ -41,13 +39,13 @@ def radial_facts(lens: RadialLens) -> tuple[str, str]:
     return focal_length_text(lens.efl_mm), f"±{degrees:.3g}°"
 
 
-def draw_radial_panels(figure: "Figure", lens: RadialLens, frequencies_per_mm: Sequence[float],
+def draw_radial_panels(page: Page, lens: RadialLens, frequencies_per_mm: Sequence[float],
                        photographed: Sequence[Vignetting] = ()) -> None:
     """Draw the PSFs of a lens, and its curves over image height, with the light in photographs."""
     field = field_of(lens)
-    _draw_psfs(figure, lens, field)
-    _draw_distortion(add_panel(figure, *DISTORTION), lens, field)
-    draw_curves(figure, lens, [_outwards(lens, field, frequencies_per_mm, photographed)], frequencies_per_mm,
+    _draw_psfs(page, lens, field)
+    _draw_distortion(page, lens, field)
+    draw_curves(page, lens, [_outwards(lens, field, frequencies_per_mm, photographed)], frequencies_per_mm,
                 "solid: sagittal   dashed: tangential")
 
 
@@ -66,26 +64,21 @@ def _outwards(lens, field, frequencies_per_mm, photographed):
         tuple(photographed))
 
 
-def _draw_psfs(figure, lens, field):
+def _draw_psfs(page, lens, field):
     """Draw the map of PSFs, and its colour bar."""
-    write(figure, LEFT, MAP_TOP + 0.76, "Point spread functions", TITLE)
-    shown, right, bottom, hidden = draw_psf_map(figure, (LEFT, MAP_TOP), (LEFT_WIDTH, MAP_HEIGHT), lens, field)
-    write(figure, right, MAP_TOP + 0.72, "outwards →", TEXT, ha="right")
-    draw_colour_bar(figure, shown, right, MAP_TOP)
-    draw_note(figure, bottom, hidden)
+    title = write(page, LEFT, MAP_TOP + 0.76, "Point spread functions", TITLE)
+    right, bottom, hidden = draw_psf_map(page, (LEFT, MAP_TOP), (LEFT_WIDTH, MAP_HEIGHT), lens, field)
+    write_after(page, title, right, MAP_TOP + 0.72, "outwards →", TEXT)
+    draw_colour_bar(page, right, MAP_TOP)
+    draw_note(page, bottom, hidden)
 
 
-def _draw_distortion(panel, lens, field):
-    from matplotlib.patches import Circle
-
+def _draw_distortion(page, lens, field):
     edge_mm = field.geometry.distortion(field.edge_mm)
     half_mm = np.array(lens.sensor_mm) / 2
     title = distortion_title([distortion_percent(field, field.edge_mm)], field.reaches_corner)
     angle = f"±{np.degrees(field_angle_rad(lens, field.edge_mm)):.3g}°"
-
-    def draw_end(panel, sensor):
-        circle = Circle((0, 0), edge_mm, facecolor="none", edgecolor=PALE_INK, linestyle=DASHES, zorder=3)
-        panel.add_patch(circle).set_clip_path(sensor)
-
-    draw_distortion(panel, lens, distortion_grid(lens, field), edge_mm * half_mm / np.hypot(*half_mm),
-                    f"{title}, {angle}", None if field.reaches_corner else draw_end)
+    turns = np.linspace(0, 2 * np.pi, OUTLINE_POINTS)
+    end_mm = edge_mm * np.stack([np.cos(turns), np.sin(turns)], axis=-1)
+    draw_distortion(page, DISTORTION, lens, distortion_grid(lens, field), edge_mm * half_mm / np.hypot(*half_mm),
+                    f"{title}, {angle}", None if field.reaches_corner else end_mm)

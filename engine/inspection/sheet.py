@@ -5,6 +5,7 @@ import textwrap
 from collections.abc import Sequence
 
 import numpy as np
+from PIL import Image, PngImagePlugin
 
 from ..lens import GridLens, Lens
 from ..prescription.photographs import Agreement
@@ -13,13 +14,13 @@ from ..runtime.errors import InputError
 from ..runtime.files import atomic_path
 from .curves import preferred_frequencies_per_mm
 from .grid_sheet import draw_grid_panels, grid_facts
-from .page import DPI, MARGIN, SIDE, write
+from .page import MARGIN, SIDE, WORD_GAP, new_sheet, write
 from .panels import FREQUENCY_COLOURS
 from .psf_checks import ENCLOSED_LIGHT
 from .radial_sheet import draw_radial_panels, radial_facts
-from .style import PALE_INK, SMALL, TEXT, TITLE, require_matplotlib
+from .style import PALE_INK, SMALL, TEXT, TITLE
 
-HEAD = 24
+HEAD, NAME_WIDTH = 24, 10.2  # inches
 PALETTE_COLOURS, PAPER = 256, 248
 LONGEST_NAME, LONGEST_LINE = 50, 140
 
@@ -45,40 +46,28 @@ def write_lens_plot(lens: Lens, path: str | os.PathLike,
     LensError
         The distortion folds the picture, or PSFs are sampled too coarsely for a frequency.
     InputError
-        The number of frequencies is not one to five, or matplotlib is not installed.
+        The number of frequencies is not one to five.
     """
-    figure = require_matplotlib()(figsize=(SIDE, SIDE), dpi=DPI, facecolor="white")
-    _give_canvas(figure)
     frequencies_per_mm = preferred_frequencies_per_mm(lens) if frequencies_per_mm is None else frequencies_per_mm
     if not 1 <= len(frequencies_per_mm) <= len(FREQUENCY_COLOURS):
         raise InputError("lens sheet", "frequencies", f"{len(frequencies_per_mm)} of them",
                          f"expected 1 to {len(FREQUENCY_COLOURS)}")
-    _draw(figure, lens, frequencies_per_mm, photographs)
-    _save(figure, path)
+    page = new_sheet()
+    _draw(page, lens, frequencies_per_mm, photographs)
+    _save(page.pixels(), path)
 
 
-def _draw(figure, lens, frequencies_per_mm, photographs):
+def _draw(page, lens, frequencies_per_mm, photographs):
     if isinstance(lens, GridLens):
-        _draw_header(figure, lens, grid_facts(lens), photographs)
-        draw_grid_panels(figure, lens, frequencies_per_mm)
+        _draw_header(page, lens, grid_facts(lens), photographs)
+        draw_grid_panels(page, lens, frequencies_per_mm)
     else:
-        _draw_header(figure, lens, radial_facts(lens), photographs)
-        draw_radial_panels(figure, lens, frequencies_per_mm, photographs.light if photographs else ())
+        _draw_header(page, lens, radial_facts(lens), photographs)
+        draw_radial_panels(page, lens, frequencies_per_mm, photographs.light if photographs else ())
 
 
-def _give_canvas(figure):
-    """Attach a canvas to the figure, which measuring and drawing texts requires."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-    FigureCanvasAgg(figure)
-
-
-def _save(figure, path):
+def _save(pixels, path):
     """Write a PNG with a palette, a fifth of the size without one, because sheets of all lenses add up."""
-    from PIL import Image, PngImagePlugin
-
-    figure.canvas.draw()
-    pixels = np.ascontiguousarray(np.asarray(figure.canvas.buffer_rgba())[..., :3])
     few = Image.fromarray(np.ascontiguousarray(pixels[::3, ::3]))  # enough to choose colours, in a ninth of the time
     chosen = few.quantize(PALETTE_COLOURS, method=Image.Quantize.MAXCOVERAGE, kmeans=1)
     palette = np.reshape(chosen.getpalette(), (-1, 3))
@@ -91,20 +80,22 @@ def _save(figure, path):
                                                                                        pnginfo=texts)
 
 
-def _draw_header(figure, lens, field_facts, photographs):
+def _draw_header(page, lens, field_facts, photographs):
     """Draw name, maker, first-order data and story; at the foot, the agreement with photographs and the source of the
     figures."""
     top = right = SIDE - MARGIN
     name = _short(lens.name, LONGEST_NAME)
-    write(figure, MARGIN, top, name, HEAD, "black", fontweight="bold")
-    write(figure, right, top - 0.12, _short(lens.maker, 2 * LONGEST_NAME + 5 - 2 * len(name)), TITLE, ha="right")
-    write(figure, MARGIN, top - 0.53, "      ".join(_facts(lens, *field_facts)), TITLE)
-    write(figure, MARGIN, top - 0.86, _wrapped(lens.story), TEXT, PALE_INK)
+    box = page.write(MARGIN, top, name, page.fitting_size(name, HEAD, NAME_WIDTH, bold=True), "#000000", bold=True)
+    maker = _short(lens.maker, 2 * LONGEST_NAME + 5 - 2 * len(name))
+    size = page.fitting_size(maker, TITLE, right - box.right - WORD_GAP)
+    page.write(right, top - 0.12, maker, size, across=1.0)
+    write(page, MARGIN, top - 0.53, "      ".join(_facts(lens, *field_facts)), TITLE)
+    write(page, MARGIN, top - 0.86, _wrapped(lens.story), TEXT, PALE_INK)
     enclosed = lens.enclosed_energy.min()
     windows = f"PSF windows contain at least {100 * enclosed:.3g} % of the light" if enclosed < ENCLOSED_LIGHT else ""
     agreement = f"Compared with photographs: {photographs.differences}" if photographs else ""
     foot = ". ".join(filter(None, (agreement, lens.source.rstrip(". "), windows)))
-    write(figure, MARGIN, 0.35, _wrapped(foot), SMALL - 1, PALE_INK)
+    write(page, MARGIN, 0.35, _wrapped(foot), SMALL - 1, PALE_INK)
 
 
 def _wrapped(text):

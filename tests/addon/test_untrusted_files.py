@@ -5,10 +5,8 @@ import os
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import bpy
-import matplotlib
 import pytest
 
 from lensfield import addon, cli
@@ -18,6 +16,7 @@ from lensfield.commands import confine
 from lensfield.commands.blend_paths import _Blocks, _layouts
 from lensfield.commands.confine import landlock_version
 from lensfield.commands.untrusted import OF_SYSTEM
+from lensfield.engine.inspection.canvas import FONTS
 from lensfield.engine.runtime.errors import InputError
 from refusals import refused
 from small_scenes import adjust, material, set_world, wall
@@ -25,7 +24,7 @@ from small_scenes import adjust, material, set_world, wall
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="Windows has no such files")
 LENS = "--lens", "edmund-54852", "--wavelengths", "550"
 SECRET = "root:$6$salt$hash:19000:0:99999:7:::\n"
-FONT = Path(matplotlib.__file__).parent / "mpl-data" / "fonts" / "ttf" / "DejaVuSans.ttf"
+FONT = FONTS / "DejaVuSans.ttf"
 
 
 @pytest.fixture

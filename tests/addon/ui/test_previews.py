@@ -215,11 +215,11 @@ def test_a_deleted_sheet_is_drawn_again(scene, user_lens, drawing):
 
 def test_the_panel_says_why_a_sheet_is_missing(scene, user_lens, drawing, monkeypatch):
     def refuse(lens, path, photographs):
-        raise InputError("matplotlib", "module", "not there", "pip install lensfield[plots]")
+        raise InputError("lens sheet", "frequencies", "6 of them", "expected 1 to 5")
     monkeypatch.setattr(sheets, "write_lens_plot", refuse)
     settle(scene)
     for _ in range(2):
-        assert "pip install lensfield[plots]" in " ".join(drawn(scene).labels)
+        assert "expected 1 to 5" in " ".join(drawn(scene).labels)
 
 
 def test_the_panel_names_a_damaged_sheet(scene, user_lens):

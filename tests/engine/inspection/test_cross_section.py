@@ -4,8 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from PIL import ImageColor
 
-from lensfield.engine.inspection.cross_section import cross_section, draw_cross_section
+from lensfield.engine.inspection.canvas import Box, Page
+from lensfield.engine.inspection.cross_section import (
+    GLASS_COLOUR,
+    cross_section,
+    draw_cross_section,
+    section_shapes,
+)
 from lensfield.engine.library import prescription_of
 from lensfield.engine.prescription.prescription import Pose, Prescription, Surface
 from lensfield.engine.prescription.surfaces import sag_and_slope
@@ -16,8 +23,6 @@ from lensfield.engine.rays.rings import turned
 from lensfield.engine.rays.trace import points_from_image
 from mirror_lens import MIRROR_LENS
 
-figure = pytest.importorskip("matplotlib.figure")
-
 # flat in front, with a rear hyperboloid of conic -n^2, which focuses axial rays perfectly
 HYPERBOLA = Prescription(
     "hyperbola", (Surface(thickness_mm=8.0, glass="1.5/1000", stop=True, semi_aperture_mm=7.0),
@@ -26,9 +31,12 @@ HYPERBOLA = Prescription(
 
 def drawn(prescription):
     """The outlines of the glasses, and the rays, stop and image plane, each an array (2, point) of z and y."""
-    panel = figure.Figure().add_axes((0, 0, 1, 1))
-    draw_cross_section(panel, system_of(prescription))
-    return [patch.get_xy().T for patch in panel.patches], [np.array(line.get_data()) for line in panel.lines]
+    shapes = section_shapes(system_of(prescription))
+    return outlines(shapes), [shape.points_mm.T for shape in shapes if not shape.fill]
+
+
+def outlines(shapes):
+    return [shape.points_mm.T for shape in shapes if shape.fill]
 
 
 def test_glass_has_the_shape_of_its_surfaces():
@@ -70,14 +78,28 @@ def test_blocked_rays_are_left_out():
 
 
 def test_a_field_that_is_too_large_leaves_the_glass():
-    outlines, lines = drawn(replace(HYPERBOLA, field=("angle_deg", 89.0)))
-    assert len(outlines) == 1 and all(line.shape[1] == 2 for line in lines)
+    glasses, lines = drawn(replace(HYPERBOLA, field=("angle_deg", 89.0)))
+    assert len(glasses) == 1 and all(line.shape[1] == 2 for line in lines)
 
 
 def test_the_picture_is_square_and_shows_the_lens():
     picture = cross_section(system_of(HYPERBOLA), 200)
     assert picture.shape == (200, 200, 4) and picture.dtype == np.uint8
     assert (picture[..., 3] == 255).all() and 0.02 < np.mean(picture[..., :3].min(axis=-1) < 250) < 0.9
+
+
+def test_pixels_are_where_the_lens_is():
+    """The glass is 7 mm high, and 28 mm before the image; one millimetre is as long along the axis as across it."""
+    page = Page(6, 3, 100)
+    panel = draw_cross_section(page, Box(1, 0.5, 4, 2), system_of(HYPERBOLA))
+    along, across = (side / (axis.high - axis.low) for side, axis in
+                     ((panel.box.width, panel.x), (panel.box.height, panel.y)))
+    assert along == pytest.approx(across)
+    glass = np.all(page.pixels() == ImageColor.getrgb(GLASS_COLOUR), axis=-1)
+    (left, _), (_, top), (right, _) = panel.places([0, 0, 8], [0, 7, 0]) * 100
+    rows, columns = (np.flatnonzero(glass.any(axis=axis)) for axis in (1, 0))
+    assert columns[0] == pytest.approx(left, abs=2) and rows[0] == pytest.approx(300 - top, abs=2)
+    assert columns[-1] == pytest.approx(right, abs=2)
 
 
 def test_displaced_surfaces_and_sensors_are_drawn_where_they_are():
@@ -87,8 +109,8 @@ def test_displaced_surfaces_and_sensors_are_drawn_where_they_are():
     rear = Surface(-10.0, 20.0, radius_x_mm=np.inf, semi_aperture_mm=6.0, pose=Pose(tilt_deg=(0.0, 0.0, 90.0)))
     lens = replace(HYPERBOLA, surfaces=(front, rear, Surface(30.0, 2.0, "1.5/60"), Surface(-30.0, 15.0)),
                    image_pose=Pose(tilt_deg=(-20.0, 0.0, 0.0)))
-    outlines, lines = drawn(lens)
-    z_mm, y_mm = outlines[0]
+    glasses, lines = drawn(lens)
+    z_mm, y_mm = glasses[0]
     along_mm = np.array([np.sin(np.radians(5)), np.cos(np.radians(5))])
     assert any(np.allclose((z, y), (0.25, 0.5) + 7.0 * along_mm) for z, y in zip(z_mm, y_mm, strict=True))
     np.testing.assert_allclose(z_mm[np.abs(y_mm) == 6.0], 8.0, atol=1e-12)
@@ -101,9 +123,8 @@ def test_a_cylinder_is_curved_in_one_section_and_a_displaced_surface_is_drawn_di
     cylinder = replace(HYPERBOLA, surfaces=(HYPERBOLA.surfaces[0], replace(
         HYPERBOLA.surfaces[1], radius_mm=np.inf, conic=0.0, radius_x_mm=-10.0, pose=moved)))
     for section, sag_mm, offset_mm in ((1, 0.0, 1.5), (0, -2.0, 0.0)):  # 10 - sqrt(100 - 36) at 6 mm
-        panel = figure.Figure().add_axes((0, 0, 1, 1))
-        draw_cross_section(panel, replace(system_of(HYPERBOLA), prescription=cylinder), section)
-        z_mm, height_mm = panel.patches[0].get_xy().T
+        shapes = section_shapes(replace(system_of(HYPERBOLA), prescription=cylinder), section)
+        z_mm, height_mm = outlines(shapes)[0]
         rear = z_mm > 3
         assert (height_mm[rear].min(), height_mm[rear].max()) == pytest.approx((offset_mm - 6, offset_mm + 6))
         assert z_mm[rear][np.argmax(height_mm[rear])] == pytest.approx(8.25 + sag_mm)
@@ -115,9 +136,7 @@ def test_rays_of_both_sections_meet_their_places_on_the_sensor():
     lens = build_system(Prescription("two sections", surfaces, ("f_number", 4.0), ("angle_deg", 5.0), sensor_mm=(4, 3),
                                      focus="paraxial"))
     for section, half_mm in ((1, 1.5), (0, 2.0)):
-        panel = figure.Figure().add_axes((0, 0, 1, 1))
-        draw_cross_section(panel, lens, section)
-        lines = [np.array(line.get_data()) for line in panel.lines]
+        lines = [shape.points_mm.T for shape in section_shapes(lens, section) if not shape.fill]
         chief_mm = [line[1, -1] for line in lines if line.shape[1] == 4][::8]
         assert chief_mm == pytest.approx([0, 0.7 * half_mm, half_mm], abs=1e-4)
         spread_mm = [np.ptp([line[1, -1] for line in lines[8 * field:8 * field + 8]]) for field in range(3)]
@@ -135,14 +154,14 @@ def test_a_lens_with_two_sections_has_both_in_its_picture():
 def test_the_folded_path_of_a_mirror_lens():
     """Rays go back from one mirror to the other; glass and mirrors have their holes."""
     system = build_system(MIRROR_LENS)
-    outlines, lines = drawn(system.prescription)
+    glasses, lines = drawn(system.prescription)
     vertices_mm = np.cumsum([0.0, *(surface.thickness_mm for surface in system.prescription.surfaces)])
     rays = [line for line in lines if line.shape[1] == len(vertices_mm) + 1 and np.isfinite(line).all()]
     assert len(rays) >= 10
     for z_mm, _ in rays:
         np.testing.assert_array_equal(np.sign(np.diff(z_mm[1:])), [1, 1, 1, 1, -1, -1, 1, 1, 1])
         assert z_mm[0] < 0 and z_mm[-1] == pytest.approx(vertices_mm[-1])
-    least_mm = [np.abs(y_mm).min() for _, y_mm in outlines]
+    least_mm = [np.abs(y_mm).min() for _, y_mm in glasses]
     assert least_mm == pytest.approx([0, 3.2, 3.2, 3.2, 3.2, 0], abs=0.05)  # two passes through the mirror's glass
     bold = [line for line in lines if line.shape[1] == 41]
     assert sorted(np.abs(y_mm).max() for _, y_mm in bold)[:2] == pytest.approx([3.6, 3.6])  # obstruction, and mirror

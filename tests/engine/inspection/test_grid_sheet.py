@@ -10,7 +10,7 @@ from PIL import Image
 from lenses import fine_grid_lens, gaussian_psf, marked_psf
 from lensfield import cli
 from lensfield.engine.bake import through_focus
-from lensfield.engine.inspection.grid_sheet import upright
+from lensfield.engine.inspection.grid_sheet import _end_mm, upright
 from lensfield.engine.inspection.info import lens_info, lens_text, table_summary
 from lensfield.engine.inspection.psf_map import tile
 from lensfield.engine.inspection.sheet import write_lens_plot
@@ -69,6 +69,13 @@ def test_tiles_are_where_their_psfs_are_in_the_picture(tmp_path):
     coloured_px = np.argwhere(np.ptp(white, axis=-1) > 60)
     assert len(coloured_px) > 200
     assert coloured_px[:, 0].max() < white.shape[0] / 2 and coloured_px[:, 1].min() > white.shape[1] / 2
+
+
+def test_the_end_of_the_lens_data_is_outlined():
+    """A rectangle: the places on its edge are as far right or up as the last nodes."""
+    end_mm = _end_mm(fine_grid_lens(sensor_mm=(8.0, 8.0), mirrored=(True, True)))
+    assert np.abs(end_mm).max(axis=0) == pytest.approx((2.5, 2.0), abs=1e-3)
+    assert np.max(np.abs(end_mm) / (2.5, 2.0), axis=1) == pytest.approx(1, abs=1e-3)
 
 
 @pytest.mark.parametrize("lens", [

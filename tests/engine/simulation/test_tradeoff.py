@@ -1,7 +1,6 @@
 """The trade-off between error and time, measured on tiny pictures."""
 
 import csv
-import sys
 
 import numpy as np
 import pytest
@@ -12,8 +11,10 @@ from lensfield import cli
 from lensfield.engine import Options, SpectralImage
 from lensfield.engine.field.psf_samples import psf_radius_px
 from lensfield.engine.inspection import tradeoff, tradeoff_plot
+from lensfield.engine.inspection.axes import Panel
 from lensfield.engine.lens_files.package import write_package
 from lensfield.engine.pictures.spectral_exr import write_exr
+from written import check_legible, written
 
 COLUMNS = ("image curve method section_size azimuths precision psf_energy accuracy wavelengths seconds "
            "seconds_over_paper peak_mb relative_l2 maximum_error l1 predicted_bound against").split()
@@ -123,6 +124,26 @@ def test_the_frontier_omits_rows_that_are_beaten_in_both(rows):
                if row.image == "points")
 
 
+def test_points_of_the_plot_are_where_they_were_measured(rows, tmp_path, monkeypatch):
+    """Checks a curve in the first panel, by the panel's limits; and that all texts are legible."""
+    panels, curve = [], Panel.curve
+    monkeypatch.setattr(Panel, "curve", lambda panel, *drawn: panels.append(panel) or curve(panel, *drawn))
+    with written() as texts:
+        tradeoff_plot.write_plot(rows, tmp_path / "plot.png", "a title " * 40)
+    check_legible(texts)
+    with Image.open(tmp_path / "plot.png") as picture:
+        pixels = np.asarray(picture)
+    assert pixels.shape == (900, 2040, 3)
+    panel = panels[0]
+    for row in of(rows, image="points", curve="sections"):
+        share = [np.log(value / axis.low) / np.log(axis.high / axis.low) for value, axis in
+                 ((row.seconds, panel.x), (row.relative_l2, panel.y))]
+        place = [150 * (panel.box.left + share[0] * panel.box.width),
+                 900 - 150 * (panel.box.bottom + share[1] * panel.box.height)]
+        across, down = (slice(int(each) - 2, int(each) + 3) for each in place)
+        assert (np.abs(pixels[down, across] - np.array([0, 158, 115])).max(axis=-1) < 40).any()  # its marker's green
+
+
 def test_a_lens_that_does_not_blur_has_a_plot_too(few_settings, tmp_path):
     lens = make_lens()
     pictures, _ = tradeoff.standard_pictures(lens, (8, 8))
@@ -196,10 +217,3 @@ def test_a_black_picture_is_named(lens_file, tmp_path, capsys):
     write_exr(SpectralImage(np.zeros((1, 8, 8)), [550], pitch_um=100.0), tmp_path / "night.exr")
     assert run("--lens", lens_file, "--image", tmp_path / "night.exr", "--output", tmp_path / "folder") == 1
     assert "night.exr: radiance is black" in capsys.readouterr().err
-
-
-def test_without_matplotlib_one_line_says_how_to_get_it(lens_file, tmp_path, capsys, monkeypatch):
-    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    assert run("--lens", lens_file, "--output", tmp_path / "folder") == 1
-    assert capsys.readouterr().err == "lensfield: matplotlib: module is not installed: pip install lensfield[plots]\n"
-    assert not (tmp_path / "folder").exists()
