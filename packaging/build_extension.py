@@ -43,7 +43,7 @@ class Generation:
         Of the extension's version. extensions.blender.org takes one zip of a version for each platform, so generations
         need different versions. As that of a pre-release, it comes before the version for newer Blenders.
     folder : str
-        In the folder of zips: a repository for Blenders that no version tells apart from others.
+        In the folder of zips: a separate repository, for Blenders that no version number distinguishes.
     """
 
     python: str

@@ -35,7 +35,7 @@ def toggle_favourite(lens):
 
 @lru_cache(maxsize=1)
 def _names(path, stamp):
-    """The names in a file; the stamp tells when to read it again."""
+    """The names in a file, which is read again if its stamp changes."""
     try:
         return frozenset(path.read_text(encoding="utf-8", errors="replace").split())
     except OSError:  # the panel lists the lenses without marks
