@@ -1,10 +1,11 @@
 """Write a file of every format of this version of Lensfield, small, into a folder of its own: tests/data/golden-0.1.0.
 
-    .venv/bin/python tests/data/make_golden.py
+    HOME=/tmp .venv/bin/python tests/data/make_golden.py
 
 Later versions must read these files, and find what `facts.json` states. Run it once for each version that changes a
 format, before its release, with Blender's wheel. Never run it again for 0.1.0, or for any other version that has been
-released: files that its users have are as they are. It refuses to write into a folder that exists.
+released: files that its users have are as they are. It refuses to write into a folder that exists. Blender
+stores the folder HOME in .blend files.
 """
 
 import json
