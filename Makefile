@@ -58,6 +58,7 @@
 #                  validate raw files with Adobe's DNG SDK
 # make test-photographs  compare docs/photographs.md with a new run of make validate-photographs
 # make test-plate PLATE=FOLDER  compare docs/photographs.md with a new run of make validate-plate
+# make test-calibration  compare calibrations with OpenCV, in .venv-opencv
 # make test-farm   run the tests of Open Job Description and Dask, in .venv-farm
 # make lenses      bake the library's lens packages again from their prescriptions (seconds)
 # make lens-rims   fit the rims of the library's lenses to photographs in Lensfun's database, and give similar lenses
@@ -131,7 +132,7 @@ SITE = .venv-site
 RELEASE = .venv-release
 LOCK = packaging/lock-5.0.1.txt
 
-.PHONY: demo kernels test heavy fuzz long-runs kill-test test-kernels test-engine test-blender ui-test bench bench-device bench-all validate validate-sensor validate-raw validate-photographs validate-plate scenes wheels dist release test-bake test-sensor test-photographs test-plate test-farm lens-rims stop-places glasses lenses lens-pictures hero platform-pictures camera-pictures cameras tables bench-tables \
+.PHONY: demo kernels test heavy fuzz long-runs kill-test test-kernels test-engine test-blender ui-test bench bench-device bench-all validate validate-sensor validate-raw validate-photographs validate-plate scenes wheels dist release test-bake test-sensor test-photographs test-plate test-calibration test-farm lens-rims stop-places glasses lenses lens-pictures hero platform-pictures camera-pictures cameras tables bench-tables \
         test-numpy ci site lint lock
 
 demo: $(READY) kernels
@@ -164,7 +165,7 @@ test-numpy: $(READY) kernels  # as on machines without the compiled loops
 
 ci: ROUNDS = 40
 ci: HEAVY = 3
-ci: ci-5.0.1 test-engine ci-5.2.3 ci-4.5.15 ci-5.1.2 test-kernels test-numpy test-bake test-farm test-sensor test-photographs wheels site  # longest first
+ci: ci-5.0.1 test-engine ci-5.2.3 ci-4.5.15 ci-5.1.2 test-kernels test-numpy test-bake test-farm test-sensor test-photographs test-calibration wheels site  # longest first
 
 ci-5.0.1: CI_TESTS = tests/addon
 ci-5.2.3: CI_TESTS = tests/addon -m 'not one_blender'
@@ -269,6 +270,9 @@ test-photographs: $(PHOTOGRAPHS)/.ready kernels
 
 test-plate: $(OPENCV)/.ready kernels
 	$(OPENCV)/bin/python -m pytest -q tests/addon/job/test_plate.py
+
+test-calibration: $(OPENCV)/.ready kernels
+	$(OPENCV)/bin/python -m pytest -q tests/engine/calibration
 
 test-farm: $(FARM)/.ready kernels
 	$(FARM)/bin/python -m pytest -q tests/farm/test_openjd.py tests/farm/test_dask.py

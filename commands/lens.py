@@ -1,4 +1,4 @@
-"""`lensfield lens`: inspect, check, plot, bake, fit, import and convert lens data."""
+"""`lensfield lens`: inspect, check, plot, bake, calibrate, fit, import and convert lens data."""
 
 import json
 from collections import Counter
@@ -37,7 +37,7 @@ from lensfield.engine.runtime.files import atomic_path
 from lensfield.engine.runtime.values import json_value
 from lensfield.engine.spectral.spectra import parse_wavelengths
 
-from . import bake, fit
+from . import bake, calibration, fit
 from .arguments import (
     LENSES,
     add_iris,
@@ -77,6 +77,7 @@ def add_options(command):
     _add_check(lens)
     _add_plot(lens)
     _add_stmap(lens)
+    calibration.add(lens)
     _add_import(lens)
     bake.add(lens)
     fit.add(lens)

@@ -30,6 +30,7 @@ FLOORS = {
     # lens + radiance -> irradiance
     "engine.image": {"engine.runtime"},
     "engine.field": {"engine.image", "engine.kernels", "engine.lens", "engine.rays", "engine.runtime"},
+    "engine.calibration": {"engine.field", "engine.image", "engine.lens", "engine.runtime"},
     "engine.blur": {"engine.field", "engine.kernels", "engine.runtime"},
     "engine.plan": {"engine.blur", "engine.field", "engine.image", "engine.kernels", "engine.lens", "engine.runtime"},
     "engine.depth": {"engine.field", "engine.image", "engine.kernels", "engine.lens", "engine.rays", "engine.runtime"},

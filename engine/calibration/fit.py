@@ -1,0 +1,140 @@
+"""Calibrations: models fitted to the rays of a frame, by least squares of their distances in pixels."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from ..image.pixel_grid import PixelGrid
+from ..lens import Lens
+from .models import Model
+from .rays import FrameRays, frame_rays
+
+TARGET_PX = 0.1
+ALIKE = 1.1
+TOLERANCE = 1e-12
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A camera model of a lens in front of a frame.
+
+    Attributes
+    ----------
+    model : Model
+    frame : PixelGrid
+    focal_px, principal_px : (float, float)
+        fx and fy; cx and cy, where 0, 0 is the middle of the upper left pixel, as in OpenCV.
+    coefficients : tuple of float
+        Of the model.
+    rms_px, largest_px : float
+        Distances in the frame between the model's pixels and the lens's.
+    covered : float
+        The fraction of the frame that the lens data cover, and to which the model was fitted.
+    lens : str
+    focus_mm : float
+        From the entrance pupil; inf for infinity.
+    f_number, wavelength_nm : float
+    largest_angle_deg : float
+        Of light in the frame, from the axis.
+    """
+
+    model: Model
+    frame: PixelGrid
+    focal_px: tuple[float, float]
+    principal_px: tuple[float, float]
+    coefficients: tuple[float, ...]
+    rms_px: float
+    largest_px: float
+    covered: float
+    lens: str
+    focus_mm: float
+    f_number: float
+    wavelength_nm: float
+    largest_angle_deg: float
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """Columns and rows."""
+        rows, columns = self.frame.shape_px
+        return columns, rows
+
+    @property
+    def by_name(self) -> dict[str, float]:
+        """The coefficients by name."""
+        return dict(zip(self.model.coefficients, self.coefficients, strict=True))
+
+    def opencv_coefficients(self, count: int) -> list[float]:
+        """The first coefficients in OpenCV's order, k1 k2 p1 p2 k3 ..., or k1 k2 k3 k4 of a fisheye; 0 if the model
+        lacks them."""
+        order = ("k1 k2 k3 k4" if self.model.fisheye else "k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4").split()
+        return [self.by_name.get(name, 0.0) for name in order[:count]]
+
+    def pixels(self, directions: np.ndarray) -> np.ndarray:
+        """Columns and rows of light from directions, (place, 3) as `FrameRays.directions`: array (place, 2)."""
+        return self.model.place(directions, np.array(self.coefficients)) * self.focal_px + self.principal_px
+
+
+def calibrate(lens: Lens, frame: PixelGrid, wavelength_nm: float, models: Sequence[Model],
+              target_px: float = TARGET_PX) -> Calibration:
+    """The calibration of a lens by the first model whose largest residual is at most `target_px`. If there is none, by
+    the first that is at most ALIKE times as far off as the closest.
+
+    Parameters
+    ----------
+    lens : Lens
+    frame : PixelGrid
+        Without overscan.
+    wavelength_nm : float
+    models : sequence of Model
+        From the simplest.
+    target_px : float
+
+    Returns
+    -------
+    Calibration
+
+    Raises
+    ------
+    LensError
+        As `frame_rays`.
+    """
+    rays, fits = frame_rays(lens, frame, wavelength_nm), []
+    for model in models:
+        fits.append((model, *_fit(rays, model)))
+        if fits[-1][-1].max() <= target_px:
+            break
+    enough_px = max(target_px, ALIKE * min(fit[-1].max() for fit in fits))
+    model, focal_px, principal_px, coefficients, off_px = next(fit for fit in fits if fit[-1].max() <= enough_px)
+    return Calibration(
+        model, frame, focal_px, principal_px, coefficients, float(np.sqrt(np.mean(off_px**2))), float(off_px.max()),
+        rays.covered, lens.name, lens.object_distance_mm + lens.entrance_pupil_mm, lens.f_number_effective,
+        wavelength_nm, float(np.degrees(np.arctan(np.hypot(*rays.directions[:, :2].T).max()))))
+
+
+def _fit(rays: FrameRays, model: Model):
+    """Focal lengths, principal point, coefficients, and distances in pixels: array (place,).
+
+    The principal point of a rotationally symmetric lens is its axis, and both focal lengths are equal.
+    """
+    free = model.symmetric if rays.symmetric else np.ones(len(model.coefficients), bool)
+    start = (rays.focal_px[:1] if rays.symmetric else (*rays.focal_px, *rays.axis_px))
+
+    def parts(values):
+        focal_px, values = (np.repeat(values[:1], 2), values[1:]) if rays.symmetric else (values[:2], values[2:])
+        principal_px, values = (np.array(rays.axis_px), values) if rays.symmetric else (values[:2], values[2:])
+        coefficients = np.zeros(free.size)
+        coefficients[free] = values
+        return focal_px, principal_px, coefficients
+
+    def off_px(values):
+        focal_px, principal_px, coefficients = parts(values)
+        return model.place(rays.directions, coefficients) * focal_px + principal_px - rays.pixels
+
+    limits = np.array([(-np.inf, np.inf)] * len(start) + [model.limits] * int(free.sum())).T
+    solution = scipy.optimize.least_squares(
+        lambda values: off_px(values).ravel(), (*start, *np.array(model.start)[free]), bounds=tuple(limits),
+        x_scale="jac", ftol=TOLERANCE, xtol=TOLERANCE, gtol=TOLERANCE).x
+    focal_px, principal_px, coefficients = (tuple(each.tolist()) for each in parts(solution))
+    return focal_px, principal_px, coefficients, np.hypot(*off_px(solution).T)

@@ -1,0 +1,102 @@
+"""Camera models of other programs: from directions of light to places on a plane at unit distance.
+
+Directions are in the axes of OpenCV: x to the right, y downwards, z forwards. A pixel is the focal length in pixels
+times the place, plus the principal point.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+Placing = Callable[..., tuple[np.ndarray, np.ndarray]]
+
+
+@dataclass(frozen=True)
+class Model:
+    """A camera model.
+
+    Attributes
+    ----------
+    name : str
+        As `--model` names it.
+    coefficients : tuple of str
+        In the order of OpenCV's arrays.
+    placed : function (x, y, z, *coefficients) -> (x, y)
+        Places on the plane at unit distance: arrays of any shape.
+    start : tuple of float
+        Coefficients to start a fit with.
+    limits : (float, float)
+        Of the coefficients.
+    fisheye : bool
+        Whether it describes light far from the axis.
+    """
+
+    name: str
+    coefficients: tuple[str, ...]
+    placed: Placing
+    start: tuple[float, ...]
+    limits: tuple[float, float] = (-np.inf, np.inf)
+    fisheye: bool = False
+
+    @property
+    def symmetric(self) -> np.ndarray:
+        """Whether each coefficient may differ from 0 for a rotationally symmetric lens: bool array (coefficient,)."""
+        return np.array([name[0] not in ASYMMETRIC for name in self.coefficients], bool)
+
+    def place(self, directions: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
+        """Places of directions: arrays (..., 3) and (..., 2)."""
+        return np.stack(self.placed(*np.moveaxis(directions, -1, 0), *coefficients), axis=-1)
+
+
+ASYMMETRIC = "p", "s"  # first letters of tangential and thin-prism coefficients
+
+
+def _brown_conrady(x, y, z, k1=0.0, k2=0.0, p1=0.0, p2=0.0, k3=0.0, k4=0.0, k5=0.0, k6=0.0, s1=0.0, s2=0.0, s3=0.0,
+                   s4=0.0):
+    """OpenCV's pinhole camera with rational, tangential and thin-prism distortion (calib3d)."""
+    x, y = x / z, y / z
+    square = x**2 + y**2
+    radial = (1 + square * (k1 + square * (k2 + square * k3))) / (1 + square * (k4 + square * (k5 + square * k6)))
+    return (x * radial + 2 * p1 * x * y + p2 * (square + 2 * x**2) + square * (s1 + square * s2),
+            y * radial + p1 * (square + 2 * y**2) + 2 * p2 * x * y + square * (s3 + square * s4))
+
+
+def _radial(x, y, z, k1=0.0, k2=0.0, k3=0.0):
+    return _brown_conrady(x, y, z, k1, k2, 0.0, 0.0, k3)
+
+
+def _kannala_brandt(x, y, z, k1, k2, k3, k4):
+    """Kannala and Brandt, IEEE PAMI 28 (2006), as OpenCV's fisheye camera: an odd polynomial of the angle."""
+    radius = np.hypot(x, y)
+    angle = np.arctan2(radius, z)
+    square = angle**2
+    distorted = angle * (1 + square * (k1 + square * (k2 + square * (k3 + square * k4))))
+    scale = np.divide(distorted, radius, out=1 / np.abs(z), where=radius > 0)
+    return scale * x, scale * y
+
+
+def _double_sphere(x, y, z, xi, alpha):
+    """Usenko, Demmel and Cremers, 3DV 2018: a second sphere's projection is mixed with a plane's."""
+    distance = np.sqrt(x**2 + y**2 + z**2)
+    shifted = xi * distance + z
+    depth = alpha * np.sqrt(x**2 + y**2 + shifted**2) + (1 - alpha) * shifted
+    return x / depth, y / depth
+
+
+def _model(name, coefficients, placed, **facts):
+    names = tuple(coefficients.split())
+    return Model(name, names, placed, **{"start": (0.0,) * len(names)} | facts)
+
+
+PINHOLE = _model("pinhole", "", _radial)
+RADIAL = tuple(_model(f"radial-{count}", " ".join(["k1", "k2", "k3"][:count]), _radial) for count in (1, 2, 3))
+RADTAN = _model("radtan", "k1 k2 p1 p2", _brown_conrady)
+BROWN_CONRADY = _model("brown-conrady", "k1 k2 p1 p2 k3", _brown_conrady)
+RATIONAL = _model("rational", "k1 k2 p1 p2 k3 k4 k5 k6", _brown_conrady)
+THIN_PRISM = _model("thin-prism", "k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4", _brown_conrady)
+KANNALA_BRANDT = _model("kannala-brandt", "k1 k2 k3 k4", _kannala_brandt, fisheye=True)
+DOUBLE_SPHERE = _model("double-sphere", "xi alpha", _double_sphere, fisheye=True, start=(0.0, 0.5), limits=(-1.0, 1.0))
+MODELS = {model.name: model for model in (PINHOLE, *RADIAL, RADTAN, BROWN_CONRADY, RATIONAL, THIN_PRISM, KANNALA_BRANDT,
+                                          DOUBLE_SPHERE)}
+"""By name."""
