@@ -9,7 +9,8 @@ from .job.job import check_output_folder, folder_for, set_blend_folder
 from .job.photo import camera_words
 from .job.result import check_next_to_frames
 from .job.source import source_digest
-from .render.animation import Animation, render_animation
+from .render.animation import Animation, frames_of, render_animation
+from .render.cameras import frame_camera
 from .render.child import sweep
 from .render.comparison import plan_comparison, render_comparison
 from .render.preflight import preflight
@@ -50,9 +51,10 @@ from .ui.live import live, quick_look
 from .ui.preview import click_focus, preview, preview_panel
 
 __all__ = ["Animation", "RenderRequest", "apply_lens", "camera_settings", "camera_words", "changed_scene",
-           "check_next_to_frames", "check_output_folder", "folder_for", "moved_preview", "open_preview",
-           "opened_preview", "plan_comparison", "preflight", "register", "render_animation", "render_comparison",
-           "render_through_lens", "set_blend_folder", "source_digest", "take_session", "unregister"]
+           "check_next_to_frames", "check_output_folder", "folder_for", "frame_camera", "frames_of", "moved_preview",
+           "open_preview", "opened_preview", "plan_comparison", "preflight", "register", "render_animation",
+           "render_comparison", "render_through_lens", "set_blend_folder", "source_digest", "take_session",
+           "unregister"]
 
 _MODULES = (properties, preferences, favourites, fixes, operators, open_lens, fit_lens, animation, another_lens,
             comparison, preview_panel, live, quick_look, lens_assets, compositor_panel, camera_presets, click_focus,

@@ -96,7 +96,7 @@ class Animation:
         result = self._result(frame)
         if not result.record.is_file():  # checked first, because evaluating the frame may take long
             return False
-        with _named(frame):
+        with named_frame(frame):
             job = self._job(frame)
         record = read_record(result.record, recorded_fields(job), result.written_by(job))
         if record is None:
@@ -135,7 +135,7 @@ class Animation:
         result = self._result(frame)
         self.elsewhere = [other for other in self.elsewhere if other != frame]
         try:
-            with _named(frame), only_writer(result.record):
+            with named_frame(frame), only_writer(result.record):
                 if stamp_of(result.record) != self._stamps[frame] and self._find(frame):
                     return None
                 self.results[frame] = self._render_alone(frame, on_progress)
@@ -270,7 +270,7 @@ def frames_of(scene):
 
 
 @contextmanager
-def _named(frame):
+def named_frame(frame):
     """Add the frame's number to errors."""
     try:
         yield

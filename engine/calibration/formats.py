@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 from ..image.pixel_grid import PixelGrid
 from ..lens import Lens
@@ -66,6 +67,7 @@ def check_model(name: str, model: str | None) -> None:
         raise InputError("options", "--model", model, f"--for {name} has {', '.join(names)}")
 
 
+@lru_cache(maxsize=4)  # the frames of an animation mostly share a lens
 def calibrated_for(name: str, lens: Lens, frame: PixelGrid, wavelength_nm: float, model: str | None = None
                    ) -> Calibration:
     """The calibration of a lens for a format.

@@ -72,7 +72,7 @@ def _kannala_brandt(x, y, z, k1, k2, k3, k4):
     angle = np.arctan2(radius, z)
     square = angle**2
     distorted = angle * (1 + square * (k1 + square * (k2 + square * (k3 + square * k4))))
-    scale = np.divide(distorted, radius, out=1 / np.abs(z), where=radius > 0)
+    scale = np.where(radius > 0, distorted / np.where(radius > 0, radius, 1), 1 / np.abs(z))
     return scale * x, scale * y
 
 

@@ -1,0 +1,68 @@
+"""The cameras of a scene's frames: their lenses, their pixels and their places."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.lens import Lens
+
+from ..job.job import job_of
+from ..job.result import Result
+from ..scene.camera import frame_grid
+from ..scene.lens_cache import unwatched
+from ..scene.render_state import go_to_frame
+from ..scene.requirements import check_scene
+from ..scene.undo import Journal
+from ..scene.units import metres_per_unit
+from .animation import named_frame
+
+
+@dataclass(frozen=True, eq=False)
+class FrameCamera:
+    """The camera of a frame.
+
+    Attributes
+    ----------
+    lens : Lens
+        As `Job.lens`.
+    grid : PixelGrid
+        The frame's pixels on the sensor.
+    pose : array (4, 4)
+        From the camera's axes, x to the right, y upwards, z backwards, to the scene's, in metres. The origin is the
+        lens's entrance pupil.
+    picture : str
+        Name of the frame's picture through the lens.
+    """
+
+    lens: Lens
+    grid: PixelGrid
+    pose: np.ndarray
+    picture: str
+
+
+def frame_camera(scene, frame, baking=unwatched, **given):
+    """The FrameCamera of a frame of a scene.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+    frame : int
+    baking : callable (fraction, label)
+        Progress of a bake of the lens.
+    given : by name
+        Fields of a RenderRequest; all others are as in the scene's Lensfield settings at that frame.
+
+    Raises
+    ------
+    InputError
+        As for a render; it states the frame's number.
+    """
+    with named_frame(frame), Journal() as journal:
+        go_to_frame(scene, frame, journal)
+        check_scene(scene, **given)
+        lens = job_of(scene, baking=baking, **given).lens
+        pose = np.array(scene.camera.matrix_world.normalized())
+        pose[:3, 3] *= metres_per_unit(scene)
+        return FrameCamera(lens, frame_grid(scene, lens), pose, Result.of(scene, Path(), frame).after.name)
