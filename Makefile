@@ -40,6 +40,9 @@
 # make validate-plate PLATE=FOLDER  compare photographs of measured plates with their renders through the measured lens;
 #                  FOLDER is a clone of https://github.com/DLR-RM/BlenderProc; write the table and the picture in
 #                  docs/photographs.md (with OpenCV, in .venv-opencv; five minutes)
+# make validate-calibration  take pictures of chessboards through four lenses, which OpenCV calibrates, and reconstruct
+#                  an orbit around the sample scene with COLMAP; write the tables of docs/calibration.md (with OpenCV and
+#                  pycolmap, in .venv-opencv; half an hour); the orbit's pictures are kept in build/orbit
 # make scenes      render two hundred ordinary scenes through a nearly perfect lens and by Cycles alone, and five of them
 #                  by every command: all must agree (an hour); SCENES="hdri lamps" selects scenes or themes; the table,
 #                  pictures and .blend files are in build/scenes. make test renders two, chosen by SEED
@@ -58,7 +61,7 @@
 #                  validate raw files with Adobe's DNG SDK
 # make test-photographs  compare docs/photographs.md with a new run of make validate-photographs
 # make test-plate PLATE=FOLDER  compare docs/photographs.md with a new run of make validate-plate
-# make test-calibration  compare calibrations with OpenCV, in .venv-opencv
+# make test-calibration  compare calibrations with OpenCV, in .venv-opencv, and with Lensfun, in .venv-photographs
 # make test-farm   run the tests of Open Job Description and Dask, in .venv-farm
 # make lenses      bake the library's lens packages again from their prescriptions (seconds)
 # make lens-rims   fit the rims of the library's lenses to photographs in Lensfun's database, and give similar lenses
@@ -132,7 +135,7 @@ SITE = .venv-site
 RELEASE = .venv-release
 LOCK = packaging/lock-5.0.1.txt
 
-.PHONY: demo kernels test heavy fuzz long-runs kill-test test-kernels test-engine test-blender ui-test bench bench-device bench-all validate validate-sensor validate-raw validate-photographs validate-plate scenes wheels dist release test-bake test-sensor test-photographs test-plate test-calibration test-farm lens-rims stop-places glasses lenses lens-pictures hero platform-pictures camera-pictures cameras tables bench-tables \
+.PHONY: demo kernels test heavy fuzz long-runs kill-test test-kernels test-engine test-blender ui-test bench bench-device bench-all validate validate-sensor validate-raw validate-photographs validate-plate validate-calibration scenes wheels dist release test-bake test-sensor test-photographs test-plate test-calibration test-farm lens-rims stop-places glasses lenses lens-pictures hero platform-pictures camera-pictures cameras tables bench-tables \
         test-numpy ci site lint lock
 
 demo: $(READY) kernels
@@ -221,6 +224,10 @@ validate-photographs: $(PHOTOGRAPHS)/.ready kernels
 validate-plate: $(OPENCV)/.ready kernels
 	$(OPENCV)/bin/python -W ignore validation/plate_photographs.py "$(PLATE)" docs/photographs.md docs/plate.jpg
 
+validate-calibration: $(OPENCV)/.ready kernels
+	$(OPENCV)/bin/python -W ignore validation/chessboards.py docs/calibration.md
+	$(OPENCV)/bin/python -W ignore validation/orbit.py build/orbit docs/calibration.md
+
 validate-raw: $(SENSOR)/.ready $(RAW_SCENE)/evening_chess_Scene_0001_irradiance.exr
 	$(SENSOR)/bin/python validation/raw_scene.py $(RAW_SCENE)/evening_chess_Scene_0001_irradiance.exr $(RAW_SCENE) docs/camera.md
 
@@ -271,8 +278,9 @@ test-photographs: $(PHOTOGRAPHS)/.ready kernels
 test-plate: $(OPENCV)/.ready kernels
 	$(OPENCV)/bin/python -m pytest -q tests/addon/job/test_plate.py
 
-test-calibration: $(OPENCV)/.ready kernels
-	$(OPENCV)/bin/python -m pytest -q tests/engine/calibration
+test-calibration: $(OPENCV)/.ready $(PHOTOGRAPHS)/.ready kernels
+	$(OPENCV)/bin/python -m pytest -q tests/engine/calibration tests/addon/job/test_chessboards.py
+	$(PHOTOGRAPHS)/bin/python -m pytest -q tests/engine/calibration/test_lensfun.py
 
 test-farm: $(FARM)/.ready kernels
 	$(FARM)/bin/python -m pytest -q tests/farm/test_openjd.py tests/farm/test_dask.py
@@ -336,7 +344,7 @@ $(PHOTOGRAPHS)/.ready: pyproject.toml packaging/environment.sh
 	packaging/environment.sh $(PHOTOGRAPHS) photographs
 
 $(OPENCV)/.ready: pyproject.toml packaging/environment.sh $(LOCK)
-	packaging/environment.sh $(OPENCV) 5.0.1 opencv
+	packaging/environment.sh $(OPENCV) 5.0.1 opencv,colmap
 
 $(FARM)/.ready: pyproject.toml packaging/environment.sh $(LOCK)
 	packaging/environment.sh $(FARM) 5.0.1 farm,openjd

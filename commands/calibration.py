@@ -6,7 +6,7 @@ from lensfield.engine import InputError
 from lensfield.engine.calibration.fit import TARGET_PX
 from lensfield.engine.calibration.formats import FORMATS, OPTION, calibrated_for, check_model
 from lensfield.engine.calibration.models import MODELS
-from lensfield.engine.calibration.views import View, summary
+from lensfield.engine.calibration.views import View, overscan_lines, summary
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.inspection.curves import reference_nm
 from lensfield.engine.lens.pinhole import fitting_pitch_um
@@ -109,7 +109,7 @@ def _write(options, path, views):
     with atomic_path(path, overwrite=True) as temporary:
         temporary.write_text(text, encoding="utf-8", newline="\n")
     for calibration in dict.fromkeys(view.calibration for view in views):
-        say(summary(calibration), *_remarks(options, calibration))
+        say(summary(calibration), *_remarks(options, calibration), *overscan_lines(calibration))
     say(path)
 
 

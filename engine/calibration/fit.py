@@ -38,6 +38,8 @@ class Calibration:
     f_number, wavelength_nm : float
     largest_angle_deg : float
         Of light in the frame, from the axis.
+    tangents : (float, float, float, float)
+        The extent of the frame's light on a plane: to the left, upwards, to the right and downwards.
     """
 
     model: Model
@@ -53,6 +55,7 @@ class Calibration:
     f_number: float
     wavelength_nm: float
     largest_angle_deg: float
+    tangents: tuple[float, float, float, float]
 
     @property
     def size_px(self) -> tuple[int, int]:
@@ -70,6 +73,16 @@ class Calibration:
         lacks them."""
         order = ("k1 k2 k3 k4" if self.model.fisheye else "k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4").split()
         return [self.by_name.get(name, 0.0) for name in order[:count]]
+
+    @property
+    def overscan_px(self) -> tuple[float, float, float, float]:
+        """How far the undistorted frame reaches beyond the frame: to the left, upwards, to the right and downwards.
+
+        Undistorted, pixels on the axis keep their size and place.
+        """
+        left, up, right, down = self.tangents
+        (fx, fy), (cx, cy), (columns, rows) = self.focal_px, self.principal_px, self.size_px
+        return (fx * left - cx - 0.5, fy * up - cy - 0.5, fx * right + cx - columns + 0.5, fy * down + cy - rows + 0.5)
 
     def pixels(self, directions: np.ndarray) -> np.ndarray:
         """Columns and rows of light from directions, (place, 3) as `FrameRays.directions`: array (place, 2)."""
@@ -110,7 +123,7 @@ def calibrate(lens: Lens, frame: PixelGrid, wavelength_nm: float, models: Sequen
     return Calibration(
         model, frame, focal_px, principal_px, coefficients, float(np.sqrt(np.mean(off_px**2))), float(off_px.max()),
         rays.covered, lens.name, lens.object_distance_mm + lens.entrance_pupil_mm, lens.f_number_effective,
-        wavelength_nm, float(np.degrees(np.arctan(np.hypot(*rays.directions[:, :2].T).max()))))
+        wavelength_nm, float(np.degrees(np.arctan(np.hypot(*rays.directions[:, :2].T).max()))), rays.tangents)
 
 
 def _fit(rays: FrameRays, model: Model):
@@ -119,14 +132,14 @@ def _fit(rays: FrameRays, model: Model):
     The principal point of a rotationally symmetric lens is its axis, and both focal lengths are equal.
     """
     free = model.symmetric if rays.symmetric else np.ones(len(model.coefficients), bool)
-    start = (rays.focal_px[:1] if rays.symmetric else (*rays.focal_px, *rays.axis_px))
+    focal_start = rays.focal_px[1:] if rays.symmetric or model.one_focal else rays.focal_px
+    start = *focal_start, *(() if rays.symmetric else rays.axis_px)
 
     def parts(values):
-        focal_px, values = (np.repeat(values[:1], 2), values[1:]) if rays.symmetric else (values[:2], values[2:])
-        principal_px, values = (np.array(rays.axis_px), values) if rays.symmetric else (values[:2], values[2:])
+        focal_px, principal_px = values[:len(focal_start)], values[len(focal_start):len(start)]
         coefficients = np.zeros(free.size)
-        coefficients[free] = values
-        return focal_px, principal_px, coefficients
+        coefficients[free] = values[len(start):]
+        return (np.broadcast_to(focal_px, 2), np.array(rays.axis_px) if rays.symmetric else principal_px, coefficients)
 
     def off_px(values):
         focal_px, principal_px, coefficients = parts(values)

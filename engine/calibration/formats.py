@@ -9,19 +9,30 @@ from ..lens import Lens
 from ..runtime.errors import InputError
 from .colmap import colmap_text
 from .fit import Calibration, calibrate
+from .gyroflow import gyroflow_text
+from .isaac import isaac_text
+from .kalibr import kalibr_text
+from .lensfun import lensfun_text
 from .models import (
     BROWN_CONRADY,
+    DOUBLE_SPHERE,
     KANNALA_BRANDT,
     PINHOLE,
+    POLY3,
+    POLY5,
+    PTLENS,
     RADIAL,
     RADTAN,
     RATIONAL,
     THIN_PRISM,
+    UNDISTORTING,
     Model,
 )
 from .nerfstudio import nerfstudio_text
 from .opencv import opencv_text
+from .openlensio import openlensio_text
 from .rays import frame_rays
+from .ros import ros_text
 from .views import View
 
 OPTION = "--for"
@@ -51,12 +62,20 @@ class Format:
     poses: bool = False
 
 
-POLYNOMIALS = PINHOLE, *RADIAL[:2], RADTAN, RADIAL[2], BROWN_CONRADY
+SHORT = PINHOLE, *RADIAL[:2], RADTAN
+POLYNOMIALS = *SHORT, RADIAL[2], BROWN_CONRADY
 FORMATS = {
     "opencv": Format("OpenCV's FileStorage", ".yml", (*POLYNOMIALS, RATIONAL, THIN_PRISM, KANNALA_BRANDT), opencv_text),
     "colmap": Format("COLMAP's cameras.txt", ".txt", (*POLYNOMIALS, RATIONAL, KANNALA_BRANDT), colmap_text),
     "nerfstudio": Format("nerfstudio's transforms.json", ".json", (*POLYNOMIALS, KANNALA_BRANDT), nerfstudio_text,
                          poses=True),
+    "kalibr": Format("Kalibr's camchain.yaml", ".yaml", (*SHORT, KANNALA_BRANDT, DOUBLE_SPHERE), kalibr_text),
+    "ros": Format("ROS's camera_info", ".yaml", (*POLYNOMIALS, RATIONAL, KANNALA_BRANDT), ros_text),
+    "isaac": Format("a USD camera of Isaac Sim", ".usda", (*POLYNOMIALS, RATIONAL, THIN_PRISM, KANNALA_BRANDT),
+                    isaac_text),
+    "openlensio": Format("OpenTrackIO with OpenLensIO", ".json", UNDISTORTING, openlensio_text),
+    "lensfun": Format("Lensfun's database", ".xml", (POLY3, POLY5, PTLENS), lensfun_text),
+    "gyroflow": Format("Gyroflow's lens profile", ".json", (KANNALA_BRANDT,), gyroflow_text),
 }
 
 
@@ -94,18 +113,16 @@ def calibrated_for(name: str, lens: Lens, frame: PixelGrid, wavelength_nm: float
 
 
 def _suitable(name, lens, frame, wavelength_nm, requested):
-    """The models of a format for a lens: those of fisheyes for a fisheye, and only the requested one, if any."""
+    """The models of a format for a lens: only those of fisheyes for a fisheye, and only the requested one, if any."""
     check_model(name, requested)
     rays, models = frame_rays(lens, frame, wavelength_nm), FORMATS[name].models
-    named = {model.name: model for model in models}
-    of_kind = [model for model in models if model.fisheye == rays.fisheye]
-    fisheye = f"{lens.name} is a fisheye here: a distortion of {rays.distortion:.0%}"
-    if rays.fisheye and not of_kind:
-        able = [other for other, form in FORMATS.items() if any(model.fisheye for model in form.models)]
-        raise InputError("options", OPTION, name, f"{fisheye}; use {', '.join(able)}")
+    able = [model for model in models if model.fisheye or not rays.fisheye]
+    where = f"{lens.name} is a fisheye here, with a distortion of {rays.distortion:.0%}"
+    if not able:
+        others = [other for other, form in FORMATS.items() if any(model.fisheye for model in form.models)]
+        raise InputError("options", OPTION, name, f"{where}: use {', '.join(others)}")
     if requested is None:
-        return of_kind or models
-    if rays.fisheye and not named[requested].fisheye:
-        raise InputError("options", "--model", requested,
-                         f"{fisheye}; use {', '.join(model.name for model in of_kind)}")
-    return [named[requested]]
+        return able
+    if requested not in (names := [model.name for model in able]):
+        raise InputError("options", "--model", requested, f"{where}: use {', '.join(names)}")
+    return [model for model in able if model.name == requested]

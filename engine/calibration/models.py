@@ -30,6 +30,8 @@ class Model:
         Of the coefficients.
     fisheye : bool
         Whether it describes light far from the axis.
+    one_focal : bool
+        Whether its focal lengths along rows and columns are equal.
     """
 
     name: str
@@ -38,6 +40,7 @@ class Model:
     start: tuple[float, ...]
     limits: tuple[float, float] = (-np.inf, np.inf)
     fisheye: bool = False
+    one_focal: bool = False
 
     @property
     def symmetric(self) -> np.ndarray:
@@ -49,6 +52,7 @@ class Model:
         return np.stack(self.placed(*np.moveaxis(directions, -1, 0), *coefficients), axis=-1)
 
 
+NEWTON_STEPS, SLOPE_STEP = 12, 1e-6
 ASYMMETRIC = "p", "s"  # first letters of tangential and thin-prism coefficients
 
 
@@ -64,6 +68,29 @@ def _brown_conrady(x, y, z, k1=0.0, k2=0.0, p1=0.0, p2=0.0, k3=0.0, k4=0.0, k5=0
 
 def _radial(x, y, z, k1=0.0, k2=0.0, k3=0.0):
     return _brown_conrady(x, y, z, k1, k2, 0.0, 0.0, k3)
+
+
+def _distorted(x, y, z, *coefficients):
+    """OpenLensIO's default model: Brown's equations lead from distorted to undistorted places, and Newton's method with
+    the radial slope back."""
+    x, y = x / z, y / z
+    at_x, at_y = x, y
+    for _ in range(NEWTON_STEPS):
+        straight_x, straight_y = _brown_conrady(at_x, at_y, 1.0, *coefficients)
+        outer_x, outer_y = _brown_conrady((1 + SLOPE_STEP) * at_x, (1 + SLOPE_STEP) * at_y, 1.0, *coefficients)
+        radius = np.maximum(np.hypot(straight_x, straight_y), np.finfo(float).tiny)
+        slope = (np.hypot(outer_x, outer_y) / radius - 1) / SLOPE_STEP  # of log radius: 1 without distortion
+        ratio = np.hypot(at_x, at_y) / radius / np.where(slope > 0, slope, 1)
+        at_x, at_y = at_x + (x - straight_x) * ratio, at_y + (y - straight_y) * ratio
+    return at_x, at_y
+
+
+def _ptlens(x, y, z, k1, k2, k3):
+    """A polynomial of the third degree in the radius, as Lensfun's ptlens."""
+    x, y = x / z, y / z
+    radius = np.hypot(x, y)
+    scale = 1 + radius * (k1 + radius * (k2 + radius * k3))
+    return scale * x, scale * y
 
 
 def _kannala_brandt(x, y, z, k1, k2, k3, k4):
@@ -95,8 +122,14 @@ RADTAN = _model("radtan", "k1 k2 p1 p2", _brown_conrady)
 BROWN_CONRADY = _model("brown-conrady", "k1 k2 p1 p2 k3", _brown_conrady)
 RATIONAL = _model("rational", "k1 k2 p1 p2 k3 k4 k5 k6", _brown_conrady)
 THIN_PRISM = _model("thin-prism", "k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4", _brown_conrady)
+UNDISTORTING = tuple(
+    _model(f"undistorting-{count}", names, _distorted, one_focal=True) for count, names in (
+        (1, "k1"), (2, "k1 k2"), (3, "k1 k2 p1 p2 k3"), (6, "k1 k2 p1 p2 k3 k4 k5 k6")))
+POLY3, POLY5 = (_model(name, names, _radial, one_focal=True) for name, names in (("poly3", "k1"), ("poly5", "k1 k2")))
+PTLENS = _model("ptlens", "k1 k2 k3", _ptlens, one_focal=True)
 KANNALA_BRANDT = _model("kannala-brandt", "k1 k2 k3 k4", _kannala_brandt, fisheye=True)
 DOUBLE_SPHERE = _model("double-sphere", "xi alpha", _double_sphere, fisheye=True, start=(0.0, 0.5), limits=(-1.0, 1.0))
-MODELS = {model.name: model for model in (PINHOLE, *RADIAL, RADTAN, BROWN_CONRADY, RATIONAL, THIN_PRISM, KANNALA_BRANDT,
-                                          DOUBLE_SPHERE)}
+MODELS = {model.name: model for model in (
+    PINHOLE, *RADIAL, RADTAN, BROWN_CONRADY, RATIONAL, THIN_PRISM, KANNALA_BRANDT, DOUBLE_SPHERE, *UNDISTORTING, POLY3,
+    POLY5, PTLENS)}
 """By name."""

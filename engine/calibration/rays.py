@@ -45,6 +45,12 @@ class FrameRays:
     axis_px: tuple[float, float]
 
     @property
+    def tangents(self) -> tuple[float, float, float, float]:
+        """The largest to the left, upwards, to the right and downwards."""
+        (left, up, _), (right, down, _) = -self.directions.min(axis=0), self.directions.max(axis=0)
+        return float(left), float(up), float(right), float(down)
+
+    @property
     def fisheye(self) -> bool:
         """Whether only models of fisheyes describe the rays well."""
         return self.distortion < FISHEYE_DISTORTION

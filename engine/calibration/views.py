@@ -1,11 +1,14 @@
 """Views: calibrated cameras, and their places in a scene."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..runtime.build_identity import MARK
 from .fit import Calibration
+
+MOST_ANGLE_DEG = 70.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +35,18 @@ def summary(calibration: Calibration) -> str:
     name = " ".join(calibration.lens.split())  # one line, whatever a user's file contains
     return (f"{name}, f/{calibration.f_number:.3g}, focused at {focus}, {calibration.wavelength_nm:g} nm: "
             f"{calibration.model.name}, RMS {calibration.rms_px:.3f} px, largest {calibration.largest_px:.3f} px")
+
+
+def overscan_lines(calibration: Calibration) -> list[str]:
+    """The overscan of a picture that is undistorted without loss, in pixels and as Nuke's format; none for a fisheye,
+    which a plane shows only in part."""
+    if calibration.model.fisheye and calibration.largest_angle_deg > MOST_ANGLE_DEG:
+        return []
+    left, up, right, down = (max(0, math.ceil(side_px)) for side_px in calibration.overscan_px)
+    columns, rows = calibration.size_px
+    width, height = left + columns + right, up + rows + down
+    return [f"undistorted: {left} px more on the left, {right} on the right, {up} above, {down} below; in Nuke, "
+            f'nuke.addFormat("{width} {height} {left} {down} {left + columns} {down + rows} 1 undistorted")']
 
 
 def origin(calibration: Calibration) -> str:

@@ -1,6 +1,7 @@
 """The files of calibrations: each program's convention of pixels, coefficients and poses, and refusals."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -13,8 +14,18 @@ from lensfield.cli import main
 from lensfield.engine import InputError
 from lensfield.engine.calibration.fit import Calibration, calibrate
 from lensfield.engine.calibration.formats import FORMATS, calibrated_for
-from lensfield.engine.calibration.models import BROWN_CONRADY, KANNALA_BRANDT, MODELS, RADTAN, RATIONAL, THIN_PRISM
-from lensfield.engine.calibration.views import View
+from lensfield.engine.calibration.models import (
+    BROWN_CONRADY,
+    DOUBLE_SPHERE,
+    KANNALA_BRANDT,
+    MODELS,
+    POLY3,
+    RADTAN,
+    RATIONAL,
+    THIN_PRISM,
+    UNDISTORTING,
+)
+from lensfield.engine.calibration.views import View, overscan_lines
 from lensfield.engine.image.pixel_grid import PixelGrid
 from refusals import refused
 
@@ -25,7 +36,7 @@ def fit_of(model, coefficients=None):
     """A calibration with different values everywhere."""
     coefficients = coefficients or tuple(0.01 * number for number in range(1, len(model.coefficients) + 1))
     return Calibration(model, FRAME, (400.0, 410.0), (42.0, 61.0), coefficients, 0.02, 0.05, 1.0, 'a "lens"\nof two',
-                       np.inf, 2.8, 550.0, 12.0)
+                       np.inf, 2.8, 550.0, 12.0, (0.12, 0.17, 0.26, 0.075))
 
 
 def text(name, *calibrations):
@@ -86,9 +97,89 @@ def test_nerfstudio_states_intrinsics_of_each_frame_that_change():
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_every_format_takes_the_fit_of_an_ordinary_lens_and_names_its_maker(name):
-    fit = calibrated_for(name, radial_lens(lambda t: t * (1 - 0.9 * t**2)), FRAME, 550.0)
+    fit = calibrated_for(name, radial_lens(lambda t: t * (1 - 0.9 * t**2)), PixelGrid((90, 140), 22.0), 550.0)
     assert fit.largest_px < 0.1 and "Made by Lensfield" in text(name, fit)
     np.testing.assert_allclose(fit.focal_px, FOCAL_PX, rtol=1e-3)
+
+
+def test_kalibr():
+    fields = yaml.safe_load(text("kalibr", fit_of(RADTAN)))["cam0"]
+    assert (fields["camera_model"], fields["distortion_model"]) == ("pinhole", "radtan")
+    assert fields["intrinsics"] == [400, 410, 42, 61] and fields["resolution"] == [140, 90]
+    np.testing.assert_allclose(fields["distortion_coeffs"], [0.01, 0.02, 0.03, 0.04])
+    fields = yaml.safe_load(text("kalibr", fit_of(DOUBLE_SPHERE)))["cam0"]
+    assert (fields["camera_model"], fields["distortion_model"]) == ("ds", "none")
+    assert fields["intrinsics"] == [0.01, 0.02, 400, 410, 42, 61] and fields["distortion_coeffs"] == []
+    assert yaml.safe_load(text("kalibr", fit_of(KANNALA_BRANDT)))["cam0"]["distortion_model"] == "equidistant"
+
+
+@pytest.mark.parametrize("model, kind, count", [(BROWN_CONRADY, "plumb_bob", 5), (RATIONAL, "rational_polynomial", 8),
+                                                (KANNALA_BRANDT, "equidistant", 4)])
+def test_ros(model, kind, count):
+    fields = yaml.safe_load(text("ros", fit_of(model)))
+    assert fields["distortion_model"] == kind and (fields["image_width"], fields["image_height"]) == (140, 90)
+    assert fields["camera_matrix"]["data"] == [400, 0, 42, 0, 410, 61, 0, 0, 1]
+    assert fields["projection_matrix"]["data"] == [400, 0, 42, 0, 0, 410, 61, 0, 0, 0, 1, 0]
+    np.testing.assert_allclose(fields["distortion_coefficients"]["data"], 0.01 * np.arange(1, count + 1))
+
+
+@pytest.mark.parametrize("model, kind", [(THIN_PRISM, "opencvPinhole"), (KANNALA_BRANDT, "opencvFisheye")])
+def test_isaac(model, kind):
+    contents = text("isaac", fit_of(model))
+    values = dict(re.findall(rf"float omni:lensdistortion:{kind}:(\w+) = (\S+)", contents))
+    assert [float(values.pop(name)) for name in ("cx", "cy", "fx", "fy")] == [42.5, 61.5, 400, 410]
+    np.testing.assert_allclose([float(values.pop(name)) for name in model.coefficients],
+                               0.01 * np.arange(1, len(model.coefficients) + 1))
+    assert not values and f"{kind}:imageSize = (140, 90)" in contents and f'model = "{kind}"' in contents
+    assert f'["OmniLensDistortionOpenCv{kind[6:]}API"]' in contents
+
+
+def test_openlensio_is_in_millimetres_and_alternates():
+    """The undistorted place, by equations 10, 16 and 17 of OpenLensIO 1.0, of a pixel is that of its light."""
+    fit = calibrate(modelled_lens(RADTAN, (-0.4, 0.5, 0.011, -0.007)), FRAME, 550.0, [UNDISTORTING[-1]])
+    contents = json.loads(text("openlensio", fit))
+    lens, camera = contents["lens"], contents["static"]["camera"]
+    assert camera["activeSensorResolution"] == {"height": 90, "width": 140}
+    np.testing.assert_allclose(camera["activeSensorPhysicalDimensions"]["width"], 3.08)
+    assert lens["focusDistance"] == 0.105 and contents["protocol"]["version"] == [1, 0, 1]
+    distortion, = lens["distortion"]
+    (k1, k2, k3, k4, k5, k6), (p1, p2) = distortion["radial"], distortion["tangential"]
+    direction = np.array([0.11, -0.08, 1.0])
+    (column, row), offset = fit.pixels(direction), lens["projectionOffset"]
+    x, y = ((column - 69.5) * 0.022 - offset["x"], (row - 44.5) * 0.022 - offset["y"])
+    r = x**2 + y**2
+    radial = (1 + k1 * r + k3 * r**2 + k5 * r**3) / (1 + k2 * r + k4 * r**2 + k6 * r**3)
+    straight = (x * radial + 2 * p1 * x * y + p2 * (r + 2 * x**2), y * radial + 2 * p2 * x * y + p1 * (r + 2 * y**2))
+    np.testing.assert_allclose(straight, lens["pinholeFocalLength"] * direction[:2], atol=1e-6)
+    assert fit.largest_px < 0.05 and np.hypot(*np.subtract(straight, (x, y))) > 5e-3 and distortion["overscan"] > 1
+
+
+def test_openlensio_names_equal_calibrations_alike_and_leaves_infinity_out():
+    first, second = (json.loads(text("openlensio", fit_of(UNDISTORTING[0]))) for _ in range(2))
+    assert first == second and first["sampleId"].startswith("urn:uuid:") and "focusDistance" not in first["lens"]
+    other = json.loads(text("openlensio", replace(fit_of(UNDISTORTING[0]), f_number=4.0)))
+    assert other["sampleId"] != first["sampleId"]
+
+
+def test_gyroflow():
+    contents = json.loads(text("gyroflow", fit_of(KANNALA_BRANDT)))
+    assert contents["calib_dimension"] == {"w": 140, "h": 90} and contents["distortion_model"] == "opencv_fisheye"
+    assert contents["fisheye_params"]["camera_matrix"] == [[400, 0, 42], [0, 410, 61], [0, 0, 1]]
+    np.testing.assert_allclose(contents["fisheye_params"]["distortion_coeffs"], [0.01, 0.02, 0.03, 0.04])
+
+
+def test_lensfun_needs_the_axis_in_the_middle():
+    with refused(InputError, field="--for", value="lensfun", match="expected the optical axis in the middle"):
+        text("lensfun", fit_of(POLY3))
+
+
+def test_overscan_holds_the_undistorted_frame():
+    """The fit's focal lengths times tangents of 0.12 left, 0.17 up, 0.26 right and 0.075 down, from 42, 61."""
+    fit = fit_of(BROWN_CONRADY)
+    np.testing.assert_allclose(fit.overscan_px, (48 - 42.5, 69.7 - 61.5, 104 - 97.5, 30.75 - 28.5))
+    line, = overscan_lines(fit)
+    assert "6 px more on the left, 7 on the right, 9 above, 3 below" in line
+    assert '"153 102 6 3 146 93 1 undistorted"' in line
 
 
 def fisheye():
@@ -96,12 +187,24 @@ def fisheye():
 
 
 def test_a_fisheye_chooses_its_model():
-    for name in ("opencv", "colmap", "nerfstudio"):
+    for name in ("opencv", "colmap", "nerfstudio", "kalibr", "ros", "isaac", "gyroflow"):
         assert calibrated_for(name, *fisheye(), 550.0).model is KANNALA_BRANDT
 
 
+@pytest.mark.parametrize("name", ["openlensio", "lensfun"])
+def test_a_format_without_fisheyes_refuses_one_and_names_others(name):
+    with refused(InputError, field="--for", value=name, match="is a fisheye here.*: use opencv, colmap, .*, gyroflow"):
+        calibrated_for(name, *fisheye(), 550.0)
+
+
+def test_a_fisheye_s_model_serves_a_lens_that_no_shorter_one_describes():
+    lens, frame = radial_lens(lambda t: t / np.hypot(1, t), np.linspace(0, 13, 65)), PixelGrid((90, 140), 80.0)
+    assert calibrate(lens, frame, 550.0, [RADTAN]).largest_px > 0.1
+    assert calibrated_for("kalibr", lens, frame, 550.0).model is KANNALA_BRANDT
+
+
 def test_a_fisheye_refuses_a_pinhole():
-    with refused(InputError, field="--model", value="rational", match="is a fisheye here.*use kannala-brandt"):
+    with refused(InputError, field="--model", value="rational", match="is a fisheye here.*: use kannala-brandt"):
         calibrated_for("opencv", *fisheye(), 550.0, "rational")
 
 
