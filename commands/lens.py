@@ -7,8 +7,8 @@ from pathlib import Path
 
 from lensfield.engine import InputError, load_lens
 from lensfield.engine.bake.through_focus import lens_at_depth
-from lensfield.engine.field.stmap import distort_map, undistort_map
-from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.calibration.views import overscan_line
+from lensfield.engine.field.stmap import distort_map, map_overscan_px, undistort_map
 from lensfield.engine.inspection.checks import check_lens
 from lensfield.engine.inspection.curves import reference_nm
 from lensfield.engine.inspection.finding import SEVERITIES
@@ -16,7 +16,6 @@ from lensfield.engine.inspection.info import lens_info, lens_text
 from lensfield.engine.inspection.screen import check_prescription
 from lensfield.engine.lens.conventions import WAVELENGTHS
 from lensfield.engine.lens.formats import format_mm
-from lensfield.engine.lens.pinhole import fitting_pitch_um
 from lensfield.engine.lens_files import IMPORTABLE, import_lens
 from lensfield.engine.lens_files.export_macro import PROGRAMS, ExportOptions, export_macro
 from lensfield.engine.lens_files.package import write_package
@@ -46,10 +45,10 @@ from .arguments import (
     check_outputs,
     chosen_lens,
     distance_mm,
-    resolution,
     rings_option,
     shown_iris,
 )
+from .cameras import add_cameras, cameras, check_cameras, sources
 from .prescription_file import add_reading, lens_source, reading_options_for
 from .terminal import say
 
@@ -242,31 +241,35 @@ def _frequencies(text):
 
 def _add_stmap(lens):
     stmap = lens.add_parser("stmap", help="write the distortion as a pair of STMaps for compositors")
-    stmap.add_argument("lens", metavar="NAME|FILE", help=LENSES)
-    stmap.add_argument("--resolution", required=True, metavar="WIDTHxHEIGHT",
-                       help="size in pixels of the picture on the sensor")
     stmap.add_argument("--wavelength", type=float, metavar="NM",
                        help="wavelength in nm (default: the lens's reference wavelength)")
     stmap.add_argument("--output", type=Path, required=True, metavar="DIR",
-                       help="folder for LENS_distort.exr and LENS_undistort.exr")
-    add_lens_settings(stmap)
+                       help="folder for LENS_distort.exr and LENS_undistort.exr; with --frames, SCENE_0001_distort.exr "
+                            "and so on, of the frames from which on the maps differ")
+    add_cameras(stmap)
     stmap.set_defaults(run=_stmap)
 
 
 def _stmap(options):
-    width, height = resolution(options.resolution)
+    check_cameras(options)
+    known = None
+    for camera in cameras(options):
+        nm = reference_nm(camera.lens) if options.wavelength is None else options.wavelength
+        if (camera.lens, camera.grid) != known:
+            _write_stmaps(options, camera, nm)
+        known = camera.lens, camera.grid
 
-    def frame_of(lens):
-        return PixelGrid((height, width), fitting_pitch_um(lens, (height, width)))
 
-    lens = chosen_lens(options, frame_of)
-    nm, frame = reference_nm(lens) if options.wavelength is None else options.wavelength, frame_of(lens)
-    maps = {options.output / f"{Path(options.lens).stem}_{name}.exr": make(lens, frame, nm)
-            for name, make in (("distort", distort_map), ("undistort", undistort_map))}
-    check_outputs([(path, ".exr") for path in maps], [options.lens])
-    for path, places in maps.items():
-        write_rgb_exr(places, path)
-        say(path)
+def _write_stmaps(options, camera, nm):
+    """Write both maps of a camera, and print the overscan that they need."""
+    number = "" if options.frames is None else f"_{camera.frame:04d}"
+    stem = f"{Path(options.scene or options.lens).stem}{number}"
+    paths = {name: options.output / f"{stem}_{name}.exr" for name in ("distort", "undistort")}
+    check_outputs([(path, ".exr") for path in paths.values()], sources(options))
+    distort = distort_map(camera.lens, camera.grid, nm)
+    write_rgb_exr(distort, paths["distort"])
+    write_rgb_exr(undistort_map(camera.lens, camera.grid, nm), paths["undistort"])
+    say(*paths.values(), overscan_line(map_overscan_px(distort), camera.grid.shape_px[::-1]))
 
 
 def _add_export_macro(lens):

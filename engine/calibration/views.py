@@ -38,15 +38,27 @@ def summary(calibration: Calibration) -> str:
 
 
 def overscan_lines(calibration: Calibration) -> list[str]:
-    """The overscan of a picture that is undistorted without loss, in pixels and as Nuke's format; none for a fisheye,
-    which a plane shows only in part."""
-    if calibration.model.fisheye and calibration.largest_angle_deg > MOST_ANGLE_DEG:
+    """The line about the overscan of a picture that is undistorted without loss; none for very wide fisheyes, which a
+    plane shows only in part."""
+    if calibration.largest_angle_deg > MOST_ANGLE_DEG:
         return []
-    left, up, right, down = (max(0, math.ceil(side_px)) for side_px in calibration.overscan_px)
-    columns, rows = calibration.size_px
+    return [overscan_line(calibration.overscan_px, calibration.size_px)]
+
+
+def overscan_line(overscan_px: tuple[float, float, float, float], size_px: tuple[int, int]) -> str:
+    """Overscan to the left, upwards, to the right and downwards, in pixels and as Nuke's format, in one line.
+
+    Parameters
+    ----------
+    overscan_px : (float, float, float, float)
+    size_px : (int, int)
+        Columns and rows of the frame.
+    """
+    left, up, right, down = (max(0, math.ceil(side_px)) for side_px in overscan_px)
+    columns, rows = size_px
     width, height = left + columns + right, up + rows + down
-    return [f"undistorted: {left} px more on the left, {right} on the right, {up} above, {down} below; in Nuke, "
-            f'nuke.addFormat("{width} {height} {left} {down} {left + columns} {down + rows} 1 undistorted")']
+    return (f"undistorted: {left} px more on the left, {right} on the right, {up} above, {down} below; in Nuke, "
+            f'nuke.addFormat("{width} {height} {left} {down} {left + columns} {down + rows} 1 undistorted")')
 
 
 def origin(calibration: Calibration) -> str:

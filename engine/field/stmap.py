@@ -36,6 +36,15 @@ def undistort_map(lens: Lens, frame: PixelGrid, wavelength_nm: float) -> np.ndar
     return _map(frame, field_map(lens).at_wavelength(wavelength_nm).landing_mm)
 
 
+def map_overscan_px(distort: np.ndarray) -> tuple[float, float, float, float]:
+    """How far the pinhole picture must reach beyond the frame for a `distort_map`: to the left, upwards, to the right
+    and downwards, in pixels; negative if less than the frame is needed."""
+    rows, columns = distort.shape[:2]
+    s, t = distort[..., 0], distort[..., 1]
+    return (float(-s.min()) * columns + 0.5, float(t.max() - 1) * rows + 0.5, float(s.max() - 1) * columns + 0.5,
+            float(-t.min()) * rows + 0.5)
+
+
 def _map(frame, source_mm):
     """The map with the positions `source_mm(x_mm, y_mm)`."""
     x_mm, y_mm = frame.axes_mm()

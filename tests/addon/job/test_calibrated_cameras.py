@@ -72,17 +72,40 @@ def test_a_point_is_where_the_exported_camera_sees_it(scene, tmp_path, lens, mod
     np.testing.assert_allclose(seen_px, expected_px, atol=0.15)  # samples of the bead, and coma
 
 
-def test_each_frame_has_its_focus(scene, tmp_path):
+def focus_pull(scene, folder):
+    """A .blend whose focus changes from frame 1 to 2, and stays from there on."""
     place_camera(scene, "tessar-50mm")
     dof = scene.camera.data.dof
     dof.use_dof, dof.aperture_fstop = True, 4
-    for frame, distance_m in ((1, 1.0), (FRAME, 8.0)):
+    for frame, distance_m in ((1, 1.0), (2, 8.0), (4, 8.0)):
         dof.focus_distance = distance_m / UNIT_M
         scene.camera.data.keyframe_insert("dof.focus_distance", frame=frame)
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "pull.blend"))
-    command = ["lens", "calibration", "--scene", str(tmp_path / "pull.blend"), "--for", "nerfstudio", "-o",
+    path = folder / "pull.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    return path
+
+
+def test_each_frame_has_its_focus(scene, tmp_path):
+    command = ["lens", "calibration", "--scene", str(focus_pull(scene, tmp_path)), "--for", "nerfstudio", "-o",
                str(tmp_path / "transforms.json"), "--lens-quality", "preview"]
-    assert main([*command, "--frames", f"1,{FRAME}"]) == 0
+    assert main([*command, "--frames", "1,2"]) == 0
     near, far = json.loads((tmp_path / "transforms.json").read_text())["frames"]
     assert near["fl_x"] > 1.02 * far["fl_x"]
     assert main([*command, "--frames", "3", "--for", "opencv"]) == 1
+
+
+def test_stmaps_are_written_where_the_focus_changes(scene, tmp_path):
+    command = ["lens", "stmap", "--scene", str(focus_pull(scene, tmp_path)), "--output", str(tmp_path / "maps"),
+               "--lens-quality", "preview"]
+    assert main([*command, "--frames", "1-4"]) == 0
+    names = {f"pull_{frame}_{name}.exr" for frame in ("0001", "0002") for name in ("distort", "undistort")}
+    assert {path.name for path in (tmp_path / "maps").iterdir()} == names
+    assert main(command) == 0 and (tmp_path / "maps" / "pull_distort.exr").exists()
+
+
+def test_cameras_need_a_lens_or_a_scene(tmp_path, capsys):
+    output = "--for", "colmap", "-o", str(tmp_path / "cameras.txt"), "--resolution", "64x48"
+    assert main(["lens", "calibration", *output]) == 1
+    assert main(["lens", "calibration", "tessar-50mm", "--frames", "1-3", *output]) == 1
+    lines = capsys.readouterr().err.splitlines()
+    assert "NAME|FILE is not given" in lines[0] and "--frames is 1-3: also give --scene" in lines[1]

@@ -7,7 +7,7 @@ from scipy.ndimage import map_coordinates
 from lenses import make_lens
 from lensfield.cli import main
 from lensfield.engine import LensError, SpectralImage, simulate
-from lensfield.engine.field.stmap import distort_map, undistort_map
+from lensfield.engine.field.stmap import distort_map, map_overscan_px, undistort_map
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.pictures.spectral_exr import read_parts
 from refusals import refused
@@ -49,6 +49,14 @@ def test_distortion_is_centred_on_the_axis():
     for right, up in ((0, 0), (13, 9)):
         place = [(22.5 + right / 0.8) / 70, 1 - (61.5 - up / 0.8) / 90, 1]
         np.testing.assert_allclose(stmap[61 - up, 22 + right], place, atol=1e-6)
+
+
+def test_overscan_reaches_to_the_light_of_the_edges():
+    """Off the middle, in a lens that shows 1 / 0.8 of a pinhole's view: the left edge is 22.5 px from the axis."""
+    lens = make_lens(real_height_mm=lambda nm, p: 0.8 * p)
+    stmap = distort_map(lens, PixelGrid((90, 70), 10.0, centre_px=(61.0, 22.0)), 550.0)
+    sides_px = np.array([22.5, 61.5, 47.5, 28.5])  # left, up, right, down
+    np.testing.assert_allclose(map_overscan_px(stmap), sides_px / 0.8 - sides_px, atol=0.2)  # a quarter of half a pixel
 
 
 @pytest.mark.sample(3)
