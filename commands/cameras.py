@@ -1,4 +1,4 @@
-"""The cameras that `lens calibration` and `lens stmap` describe: a lens on its sensor, or those of a scene's frames."""
+"""The cameras that `lens calibration` and `lens stmap` describe: a lens on its sensor, or the cameras of a scene."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -79,9 +79,9 @@ def _of_scene(options):
 
     if options.frames is None:
         frames = [scene.frame_current]
-    found = []
+    shown = []
     with progress_bar() as on_progress:
         for frame in frames_of(scene) if frames is None else frames:
             camera = frame_camera(scene, frame, on_progress, **given)
-            found.append(ShownCamera(camera.lens, camera.grid, frame, camera.pose, camera.picture))
-    return found
+            shown.append(ShownCamera(camera.lens, camera.grid, frame, camera.pose, camera.picture))
+    return shown

@@ -245,7 +245,7 @@ def _add_stmap(lens):
                        help="wavelength in nm (default: the lens's reference wavelength)")
     stmap.add_argument("--output", type=Path, required=True, metavar="DIR",
                        help="folder for LENS_distort.exr and LENS_undistort.exr; with --frames, SCENE_0001_distort.exr "
-                            "and so on, of the frames from which on the maps differ")
+                            "and so on, for each frame with other maps than before it")
     add_cameras(stmap)
     stmap.set_defaults(run=_stmap)
 

@@ -125,10 +125,10 @@ def _add(scene, board):
                           truth_scenes.glow("Light"))
 
 
-def found_px(picture, exact_px):
+def detected_px(picture, exact_px):
     """The corners that OpenCV finds in a picture, in the board's order, or None."""
-    found, corners = cv2.findChessboardCornersSB(picture, CORNERS, flags=FIND)
-    if not found:
+    complete, corners = cv2.findChessboardCornersSB(picture, CORNERS, flags=FIND)
+    if not complete:
         return None
     corners = corners[:, 0]
     turned = corners[::-1]  # the board looks the same turned by half a turn
@@ -143,9 +143,9 @@ def exact_px(lens, frame, nm, points):
     return np.stack([column, row], axis=1)
 
 
-def opencv_calibration(calibration, seen):
+def opencv_calibration(calibration, detected):
     """OpenCV's RMS in pixels and camera matrix for the same model, from (corners on a board, their pixels)."""
-    points, pixels = ([np.float64(each)[:, None] for each in part] for part in zip(*seen, strict=True))
+    points, pixels = ([np.float64(each)[:, None] for each in part] for part in zip(*detected, strict=True))
     if calibration.model.fisheye:
         flags = cv2.fisheye.CALIB_RECOMPUTE_EXTRINSIC | cv2.fisheye.CALIB_FIX_SKEW
         rms_px, matrix, *_ = cv2.fisheye.calibrate(points, pixels, calibration.size_px, np.eye(3), np.zeros(4),
@@ -168,20 +168,20 @@ def row(name):
     """The line of the table about a lens."""
     lens, frame, nm = taken_lens(name)
     calibration = calibrated_for("opencv", lens, frame, nm)
-    seen, exact = [], []
+    detected, exact = [], []
     for board in boards(calibration, frame_rays(lens, frame, nm)):
         exact.append((board.corners_m, exact_px(lens, frame, nm, board.in_camera(board.corners_m))))
-        corners_px = found_px(picture_of(board, lens), exact[-1][1])
+        corners_px = detected_px(picture_of(board, lens), exact[-1][1])
         if corners_px is not None:
-            seen.append((board, corners_px))
+            detected.append((board, corners_px))
     off_px = np.concatenate([np.hypot(*(calibration.pixels(board.in_camera(board.corners_m)) - corners_px).T)
-                             for board, corners_px in seen])
+                             for board, corners_px in detected])
     exact_rms_px, _ = opencv_calibration(calibration, exact)
-    own_rms_px, matrix = opencv_calibration(calibration, [(board.corners_m, px) for board, px in seen])
+    opencv_rms_px, matrix = opencv_calibration(calibration, [(board.corners_m, px) for board, px in detected])
     change = matrix[1, 1] / calibration.focal_px[1] - 1
     residual = f"{calibration.rms_px:.3f} px ({calibration.largest_px:.3f} px)"
     return (f"| {lens.name} | {calibration.model.name} | {residual} | {exact_rms_px:.3f} px | {off_px.size} | "
-            f"{np.sqrt(np.mean(off_px**2)):.3f} px | {own_rms_px:.3f} px | {change:+.2%} |")
+            f"{np.sqrt(np.mean(off_px**2)):.3f} px | {opencv_rms_px:.3f} px | {change:+.2%} |")
 
 
 def main(page=None):

@@ -53,8 +53,7 @@ def run(*words):
 
 
 def taken(folder):
-    """The pictures of the orbit, and what is exported about their cameras: the words of COLMAP's line, and poses by
-    picture."""
+    """Render the orbit and export its cameras: the words of COLMAP's line, and poses by picture."""
     blend, frames = orbiting(folder), f"1-{FRAMES}"
     camera = "lens", "calibration", "--scene", blend, *RENDERED[:2]
     run(*camera, "--for", "colmap", "-o", folder / "cameras.txt")
@@ -80,21 +79,21 @@ def reconstructed(folder, camera, names):
     pycolmap.match_exhaustive(database)
     options = pycolmap.IncrementalPipelineOptions(
         ba_refine_focal_length=False, ba_refine_principal_point=False, ba_refine_extra_params=False)
-    found = pycolmap.incremental_mapping(database, pictures, work, options=options)
-    return max(found.values(), key=lambda each: each.num_reg_images())
+    models = pycolmap.incremental_mapping(database, pictures, work, options=options)
+    return max(models.values(), key=lambda each: each.num_reg_images())
 
 
 def compared(reconstruction, poses):
     """RMS distance of the cameras from the scene's in mm, and the largest angle between them in degrees, after the
     similarity that fits the distances best."""
-    found = {image.name: image.cam_from_world().inverse() for image in reconstruction.images.values()}
-    names = sorted(found)
-    theirs = np.array([found[name].translation for name in names])
+    their = {image.name: image.cam_from_world().inverse() for image in reconstruction.images.values()}
+    names = sorted(their)
+    theirs = np.array([their[name].translation for name in names])
     ours = np.array([poses[name][:3, 3] for name in names])
     turn, scale = _similarity(theirs, ours)
     off_m = scale * (theirs - theirs.mean(axis=0)) @ turn.T - (ours - ours.mean(axis=0))
     flipped = np.diag([1.0, -1, -1])  # COLMAP's cameras look along z, with y downwards
-    turned = [poses[name][:3, :3] @ flipped @ (turn @ found[name].rotation.matrix()).T for name in names]
+    turned = [poses[name][:3, :3] @ flipped @ (turn @ their[name].rotation.matrix()).T for name in names]
     angles_rad = [np.arccos(np.clip((np.trace(each) - 1) / 2, -1, 1)) for each in turned]
     return 1e3 * np.sqrt(np.mean(np.sum(off_m**2, axis=1))), np.degrees(max(angles_rad))
 

@@ -30,7 +30,7 @@ class FrameCamera:
     grid : PixelGrid
         The frame's pixels on the sensor.
     pose : array (4, 4)
-        From the camera's axes, x to the right, y upwards, z backwards, to the scene's, in metres. The origin is the
+        From the camera's axes, x to the right, y upwards, z backwards, to the scene, in metres. The origin is the
         lens's entrance pupil.
     picture : str
         Name of the frame's picture through the lens.

@@ -91,8 +91,8 @@ class Calibration:
 
 def calibrate(lens: Lens, frame: PixelGrid, wavelength_nm: float, models: Sequence[Model],
               target_px: float = TARGET_PX) -> Calibration:
-    """The calibration of a lens by the first model whose largest residual is at most `target_px`. If there is none, by
-    the first that is at most ALIKE times as far off as the closest.
+    """The calibration of a lens by the first model whose largest residual is at most `target_px`. Otherwise, by the
+    first that is at most ALIKE times as far off as the closest.
 
     Parameters
     ----------

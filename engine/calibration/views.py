@@ -19,7 +19,7 @@ class View:
     ----------
     calibration : Calibration
     pose : array (4, 4) or None
-        From the camera's axes, x to the right, y upwards, z backwards, to the scene's, in metres; None without a scene.
+        From the camera's axes, x to the right, y upwards, z backwards, to the scene, in metres; None without a scene.
     picture : str
         Path of the camera's picture, relative to the calibration's file; "" without a scene.
     """
@@ -30,7 +30,7 @@ class View:
 
 
 def summary(calibration: Calibration) -> str:
-    """What was calibrated, and how closely, in one line."""
+    """The lens, its settings, the model and its residual, in one line."""
     focus = "infinity" if np.isinf(calibration.focus_mm) else f"{calibration.focus_mm / 1e3:.4g} m"
     name = " ".join(calibration.lens.split())  # one line, whatever a user's file contains
     return (f"{name}, f/{calibration.f_number:.3g}, focused at {focus}, {calibration.wavelength_nm:g} nm: "

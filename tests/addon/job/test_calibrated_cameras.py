@@ -14,7 +14,7 @@ from lensfield.engine.pictures.spectral_exr import read_exr
 from small_scenes import material, set_world, wall
 
 UNIT_M, NM, FRAME = 0.01, 587.5618, 7
-SEEN = [("nikkor-28mm", BROWN_CONRADY, (0.55, 0.28, -1.0)), ("nikkor-28mm", BROWN_CONRADY, (-0.4, -0.25, -0.9)),
+POINTS = [("nikkor-28mm", BROWN_CONRADY, (0.55, 0.28, -1.0)), ("nikkor-28mm", BROWN_CONRADY, (-0.4, -0.25, -0.9)),
         ("muller-fisheye-25mm", KANNALA_BRANDT, (0.9, 0.4, -0.7)),
         ("muller-fisheye-25mm", KANNALA_BRANDT, (-0.5, -0.6, -0.8))]
 """Lenses, their models, and points in metres from the camera: to the right, upwards, backwards."""
@@ -52,7 +52,7 @@ def lit_px(scene, folder):
     return np.array([(light * columns).sum(), (light * rows).sum()]) / light.sum() + 0.5
 
 
-@pytest.mark.parametrize("lens, model, place_m", SEEN)
+@pytest.mark.parametrize("lens, model, place_m", POINTS)
 def test_a_point_is_where_the_exported_camera_sees_it(scene, tmp_path, lens, model, place_m):
     set_world(scene, (0, 0, 0))
     point_m = add_bead(scene, place_camera(scene, lens), place_m)
@@ -68,8 +68,8 @@ def test_a_point_is_where_the_exported_camera_sees_it(scene, tmp_path, lens, mod
     np.testing.assert_allclose((x, y, z), place_m, atol=1e-5)
     coefficients = [contents[name] for name in model.coefficients]
     across, down = model.place(np.array([x, -y, -z]), coefficients)
-    seen_px = contents["cx"] + contents["fl_x"] * across, contents["cy"] + contents["fl_y"] * down
-    np.testing.assert_allclose(seen_px, expected_px, atol=0.15)  # samples of the bead, and coma
+    projected_px = contents["cx"] + contents["fl_x"] * across, contents["cy"] + contents["fl_y"] * down
+    np.testing.assert_allclose(projected_px, expected_px, atol=0.15)  # samples of the bead, and coma
 
 
 def focus_pull(scene, folder):

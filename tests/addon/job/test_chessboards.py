@@ -12,8 +12,8 @@ from chessboards import (  # noqa: E402  # it imports cv2
     FRAME_PX,
     LENSES,
     boards,
+    detected_px,
     exact_px,
-    found_px,
     opencv_calibration,
     picture_of,
     taken_lens,
@@ -46,5 +46,5 @@ def test_corners_in_a_picture_are_where_the_exported_numbers_have_them(name):
     calibration = calibrated_for("opencv", lens, frame, nm)
     board = boards(calibration, frame_rays(lens, frame, nm))[0]
     expected_px = calibration.pixels(board.in_camera(board.corners_m))
-    corners_px = found_px(picture_of(board, lens), expected_px)
+    corners_px = detected_px(picture_of(board, lens), expected_px)
     assert np.sqrt(np.mean(np.sum((corners_px - expected_px)**2, axis=1))) < RENDERED_PX
