@@ -4,7 +4,7 @@ from pathlib import Path
 
 from lensfield.engine import InputError
 from lensfield.engine.calibration.fit import TARGET_PX
-from lensfield.engine.calibration.formats import FORMATS, OPTION, calibrated_for, check_model
+from lensfield.engine.calibration.formats import FORMATS, OPTION, calibrated_alike, check_model
 from lensfield.engine.calibration.models import MODELS
 from lensfield.engine.calibration.views import View, overscan_lines, summary
 from lensfield.engine.inspection.curves import reference_nm
@@ -40,7 +40,7 @@ def _calibration(options):
     check_outputs([(path, FORMATS[options.format].suffix) for path in targets], sources(options))
     shown = cameras(options)
     for path, wavelength_nm in targets.items():
-        _write(options, path, [_view(options, camera, wavelength_nm) for camera in shown])
+        _write(options, path, _views(options, shown, wavelength_nm))
 
 
 def _check(options):
@@ -52,10 +52,13 @@ def _check(options):
                          f"a file for {options.format} has one camera: leave it out, or use --for {several}")
 
 
-def _view(options, camera, wavelength_nm):
-    nm = reference_nm(camera.lens) if wavelength_nm is None else wavelength_nm
-    calibration = calibrated_for(options.format, camera.lens, camera.grid, nm, options.model)
-    return View(calibration, camera.pose, camera.picture)
+def _views(options, shown, wavelength_nm):
+    """The View of each camera at a wavelength; None for the reference wavelength of each lens."""
+    calibrations = calibrated_alike(options.format, [
+        (camera.lens, camera.grid, reference_nm(camera.lens) if wavelength_nm is None else wavelength_nm)
+        for camera in shown], options.model)
+    return [View(calibration, camera.pose, camera.picture)
+            for calibration, camera in zip(calibrations, shown, strict=True)]
 
 
 def _write(options, path, views):

@@ -31,7 +31,7 @@ class ShownCamera:
 def add_cameras(command):
     """Add the lens, its settings, and the size of its picture or a scene."""
     command.add_argument("lens", metavar="NAME|FILE", nargs="?",
-                         help=f"{LENSES} (default with --scene: the camera's)")
+                         help=f"{LENSES} (default with --scene: the lens of its camera)")
     view = command.add_mutually_exclusive_group(required=True)
     view.add_argument("--resolution", metavar="WIDTHxHEIGHT", help="size in pixels of the picture on the sensor")
     view.add_argument("--scene", type=Path, metavar="SCENE.blend",

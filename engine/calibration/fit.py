@@ -13,7 +13,7 @@ from .rays import FrameRays, frame_rays
 
 TARGET_PX = 0.1
 ALIKE = 1.1
-TOLERANCE = 1e-12
+TOLERANCE, MOST_STEPS = 1e-12, 200
 
 
 @dataclass(frozen=True)
@@ -29,9 +29,9 @@ class Calibration:
     coefficients : tuple of float
         Of the model.
     rms_px, largest_px : float
-        Distances in the frame between the model's pixels and the lens's.
+        Distances in the frame between the pixels of the model and of the lens.
     covered : float
-        The fraction of the frame that the lens data cover, and to which the model was fitted.
+        The fraction of the frame that the lens data cover: the model was fitted to it.
     lens : str
     focus_mm : float
         From the entrance pupil; inf for infinity.
@@ -148,6 +148,6 @@ def _fit(rays: FrameRays, model: Model):
     limits = np.array([(-np.inf, np.inf)] * len(start) + [model.limits] * int(free.sum())).T
     solution = scipy.optimize.least_squares(
         lambda values: off_px(values).ravel(), (*start, *np.array(model.start)[free]), bounds=tuple(limits),
-        x_scale="jac", ftol=TOLERANCE, xtol=TOLERANCE, gtol=TOLERANCE).x
+        x_scale="jac", ftol=TOLERANCE, xtol=TOLERANCE, gtol=TOLERANCE, max_nfev=MOST_STEPS).x
     focal_px, principal_px, coefficients = (tuple(each.tolist()) for each in parts(solution))
     return focal_px, principal_px, coefficients, np.hypot(*off_px(solution).T)

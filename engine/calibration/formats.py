@@ -112,17 +112,38 @@ def calibrated_for(name: str, lens: Lens, frame: PixelGrid, wavelength_nm: float
     return calibrate(lens, frame, wavelength_nm, _suitable(name, lens, frame, wavelength_nm, model))
 
 
+def calibrated_alike(name: str, cameras: Sequence[tuple[Lens, PixelGrid, float]], model: str | None = None
+                     ) -> list[Calibration]:
+    """The calibrations of several lenses, frames and wavelengths in nm for a format, as by `calibrated_for`: all by
+    models of fisheyes if one of them needs such a model, because a file states the kind once."""
+    fits = [calibrated_for(name, *camera, model) for camera in cameras]
+    kinds = {fit.model.fisheye for fit in fits}
+    if len(kinds) == 1:
+        return fits
+    wide = next(fit.model.name for fit in fits if fit.model.fisheye)
+    return [fit if fit.model.fisheye else calibrated_for(name, *camera, wide)
+            for fit, camera in zip(fits, cameras, strict=True)]
+
+
 def _suitable(name, lens, frame, wavelength_nm, requested):
-    """The models of a format for a lens: only those of fisheyes for a fisheye, and only the requested one, if any."""
+    """The models of a format that can describe a lens; only the requested one, if any."""
     check_model(name, requested)
-    rays, models = frame_rays(lens, frame, wavelength_nm), FORMATS[name].models
-    able = [model for model in models if model.fisheye or not rays.fisheye]
-    where = f"{lens.name} is a fisheye here, with a distortion of {rays.distortion:.0%}"
-    if not able:
-        others = [other for other, form in FORMATS.items() if any(model.fisheye for model in form.models)]
-        raise InputError("options", OPTION, name, f"{where}: use {', '.join(others)}")
+    kind, able = _kind(lens, frame_rays(lens, frame, wavelength_nm))
+    models = [model for model in FORMATS[name].models if able(model)]
+    if not models:
+        others = [other for other, form in FORMATS.items() if any(map(able, form.models))]
+        raise InputError("options", OPTION, name, f"{lens.name} is {kind}: use {', '.join(others)}")
     if requested is None:
-        return able
-    if requested not in (names := [model.name for model in able]):
-        raise InputError("options", "--model", requested, f"{where}: use {', '.join(names)}")
-    return [model for model in able if model.name == requested]
+        return models
+    if requested not in (names := [model.name for model in models]):
+        raise InputError("options", "--model", requested, f"{lens.name} is {kind}: use {', '.join(names)}")
+    return [model for model in models if model.name == requested]
+
+
+def _kind(lens, rays):
+    """The kind of a lens, in words, and whether a model can describe it, as a function."""
+    if rays.fisheye:
+        return f"a fisheye here, with a distortion of {rays.distortion:.0%}", lambda model: model.fisheye
+    if lens.squeeze != 1:
+        return f"anamorphic, with a squeeze of {lens.squeeze:.3g}", lambda model: not model.one_focal
+    return "an ordinary lens", lambda model: True

@@ -13,7 +13,7 @@ FISHEYE = "k1", "k2", "k3", "k4"
 
 
 def isaac_text(views: Sequence[View]) -> str:
-    """The file with one camera, whose frame has the size of the lens's, for rays without a thin lens."""
+    """The file with one camera, whose aperture is the frame on the lens's sensor."""
     calibration, = (view.calibration for view in views)
     (columns, rows), (fx, fy), (cx, cy) = calibration.size_px, calibration.focal_px, calibration.principal_px
     schema, names = ("OpenCvFisheye", FISHEYE) if calibration.model.fisheye else ("OpenCvPinhole", PINHOLE)

@@ -1,6 +1,6 @@
 """nerfstudio's transforms.json: https://docs.nerf.studio/quickstart/data_conventions.html
 
-Poses are those of OpenGL, as Blender's. The middle of the upper left pixel is at 0.5, 0.5.
+Poses are in the axes of OpenGL and Blender. The middle of the upper left pixel is at 0.5, 0.5.
 """
 
 import json

@@ -1,7 +1,7 @@
 """OpenTrackIO 1.0.1, with the lens model OpenLensIO: https://www.opentrackio.org
 
 Lengths on the sensor are in mm, to the right and downwards. Radial coefficients alternate between the numerator and the
-denominator, and those of OpenCV's equations in focal lengths F become k / F^2n and p / F. The default model,
+denominator, and OpenCV's coefficients, in focal lengths F, become k / F^2n and p / F. The default model,
 Brown-Conrady D-U, leads from distorted to undistorted places.
 """
 
@@ -50,7 +50,7 @@ def _lens(calibration: Calibration, pitch_mm: float) -> dict[str, Any]:
 
 
 def _overscan(calibration):
-    """Width of a centred picture that contains all of the undistorted frame, over that of the frame."""
+    """Width of a centred picture that contains all of the undistorted frame, relative to the width of the frame."""
     columns, rows = calibration.size_px
     left, up, right, down = calibration.overscan_px
     return max(1.0, 1 + 2 * max(left, right) / columns, 1 + 2 * max(up, down) / rows)

@@ -13,7 +13,7 @@ from lenses import make_lens
 from lensfield.cli import main
 from lensfield.engine import InputError
 from lensfield.engine.calibration.fit import Calibration, calibrate
-from lensfield.engine.calibration.formats import FORMATS, calibrated_for
+from lensfield.engine.calibration.formats import FORMATS, calibrated_alike, calibrated_for
 from lensfield.engine.calibration.models import (
     BROWN_CONRADY,
     DOUBLE_SPHERE,
@@ -197,6 +197,12 @@ def test_a_format_without_fisheyes_refuses_one_and_names_others(name):
         calibrated_for(name, *fisheye(), 550.0)
 
 
+def test_a_format_with_one_focal_length_refuses_an_anamorphic_lens():
+    lens = modelled_lens(RADTAN, (-0.4, 0.5, 0.011, -0.007), squeeze=1.5)
+    with refused(InputError, field="--for", value="openlensio", match="anamorphic, with a squeeze of 1.5: use opencv"):
+        calibrated_for("openlensio", lens, FRAME, 550.0)
+
+
 def test_a_fisheye_s_model_serves_a_lens_that_no_shorter_one_describes():
     lens, frame = radial_lens(lambda t: t / np.hypot(1, t), np.linspace(0, 13, 65)), PixelGrid((90, 140), 80.0)
     assert calibrate(lens, frame, 550.0, [RADTAN]).largest_px > 0.1
@@ -211,6 +217,13 @@ def test_a_fisheye_refuses_a_pinhole():
 def test_a_format_refuses_a_model_that_it_lacks():
     with refused(InputError, field="--model", value="thin-prism", match="--for colmap has pinhole, .*, kannala-brandt"):
         calibrated_for("colmap", make_lens(heights_mm=HEIGHTS_MM), FRAME, 550.0, "thin-prism")
+
+
+def test_all_cameras_of_a_file_have_models_of_one_kind():
+    ordinary = radial_lens(lambda t: t * (1 - 0.9 * t**2)), FRAME, 550.0
+    assert not calibrated_alike("nerfstudio", [ordinary, ordinary])[0].model.fisheye
+    fits = calibrated_alike("nerfstudio", [ordinary, (*fisheye(), 550.0), ordinary])
+    assert [fit.model for fit in fits] == 3 * [KANNALA_BRANDT] and fits[0].largest_px < 0.05
 
 
 def test_an_ordinary_lens_may_have_the_model_of_a_fisheye():
