@@ -100,9 +100,9 @@ def run_in_blender(tmp_path):
     tmp_path."""
     libraries = tmp_path / "libraries"
     libraries.mkdir()
-    for name in required_by("bpy"):
-        for top in {file.parts[0] for file in metadata.files(name) if ".." not in file.parts}:
-            (libraries / top).symlink_to(Path(sysconfig.get_path("platlib"), top))
+    tops = {file.parts[0] for name in required_by("bpy") for file in metadata.files(name)}
+    for top in tops - {"..", "__pycache__"}:
+        (libraries / top).symlink_to(Path(sysconfig.get_path("platlib"), top))
     environment = os.environ | {"BLENDER_USER_RESOURCES": str(tmp_path / "user"), "LENSFIELD_CACHE": "",
                                 "PYTHONPATH": str(libraries)}
 
