@@ -33,6 +33,13 @@ CAMERA = "camera"
 BY_SCENE, ON = "scene", "on"
 ALL_FILES, PICTURES = "all", "pictures"
 SPECTRAL_FILES = RADIANCE, IRRADIANCE
+TRUTH = {"depth": ("Depth", "Depth along the optical axis, and distance along the ray"),
+         "position": ("Position", "Position in the world"),
+         "normal": ("Normal", "Normal in the world, as shaded"),
+         "uv": ("UV", "UV coordinates"),
+         "flow": ("Flow", "Motion since the frame before and until the next one"),
+         "index": ("Index", "Pass indices of objects and materials"),
+         "cryptomatte": ("Cryptomatte", "Mattes of objects, materials and assets, by their names")}
 RING_FIELDS = "focus", "f_number", "focused_wide_open", "tilt_deg", "copy", "copy_grade", "coating"
 CAMERA_FIELDS = "camera", "iso", "shutter_s", "noise", "develop", "dng"
 EXPOSED_FIELDS = "camera", "iso", "shutter_s", "develop"
@@ -188,6 +195,10 @@ class RenderRequest:
                  RADIANCE: ("Radiance", "The light of the scene: other lenses can be applied to the render"),
                  IRRADIANCE: ("Irradiance", "The light on the sensor: cameras can be put behind the render"),
                  PICTURES: ("None", "Pictures only: another lens or camera takes a new render")})
+    truth: str = setting(
+        "", name="Ground Truth", metavar="LIST", panel="", several=True, unset="from the scene",
+        text="What the chief ray of each pixel meets, without blur, in a file of layers (docs/truth.md). A list such "
+             "as depth,normal,flow", choices=TRUTH)
     look: str = setting(
         BY_SCENE, name="Look", recorded=False,
         text="Look of PNGs: the finished picture, the one without the lens, and contact sheets. EXRs are linear",

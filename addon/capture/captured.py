@@ -10,6 +10,7 @@ from lensfield.engine.depth.depth_range import check_depth
 from lensfield.engine.image.layers import LayeredRadiance
 from lensfield.engine.image.planes import COVERAGE, NEAREST, Plane
 from lensfield.engine.image.sources import Sources
+from lensfield.engine.truth.captured_truth import CapturedTruth
 
 from ..scene.units import M_TO_MM
 from .remarks import scale_remarks
@@ -44,6 +45,8 @@ class Captured:
         Remarks on the scene's contents, shared by all frames of this capture.
     outside : Sources or None
         Sources of stray light that the radiance does not contain; None if they are not known.
+    truth : CapturedTruth or None
+        The requested ground truth.
     """
 
     radiance: SpectralImage
@@ -52,6 +55,7 @@ class Captured:
     layers: LayeredRadiance | None = None
     remarks: tuple[str, ...] = ()
     outside: Sources | None = None
+    truth: CapturedTruth | None = None
 
     @property
     def depth_m(self):

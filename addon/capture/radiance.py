@@ -48,6 +48,7 @@ from .sampled_passes import (
     shares_noise,
 )
 from .slabs import finer_region
+from .truth import truth_steps
 
 OPAQUE = 1 - 1e-5  # least alpha of an opaque pixel, by rounding
 
@@ -68,7 +69,9 @@ def capture(scene, job, result, share, expect=lambda expected: None):
         if unfocused := unfocused_light(ready, captured):
             ready = yield from sliced_steps(planned, share, journal, emitters=ready.emitters.together(unfocused))
             lights, sampled, captured = yield from _captured_steps(ready, outside, share, journal, expect)
-    captured = replace(captured, outside=outside, remarks=(*captured.remarks, *(uncounted if stray else ())))
+        truth = yield from truth_steps(ready, share)
+    captured = replace(captured, outside=outside, truth=truth,
+                       remarks=(*captured.remarks, *(uncounted if stray else ())))
     result.report.add(_facts(ready, lights, captured, sampled.text))
     return captured
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import bpy
+import numpy as np
 
 from lensfield.engine.depth.depth_range import AUTO
 from lensfield.engine.field.overscan import columns_for_blur
@@ -98,6 +99,8 @@ class Ready(Planned):
         None if one slab shows all.
     capture_px : PixelGrid
         With a cut, the larger capture that the blur of near objects needs, for a lens with a squeeze in finer columns.
+    complete : Slab
+        All that the camera sees of the picture's capture.
     slabs : tuple of Slab
     emitters : Emitters or None
         None for a traced lens.
@@ -110,6 +113,7 @@ class Ready(Planned):
 
     cut: Cut | None
     capture_px: PixelGrid
+    complete: Slab
     slabs: tuple[Slab, ...]
     emitters: Emitters | None
     scratch: Path | None
@@ -204,13 +208,22 @@ def sliced_steps(planned, share, journal, times=1, emitters=None):
     if cut and columns > 1:
         cut = cut.finer_across(columns)
         divide_samples(scene, columns, journal)
-    capture_px, slabs = (cut.capture, cut.slabs) if cut else (grid, (single_slab(scene, planned.rendered),))
+    capture_px = cut.capture if cut else grid
+    complete = single_slab(scene, _in_capture(planned.rendered, grid, capture_px))
+    slabs = cut.slabs if cut else (complete,)
     guard_render_state(scene, job, capture_px, planned.path, journal)
     planned.substitution.place_window(capture_px)
     needed_bytes, scratch = room_for_capture(scene, job, capture_px.finer(times), plan,
                                              [slab.finer(times) for slab in slabs])
-    return Ready(**vars(planned), cut=cut, capture_px=capture_px, slabs=slabs, emitters=emitters, scratch=scratch,
-                 needed_bytes=needed_bytes, peak_mb=(taken_bytes() + needed_bytes) / MEGABYTE)
+    return Ready(**vars(planned), cut=cut, capture_px=capture_px, complete=complete, slabs=slabs, emitters=emitters,
+                 scratch=scratch, needed_bytes=needed_bytes, peak_mb=(taken_bytes() + needed_bytes) / MEGABYTE)
+
+
+def _in_capture(region, grid, capture_px):
+    """A region of the picture's capture, given as slices of rows and columns, in the larger capture for slabs."""
+    margin = np.subtract(capture_px.on_sensor().overscan_px, grid.overscan_px).tolist()
+    return finer_region(tuple(slice(side.start + more, side.stop + more)
+                              for side, more in zip(region, margin, strict=True)), 1, capture_px.across)
 
 
 def _emitters(planned):

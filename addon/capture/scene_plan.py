@@ -25,6 +25,7 @@ from ..shading.node_rules import REJECTED, SEPARATED
 from ..shading.repeated import repeated_colours, tinting_objects
 from ..shading.substitution import Substitution
 from .bands import WAVELENGTHS_PER_PASS, nodes_of_passes, passes
+from .truth import check_truth
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,6 +127,7 @@ def check_job(scene, job):
         job.lens.at_wavelength(nm)
     check_wavelengths(job.wavelengths_nm)
     check_photo(job, frame_grid(scene, job.lens))
+    check_truth(scene, job)
     check_sources(scene)
 
 

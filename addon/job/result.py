@@ -18,7 +18,8 @@ FRAME_FILES = {"radiance": "radiance.exr", "irradiance": "irradiance.exr", "lens
                "record": RECORD_END}
 UNSAVED = "unsaved"  # in the place of the name of a .blend
 MOST_NAME_BYTES = 120  # of a .blend's name in file names, which systems limit to 255 bytes
-RAW_END = "raw.dng"  # of a file that only frames with a camera have, if the user wants it
+RAW_END, TRUTH_END = "raw.dng", "truth.exr"
+"""Of files that a frame has only on request: the former if it also has a camera."""
 PINHOLE_FILES = "radiance", "before"
 """The FRAME_FILES that a traced lens does not write: they show the view of a pinhole."""
 LENS_FILES = {name: f"{name}.exr" for name in ("relative_illumination", "stmap_distort", "stmap_undistort")}
@@ -42,6 +43,8 @@ class Result:
         PNGs: the scene through a perfect pinhole and through the lens.
     raw : Path
         The camera's picture, if there is a camera and its raw file is wanted.
+    truth : Path
+        What the pixels' chief rays meet: an EXR with the channels of Blender's passes, if ground truth is requested.
     record : Path
         JSON: the report and the frame's settings, which `engine/pictures/frame_record.py` reads back.
     relative_illumination, stmap_distort, stmap_undistort : Path
@@ -58,6 +61,7 @@ class Result:
     before: Path
     after: Path
     raw: Path
+    truth: Path
     record: Path
     relative_illumination: Path
     stmap_distort: Path
@@ -75,7 +79,8 @@ class Result:
         """The Result of a frame whose file names start with `stem`."""
         files = {name: folder / f"{stem}_{frame:04d}_{end}" for name, end in FRAME_FILES.items()} | {
             name: folder / f"{stem}_{end}" for name, end in LENS_FILES.items()}
-        return cls(**files, raw=folder / f"{stem}_{frame:04d}_{RAW_END}", frame=frame,
+        raw, truth = (folder / f"{stem}_{frame:04d}_{end}" for end in (RAW_END, TRUTH_END))
+        return cls(**files, raw=raw, truth=truth, frame=frame,
                    report=Report(files={name: str(path) for name, path in files.items()}))
 
     @classmethod
@@ -99,8 +104,8 @@ class Result:
         """The files of the frame that a RenderRequest writes, except its record: list of Path."""
         absent = {"record", *(name for name in SPECTRAL_FILES if not request.writes(name)),
                   *(PINHOLE_FILES if request.traced else ())}
-        raw = [self.raw] if request.camera and request.dng else []
-        return [getattr(self, name) for name in FRAME_FILES if name not in absent] + raw
+        return [*(getattr(self, name) for name in FRAME_FILES if name not in absent),
+                *[self.raw] * bool(request.camera and request.dng), *[self.truth] * bool(request.truth)]
 
     def remove(self, *names):
         """Remove files of the frame that an earlier render may have left, and that this one does not write."""
@@ -115,9 +120,9 @@ class Result:
 
     @property
     def files(self):
-        """All files; a raw file if there is one. A job writes them again or removes them."""
-        raw = [self.raw] if self.raw.exists() else []
-        return *(getattr(self, name) for name in (*FRAME_FILES, *LENS_FILES)), *raw
+        """All files; a raw file and ground truth if they exist. A job writes them again or removes them."""
+        return (*(getattr(self, name) for name in (*FRAME_FILES, *LENS_FILES)),
+                *(path for path in (self.raw, self.truth) if path.exists()))
 
     @property
     def messages(self):
@@ -143,7 +148,8 @@ def check_next_to_frames(folder, *paths):
     folder : Path
     paths : Path or None
     """
-    of_frame = re.compile(rf".+_-?\d+_({'|'.join(map(re.escape, [*FRAME_FILES.values(), RAW_END]))})", re.IGNORECASE)
+    ends = "|".join(map(re.escape, (*FRAME_FILES.values(), RAW_END, TRUTH_END)))
+    of_frame = re.compile(rf".+_-?\d+_({ends})", re.IGNORECASE)
     for path in filter(None, paths):
         if path.resolve().parent == folder.resolve() and of_frame.fullmatch(path.name):
             raise InputError(path, "file", "named like a rendered frame", "choose another name or folder")

@@ -293,7 +293,8 @@ def _cell_job(scene, cell, folder, given):
     squeeze = squeeze_of(cell.lens)
     with squeezed_frame(scene, squeeze):
         job = job_of_frame(scene, scene.frame_float, **given | {
-            "lens": cell.lens, "output_folder": folder / _capture_name(squeeze), **ring_fields(cell.rings)})
+            "lens": cell.lens, "output_folder": folder / _capture_name(squeeze), "truth": "",
+            **ring_fields(cell.rings)})
         check_job(scene, job)
     return job
 

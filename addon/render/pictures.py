@@ -12,6 +12,7 @@ from lensfield.engine.pictures.preview import to_rec709
 from lensfield.engine.pictures.spectral_exr import (
     read_attribute,
     write_exr,
+    write_layers_exr,
     write_picture_exr,
     write_plane_exr,
     write_rgb_exr,
@@ -20,6 +21,7 @@ from lensfield.engine.runtime.build_identity import build_identity
 from lensfield.engine.runtime.errors import ImageError
 from lensfield.engine.runtime.files import file_status
 from lensfield.engine.simulation.coverage import coverage
+from lensfield.engine.truth.through_lens import file_attributes, truth_through_lens
 
 from ..capture.captured import ALPHA, DEPTH
 from ..job.shown import write_shown
@@ -73,6 +75,15 @@ def write_pictures(captured, irradiance, after, exposure, light_exposure, look, 
     before = pinhole_view(np.moveaxis(to_rec709(captured.radiance), -1, 0), lens, captured.radiance.grid)
     write_shown(captured.cut_picture(np.moveaxis(before, 0, -1)), result.before, light_exposure, look)
     write_shown(after, result.after, exposure, look)
+
+
+def write_truth(captured, lens, frame, result):
+    """Write what the chief rays of a lens image's frame, a PixelGrid, meet."""
+    truth = captured.truth
+    planes = truth_through_lens(truth, lens, frame, reference_nm(lens))
+    write_layers_exr({f"{truth.layer}.{channel}": captured.cut(plane) for channel, plane in planes.items()},
+                     result.truth, file_attributes(truth))
+    result.report.files["truth"] = str(result.truth)
 
 
 def write_film_pictures(film, irradiance, picture, exposure, _, look, attributes, lens, result):

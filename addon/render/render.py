@@ -32,7 +32,7 @@ from ..scene.render_state import go_to_frame
 from ..scene.requirements import check_scene
 from ..scene.undo import Journal
 from ..scene.watch import samples_watched
-from .pictures import write_film_pictures, write_pictures, write_radiance, write_stray
+from .pictures import write_film_pictures, write_pictures, write_radiance, write_stray, write_truth
 
 RENDER_SHARE = 0.85  # of the progress bar; the rest is for the engine and the files
 WRITING = 0.96  # of the progress bar, when the files are about to be written
@@ -186,6 +186,11 @@ def lens_steps(captured, lens, request, iris, result, fraction, attributes=None)
                                                        progress=on_progress, report=report, cache=shared_cache()),
                         f"Through {lens.name}", fraction, WRITING - fraction)
     irradiance, stray = (image and replace(image, cube=captured.cut(image.cube)) for image in images)
+    if captured.truth:
+        yield Work(_timed(report, "ground truth", lambda _: write_truth(captured, lens, irradiance.grid, result)),
+                   "Writing ground truth", WRITING)
+    else:
+        result.remove("truth")
     yield from _file_steps(irradiance, stray, lens, request, result,
                            lambda *shown: write_pictures(captured, irradiance, *shown, lens, request.options, iris,
                                                          result), attributes)
@@ -196,7 +201,7 @@ def _film_steps(film, job, result, attributes):
     lens = job.lens
     irradiance = replace(film.radiance, cube=film.cut(film.radiance.cube), quantity=IRRADIANCE, lens_name=lens.name,
                          f_number_effective=lens.f_number_effective, focal_mm=None)
-    result.remove(*PINHOLE_FILES)
+    result.remove(*PINHOLE_FILES, "truth")
     yield from _file_steps(irradiance, None, lens, job, result,
                            lambda *shown: write_film_pictures(film, irradiance, *shown, lens, result), attributes)
 

@@ -112,6 +112,8 @@ class Substitution:
         Whether other colours are computed by nodes.
     refusals : list of SceneError
         Why rendered data-blocks cannot be substituted.
+    materials : dict of str: str
+        The names of materials, by those of their stand-ins.
     """
 
     def __init__(self, scene, journal, spectra, lamps, groups, rendered):
@@ -122,7 +124,7 @@ class Substitution:
         self._constants = []  # nodes in worlds, each with the name of the property that it replaces
         self._shown = ()  # the arguments of the last `set_wavelengths`
         self._window = {}  # names of the properties with the scale and offset of Window coordinates, once in use
-        self.factors, self.mixed_colours, self.refusals = [], False, []
+        self.factors, self.mixed_colours, self.refusals, self.materials = [], False, [], {}
         self._upsamplers = {basis: self._make_upsampler(basis) for basis in set(BASIS.values())}
         worlds = {scene.world, *(layer.world_override for layer in scene.view_layers)} - {None}
         blocks = [(block, self._substitute_material) for block in bpy.data.materials
@@ -215,6 +217,7 @@ class Substitution:
                                   refraction=self._spectra.of(material, "refraction"),
                                   emission=self._lamps.assigned(material))
         stand_in = self._stand_in(material)
+        self.materials[stand_in.name] = material.name
         if not uses_nodes(material):
             single_shader(stand_in, "ShaderNodeBsdfDiffuse", "ShaderNodeOutputMaterial", material.diffuse_color)
         self._substitute_tree(stand_in.node_tree, assigned)

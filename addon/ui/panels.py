@@ -407,6 +407,7 @@ def _draw_output(layout, scene):
     settings = scene.lensfield
     layout.prop(settings, "output_folder")
     layout.prop(settings, "files")
+    layout.column(heading="Ground Truth").prop(settings, "truth")
     if is_temporary(settings.output_folder):
         draw_wrapped(layout.column(align=True), f"File not saved: pictures go to {folder_for(scene)}", "INFO")
     if facts := _facts(scene):

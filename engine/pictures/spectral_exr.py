@@ -197,6 +197,12 @@ def write_plane_exr(plane: np.ndarray, path: str | os.PathLike, attributes: dict
     _write_zipped({"Y": plane}, path, attributes)
 
 
+def write_layers_exr(planes: dict[str, np.ndarray], path: str | os.PathLike, attributes: dict[str, str]) -> None:
+    """Write planes (row, column) by channel, in layers such as ViewLayer.Depth.Z, as an EXR in single precision, with
+    further attributes of the header. The file appears complete or not at all."""
+    _write_zipped(planes, path, attributes)
+
+
 def write_planes_exr(planes: dict[str, np.ndarray], path: str | os.PathLike, attributes: dict[str, str]) -> None:
     """Write planes (row, column) by channel, uncompressed, with attributes of the header, for another program to read.
 

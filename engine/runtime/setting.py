@@ -47,6 +47,8 @@ class Setting:
     metavar : str or None
         Placeholder for the value in the help of the command line. With choices, it means that other values can be
         valid, too.
+    several : bool
+        Whether the value is any number of the choices, separated by commas: a set in Blender.
     unset : str
         The value that applies without the option, in words for its help.
     recorded : bool
@@ -68,6 +70,7 @@ class Setting:
     owner: str = "scene"
     option: str | None = ""
     metavar: str | None = None
+    several: bool = False
     unset: str = ""
     recorded: bool = True
 
@@ -96,8 +99,17 @@ def check_choices(value: Any) -> None:
     """Raise an InputError for the first setting of a dataclass value that is neither its default nor a choice."""
     for name, each in settings_of(value).items():
         chosen = getattr(value, name)
-        if each.choices and not each.metavar and chosen not in (*each.choices, each.default):
+        if each.several:
+            _check_listed(name, chosen, each.choices)
+        elif each.choices and not each.metavar and chosen not in (*each.choices, each.default):
             raise InputError("options", name, chosen, f"expected {' or '.join(each.choices)}")
+
+
+def _check_listed(name: str, chosen: str, choices: Mapping[str, tuple[str, str]]) -> None:
+    for word in chosen.split(",") if chosen else ():
+        if word not in choices:
+            raise InputError("options", name, word or "empty",
+                             f"expected some of {', '.join(choices)}, separated by commas")
 
 
 def documented(owner: type[T]) -> type[T]:

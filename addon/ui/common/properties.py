@@ -228,6 +228,9 @@ def _property(name, each):
     """The Blender property of a setting."""
     default = each.default if each.panel_default is None else each.panel_default
     common = {"name": each.name, "description": each.text, "override": OVERRIDABLE if each.owner == CAMERA else set()}
+    if each.several:
+        items = [(value.upper(), *texts, 1 << number) for number, (value, texts) in enumerate(each.choices.items())]
+        return EnumProperty(items=items, options={"ENUM_FLAG"}, default=set(), **common)
     if each.choices:
         return EnumProperty(items=_items(name, each), default=default.upper(), **common)
     if each.kind is bool:
@@ -267,6 +270,8 @@ class _Settings:
     def value_of(self, name):
         """The value of a setting."""
         value, kind = getattr(self, name), self.bl_rna.properties[name].type
+        if isinstance(value, set):
+            return ",".join(choice for choice in SETTINGS[name].choices if choice.upper() in value)
         if self.bl_rna.properties[name].subtype == "EULER":  # in radians
             return tuple(_as_set(degrees(each)) for each in value)
         return value.lower() if kind == "ENUM" else _as_set(value) if kind == "FLOAT" else value

@@ -1,0 +1,138 @@
+"""Ground truth: what the rays through the middles of a capture's pixels meet, by Blender's passes.
+
+Cycles averages normals, UV and motion over the samples of a pixel, which may show several surfaces, and the slabs of a
+capture hide what another slab shows. So a render of its own takes the first sample, whose ray is in the pixel's middle.
+It sees everything at once, traces no light further, and is as fast as one sample. Cryptomatte takes a few more.
+"""
+
+from dataclasses import replace
+
+import bpy
+import numpy as np
+
+from lensfield.engine import InputError
+from lensfield.engine.depth.depth_range import planar_depth_mm
+from lensfield.engine.truth.captured_truth import CRYPTOMATTE, DEPTH, NORMAL, UV, VECTOR, CapturedTruth
+from lensfield.engine.truth.cryptomatte import renamed
+
+from ..job.steps import RenderPass
+from ..scene.errors import SceneError
+from ..scene.instances import SHADED_TYPES, rendered_instances
+from ..scene.motion import moving
+from ..scene.render_state import effective_samples, read_again, rendered_layer, show_samples, show_slab
+from ..scene.undo import Journal
+from ..scene.units import M_TO_MM, depth_pass_m, metres_per_unit
+from ..scene.volumes import hide_volumes
+from .slabs import LOOK
+
+INDICES = ("Object Index", "Material Index") if bpy.app.version >= (5, 0) else ("IndexOB", "IndexMA")
+DATA = {"depth": {"z": f"{DEPTH}.Z"}, "position": {"z": f"{DEPTH}.Z"}, "normal": {"normal": f"{NORMAL}.XYZ"},
+        "uv": {"uv": f"{UV}.UVA"}, "flow": {"vector": f"{VECTOR}.XYZW"},
+        "index": dict(zip(("object_index", "material_index"), (f"{name}.X" for name in INDICES), strict=True))}
+"""Blender's passes of one sample, and their channels, for each kind of truth."""
+MATTES = {"cryptomatte": {f"cryptomatte_{kind.lower()}": f"{CRYPTOMATTE}{kind}"
+                          for kind in ("Object", "Material", "Asset")}}
+MATTE_SAMPLES = 16
+ID_CHANNELS = "rb"
+WITHOUT_MATERIAL = "default_surface"  # Cycles' name of the material of objects without one
+
+
+def check_truth(scene, job):
+    """Raise an InputError for ground truth that a render cannot yield."""
+    if job.truth and job.traced:
+        raise InputError("options", "truth", job.truth,
+                         "a traced lens has no capture to take it from: leave truth out, or use depth auto or off")
+    frames = range(min(scene.frame_start, job.frame - 1), max(scene.frame_end, job.frame + 1) + 1)
+    if "flow" in _products(job) and not moving(scene, frames):
+        raise SceneError(f"scene {scene.name!r}", "motion", "none",
+                         "flow would be 0 everywhere: animate an object or the camera, or leave flow out of truth")
+
+
+def _products(job):
+    return tuple(job.truth.split(",")) if job.truth else ()
+
+
+def truth_steps(ready, fraction):
+    """Steps that render the ground truth of a capture; returns a CapturedTruth, or None if none is requested.
+
+    Parameters
+    ----------
+    ready : Ready
+    fraction : float
+        Of the job so far.
+    """
+    scene, job, products = ready.scene, ready.job, _products(ready.job)
+    if not products:
+        return None
+    planes = {}
+    for kinds, samples in ((DATA, 1), (MATTES, min(MATTE_SAMPLES, effective_samples(scene)))):
+        passes = {name: channels for product in products for name, channels in kinds.get(product, {}).items()}
+        if passes:
+            planes |= yield from _planes_steps(ready, passes, samples, fraction)
+    grid = replace(ready.capture_px.part(ready.complete.region), focal_mm=job.lens.capture_focal_length_mm)
+    if (depth := planes.get(f"{DEPTH}.Z")) is not None:
+        planes[f"{DEPTH}.Z"] = _planar_m(depth, ready, grid)
+    for channel in planes:
+        if channel.startswith(f"{CRYPTOMATTE}Material") and channel[-1] in ID_CHANNELS:
+            planes[channel] = renamed(planes[channel], ready.substitution.materials)
+    names = _names(scene, ready.substitution.materials) if "cryptomatte" in products else {}
+    return CapturedTruth(grid, planes, rendered_layer(scene).name, products, _to_world(scene), names)
+
+
+def _planes_steps(ready, passes, samples, fraction):
+    """Steps that render some of Blender's passes; returns their planes by channel."""
+    scene, layer = ready.scene, rendered_layer(ready.scene)
+    with Journal() as journal:
+        hide_volumes(scene, journal)
+        journal.set(scene.render, "use_motion_blur", False)  # Cycles has no motion pass with it
+        journal.set(layer, "samples", 0)  # no override of the scene's samples
+        for name, value in (LOOK | {"samples": samples}).items():
+            journal.set(scene.cycles, name, value)
+        for name in passes:
+            journal.set(layer, f"use_pass_{name}", True)
+        show_slab(scene, ready.complete, ready.capture_px, journal)
+        show_samples(scene, 0, samples, False, journal)
+        channels = {f"{layer.name}.{channel}": channel
+                    for name in passes.values() for channel in _channels(name, layer.pass_cryptomatte_depth)}
+        planes = yield from ready.passes.planes(RenderPass(scene, "Rendering ground truth", fraction, 0.0), ready.path,
+                                                channels, "ground truth", samples)
+    read_again(scene)
+    return {channel: planes[name] for name, channel in channels.items()}
+
+
+def _channels(name, levels):
+    """The channels of a pass."""
+    if name.startswith(CRYPTOMATTE):  # two levels in each
+        return [f"{name}{number:02}.{channel}" for number in range(-(-levels // 2)) for channel in "rgba"]
+    name, channels = name.split(".")
+    return [f"{name}.{channel}" for channel in channels]
+
+
+def _planar_m(depth, ready, grid):
+    """Depths along the optical axis in metres, from a depth pass of this grid; inf for the background."""
+    depth_mm = depth_pass_m(depth, metres_per_unit(ready.scene)) * M_TO_MM
+    depth_m = planar_depth_mm(depth_mm, ready.job.lens, grid) / M_TO_MM
+    return np.where(np.isfinite(depth_m), depth_m, np.inf).astype(np.float32)
+
+
+def _to_world(scene):
+    """The camera's axes and place in the world, in metres: array (3, 4)."""
+    to_world = np.array(scene.camera.matrix_world.normalized())[:3]
+    to_world[:, 3] *= metres_per_unit(scene)
+    return to_world
+
+
+def _names(scene, materials):
+    """The names in each Cryptomatte layer; `materials` are those of original materials by their stand-ins."""
+    objects, assets, painted = set(), set(), {WITHOUT_MATERIAL}
+    for instance in (each for each in rendered_instances(scene) if each.obj.type in SHADED_TYPES):
+        objects.add(instance.obj.name)
+        assets.add(_root(instance.obj).name)
+        painted |= {materials.get(material.name, material.name) for material in instance.materials}
+    return {f"{CRYPTOMATTE}{kind}": frozenset(names)
+            for kind, names in (("Object", objects), ("Material", painted), ("Asset", assets))}
+
+
+def _root(obj):
+    """The topmost parent of an object, or the object."""
+    return _root(obj.parent) if obj.parent else obj

@@ -1,0 +1,93 @@
+"""The chief rays of a frame's pixels: where they look in a capture, and what its pixels know about these places."""
+
+import numpy as np
+
+from ..image.directions import directions
+from ..image.pixel_grid import PixelGrid
+from ..lens.lens import Lens
+from .field_map import field_map
+from .in_capture import from_capture
+
+
+class ChiefRays:
+    """The chief rays of all pixels of a frame, through their middles, in a capture.
+
+    A capture knows the scene in the middles of its own pixels. Of these, the nearest answers for a chief ray.
+
+    Parameters
+    ----------
+    lens : Lens
+    frame : PixelGrid
+        Of the sensor.
+    capture : PixelGrid
+        With the focal length of its pinhole. It may be a part of a larger capture.
+    wavelength_nm : float
+    """
+
+    def __init__(self, lens: Lens, frame: PixelGrid, capture: PixelGrid, wavelength_nm: float) -> None:
+        self._lens, self._frame, self._capture = lens, frame, capture
+        self._field = field_map(lens).at_wavelength(wavelength_nm)
+        x_mm, y_mm = frame.axes_mm()
+        self._place_px = np.broadcast_arrays(
+            *capture.index_of(*self._field.source_mm(x_mm[None, :], y_mm[:, None], capture)))
+        self._nearest = [np.clip(np.rint(at), 0, n - 1).astype(np.intp)
+                         for at, n in zip(self._place_px, capture.shape_px, strict=True)]
+
+    def directions(self) -> np.ndarray:
+        """Unit vectors to the right, up and along the axis, towards the scene: array (row, column, 3)."""
+        return directions(self._capture, *self._place_px)
+
+    def nearest(self, plane: np.ndarray) -> np.ndarray:
+        """The nearest values of a plane (row, column) of the capture, in the plane's type. Beyond it, its edge
+        continues."""
+        return plane[tuple(self._nearest)]
+
+    def continued(self, plane: np.ndarray) -> np.ndarray:
+        """Values of a plane (row, column) of the capture at the chief rays: the nearest ones, continued by the slope of
+        the surface that they belong to.
+
+        The slope along rows and along columns is the smaller of the differences from both neighbours, and 0 if their
+        signs differ: on a plane, it is the plane's, also next to another surface, which no value leans towards.
+
+        Returns
+        -------
+        float64 array (row, column) of the frame
+        """
+        here = self.nearest(plane).astype(float)
+        result = here.copy()
+        for axis, (at, nearest, last) in enumerate(zip(self._place_px, self._nearest,
+                                                       np.subtract(self._capture.shape_px, 1), strict=True)):
+            before, after = (plane[self._beside(axis, np.clip(nearest + step, 0, last))] for step in (-1, 1))
+            before, after = here - before, after - here
+            smaller = np.where(np.abs(before) < np.abs(after), before, after)
+            result += np.where(before * after > 0, smaller * np.clip(at - nearest, -0.5, 0.5), 0)
+        return result
+
+    def _beside(self, axis, place):
+        return (place, self._nearest[1]) if axis == 0 else (self._nearest[0], place)
+
+    def moved(self, right_px: np.ndarray, up_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Displacements in the frame of what moves in the capture, in pixels to the right and up.
+
+        Parameters
+        ----------
+        right_px, up_px : arrays (row, column) of the frame
+            Displacements in the capture, in its pixels.
+
+        Returns
+        -------
+        right_px, up_px : float64 arrays (row, column)
+            Exactly 0 where nothing moves; NaN for ends at more than 90 degrees from the axis.
+        """
+        moves = (right_px != 0) | (up_px != 0)
+        row, column = (at[moves] for at in self._place_px)
+        begin, end = (self._landing_px(*place) for place in ((row, column),
+                                                             (row - up_px[moves], column + right_px[moves])))
+        results = np.zeros((2, *moves.shape))
+        results[0][moves], results[1][moves] = end[1] - begin[1], begin[0] - end[0]
+        return results[0], results[1]
+
+    def _landing_px(self, row, column):
+        """Rows and columns in the frame, as indices, of light at these indices in the capture."""
+        ideal_mm = from_capture(*self._capture.position_mm(row, column), self._lens, self._capture)
+        return self._frame.index_of(*self._field.landing_mm(*ideal_mm))

@@ -1,0 +1,41 @@
+"""Ground truth of a capture: what the rays through the middles of its pixels meet."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..image.pixel_grid import PixelGrid
+
+DEPTH, NORMAL, UV, VECTOR, CRYPTOMATTE = "Depth", "Normal", "UV", "Vector", "Crypto"
+"""Blender's names of passes, and the start of its names of Cryptomatte layers."""
+BACKGROUND_M = 1e10
+
+
+@dataclass(frozen=True, eq=False)
+class CapturedTruth:
+    """Blender's passes of a capture, by the first sample of each pixel, which is in its middle.
+
+    Attributes
+    ----------
+    grid : PixelGrid
+        With the focal length of the capture's pinhole.
+    planes : mapping of str to float32 array (row, column)
+        By Blender's names of their channels, such as Normal.X. Depth.Z is in metres along the optical axis, inf for the
+        background.
+    layer : str
+        Of Blender's view layer: the start of the channels' names in files.
+    products : tuple of str
+        The requested kinds of truth.
+    to_world : float64 array (3, 4)
+        From the camera, with x to the right, y up and z backwards, to the world, in metres.
+    names : mapping of str to collection of str
+        Names in each Cryptomatte layer, such as CryptoObject.
+    """
+
+    grid: PixelGrid
+    planes: Mapping[str, np.ndarray]
+    layer: str
+    products: tuple[str, ...]
+    to_world: np.ndarray
+    names: Mapping[str, frozenset[str]] = field(default_factory=dict)
