@@ -47,7 +47,8 @@ class ChiefRays:
         the surface that they belong to.
 
         The slope along rows and along columns is the smaller of the differences from both neighbours, and 0 if their
-        signs differ: on a plane, it is the plane's, also next to another surface, which no value leans towards.
+        signs differ: on a plane, it is the plane's, also next to another surface, which no value leans towards. NaN
+        marks pixels without a surface; next to them, the other neighbour decides.
 
         Returns
         -------
@@ -59,6 +60,7 @@ class ChiefRays:
                                                        np.subtract(self._capture.shape_px, 1), strict=True)):
             before, after = (plane[self._beside(axis, np.clip(nearest + step, 0, last))] for step in (-1, 1))
             before, after = here - before, after - here
+            before, after = np.where(np.isnan(before), after, before), np.where(np.isnan(after), before, after)
             smaller = np.where(np.abs(before) < np.abs(after), before, after)
             result += np.where(before * after > 0, smaller * np.clip(at - nearest, -0.5, 0.5), 0)
         return result

@@ -69,15 +69,21 @@ def _places(planes, rays, truth):
 
 
 def _normals(planes, rays, _):
-    normals = {channel: rays.continued(plane) for channel, plane in planes.items()}
+    normals = _of_surfaces(planes, np.any([*planes.values()], axis=0), rays)
     length = np.sqrt(sum(plane**2 for plane in normals.values()))
     return {channel: plane / np.where(length, length, 1) for channel, plane in normals.items()}
 
 
 def _coordinates(planes, rays, _):
     """UV; its third channel is 1 on surfaces."""
-    return {channel: (rays.nearest if channel == f"{UV}.A" else rays.continued)(plane)
-            for channel, plane in planes.items()}
+    alpha = f"{UV}.A"
+    coordinates = {channel: plane for channel, plane in planes.items() if channel != alpha}
+    return _of_surfaces(coordinates, planes[alpha] > 0, rays) | {alpha: rays.nearest(planes[alpha])}
+
+
+def _of_surfaces(planes, known, rays):
+    """Planes at the chief rays, continued from the known pixels of the capture; 0 elsewhere."""
+    return {channel: np.nan_to_num(rays.continued(np.where(known, plane, np.nan))) for channel, plane in planes.items()}
 
 
 def _motion(planes, rays, _):

@@ -65,9 +65,14 @@ def job(folder):
                output_folder=folder, denoise="off", frame=1, clamp=True)
 
 
-def test_scene_is_the_same_after_success(rich_scene, tmp_path):
+@pytest.mark.parametrize("truth", ["", "depth,position,normal,uv,flow,index,cryptomatte"])
+def test_scene_is_the_same_after_success(rich_scene, tmp_path, truth):
+    rich_scene.camera.keyframe_insert("location", frame=1)
+    rich_scene.camera.location.x += 1
+    rich_scene.camera.keyframe_insert("location", frame=3)
+    rich_scene.frame_set(3)
     before = snapshot()
-    render(rich_scene, tmp_path, frame=1)
+    render(rich_scene, tmp_path, frame=1, truth=truth)
     assert not differences(before, snapshot())
 
 

@@ -1,0 +1,154 @@
+"""Ground truth of renders, against the geometry of their scenes; and what is refused before a render."""
+
+import json
+import math
+
+import bpy
+import numpy as np
+import pytest
+
+import ground_truth
+from lensfield import addon, cli
+from lensfield.engine import InputError
+from lensfield.engine.pictures.spectral_exr import read_parts
+from lensfield.engine.truth.cryptomatte import id_of
+from lensfield.request import TRUTH
+from refusals import refused
+from small_scenes import material, set_region, wall
+
+QUICK = {"lens": "edmund-54852", "lens_quality": "preview", "wavelengths_nm": [550.0], "files": "pictures"}
+STILL = ",".join(name for name in TRUTH if name != "flow")
+
+
+def render(scene, folder, **given):
+    return addon.render_through_lens(scene, output_folder=folder, **QUICK | given)
+
+
+def channels_of(result):
+    (_, channels), = read_parts(result.truth)
+    return {name.removeprefix("ViewLayer."): plane for name, plane in channels.items()}
+
+
+@pytest.fixture
+def painted(scene):
+    """A wall of painted squares that leans away, and a small ball before it; the camera is off the origin."""
+    scene.cycles.samples = 2
+    scene.camera.location = 0.5, -0.25, 1.0
+    paint, _ = material("Paint", "ShaderNodeEmission")
+    paint.pass_index = 3  # another than the ball's, 0
+    leaning = wall(scene, paint, 0.5, 4.0)
+    leaning.rotation_euler.y, leaning.pass_index = 0.6, 32767
+    bpy.ops.mesh.primitive_ico_sphere_add(radius=0.05, location=(0.45, -0.2, 0.6))
+    ball = bpy.context.object
+    ball.name = "B\u00e4ll"
+    ball.pass_index = 7
+    ball.data.materials.append(material("Glow", "ShaderNodeEmission")[0])
+    return scene
+
+
+@pytest.mark.sample(2)
+@pytest.mark.parametrize("figures", [ground_truth.board_figures, ground_truth.floor_figures, ground_truth.ball_figures,
+                                     ground_truth.instance_figures], ids=lambda figures: figures.__name__)
+def test_truth_agrees_with_geometry(monkeypatch, figures):
+    """A small version of `make validate-truth`: other numbers of pixels, and only one lens."""
+    monkeypatch.setattr(ground_truth, "FRAME_PX", (60, 96))
+    beyond = [(text, value) for text, value, limit in figures(ground_truth.Bench("edmund-54852"))
+              if value > limit and "with another" not in text]  # more pixels of a smaller picture are at edges
+    assert not beyond
+
+
+def test_slabs_of_depth_and_motion_blur_do_not_change_the_truth(painted, tmp_path):
+    """Slabs take a larger capture, whose pixels are the same ones."""
+    fast = {"lens": "zeiss-biotar-50mm", "truth": STILL, "focus": 400.0, "f_number": 1.4}
+    flat = channels_of(render(painted, tmp_path / "flat", depth="off", **fast))
+    painted.render.use_motion_blur = True
+    result = render(painted, tmp_path / "cut", **fast)
+    assert result.report.scene.layers
+    cut = channels_of(result)
+    assert flat.keys() == cut.keys()
+    for name in flat:
+        if name.startswith("Crypto"):  # by random samples
+            continue
+        np.testing.assert_allclose(cut[name], flat[name], rtol=1e-4, atol=1e-4, err_msg=name)
+        assert name in ("UV.A", "Normal.Y") or np.ptp(flat[name]), name
+
+
+def test_cryptomatte_has_the_users_names(painted, tmp_path):
+    result = render(painted, tmp_path, truth="cryptomatte")
+    (header, channels), = read_parts(result.truth)
+    manifests = {header[key.replace("manifest", "name")].removeprefix("ViewLayer."): json.loads(text)
+                 for key, text in header.items() if key.endswith("/manifest")}
+    assert manifests.keys() == {"CryptoObject", "CryptoMaterial", "CryptoAsset"}
+    assert {"Wall", "B\u00e4ll"} == manifests["CryptoObject"].keys()
+    assert {"Paint", "Glow"} <= manifests["CryptoMaterial"].keys()
+    for kind, names in {"CryptoObject": ("Wall", "B\u00e4ll"), "CryptoMaterial": ("Paint", "Glow")}.items():
+        shown = np.unique(channels[f"ViewLayer.{kind}00.r"])
+        assert set(shown) - {0} == {id_of(name) for name in names}
+    assert all(name.startswith("ViewLayer.Crypto") for name in channels)
+
+
+def test_a_decoder_reads_the_mattes(painted, tmp_path):
+    cryptomatte_api = pytest.importorskip("cryptomatte_api", reason="cryptomatte-api is not installed")
+    result = render(painted, tmp_path, truth="cryptomatte,index")
+    mattes = {matte.metadata().name(): matte.masks() for matte in cryptomatte_api.Cryptomatte.load(str(result.truth))}
+    masks = mattes["ViewLayer.CryptoObject"]
+    index = next(plane for name, plane in channels_of(result).items() if name in ("Object Index.X", "IndexOB.X"))
+    assert masks.keys() == {"Wall", "B\u00e4ll"}
+    np.testing.assert_allclose(masks["Wall"] + masks["B\u00e4ll"], 1, atol=1e-6)
+    even = (masks["Wall"] == 1) | (masks["Wall"] == 0)
+    assert np.array_equal(index[even] == 32767, masks["Wall"][even] == 1) and set(np.unique(index)) == {7, 32767}
+
+
+def test_a_region_leaves_the_rest_empty(painted, tmp_path):
+    set_region(painted, 0.25, 0.75, 0.25, 0.75)
+    depth = channels_of(render(painted, tmp_path, truth="depth"))["Depth.Z"]
+    inside = np.zeros(depth.shape, bool)
+    inside[9:27, 12:36] = True
+    assert np.array_equal(depth > 0, inside)
+
+
+def test_the_file_is_written_on_request_and_removed_otherwise(painted, tmp_path):
+    result = render(painted, tmp_path, truth="depth,normal", files="all")
+    assert result.truth.is_file() and result.report.files["truth"] == str(result.truth)
+    record = json.loads(result.record.read_text())
+    assert record["job"]["truth"] == "depth,normal" and result.truth.name in record["sizes"]
+    assert {name.partition(".")[0] for name in channels_of(result)} == {"Depth", "Distance", "Normal"}
+    applied = addon.apply_lens(result.radiance, lens="tessar-50mm", lens_quality="preview")
+    assert not applied.truth.exists(), "it shows what the other lens saw"
+    assert "truth" not in json.loads(applied.record.read_text())["files"]
+    assert render(painted, tmp_path, truth="uv").truth.is_file() and not render(painted, tmp_path).truth.exists()
+
+
+def test_the_panel_and_the_command_choose_the_products(painted, tmp_path):
+    painted.lensfield.truth = {"FLOW", "DEPTH"}
+    assert painted.lensfield.to_request(lens="tessar-50mm").truth == "depth,flow"
+    assert painted.lensfield.to_request(lens="tessar-50mm", truth="uv").truth == "uv"
+    painted.lensfield.truth = {"UV"}
+    path = tmp_path / "scene.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    command = ["render", path, "--lens", "edmund-54852", "--lens-quality", "preview", "--wavelengths", "550",
+               "--files", "pictures", "--output", tmp_path / "out"]
+    assert cli.main([str(word) for word in command]) == 0
+    written, = (tmp_path / "out").glob("*_truth.exr")
+    assert {name.partition(".")[2] for name in read_parts(written)[0][1]} == {"UV.U", "UV.V", "UV.A"}
+    assert cli.main([*map(str, command), "--truth=normal", "--overwrite"]) == 0
+    assert "ViewLayer.Normal.X" in read_parts(written)[0][1]
+
+
+@pytest.mark.parametrize("truth, word", [("depths", "depths"), ("depth,,uv", "empty"), ("depth flow", "depth flow")])
+def test_unknown_products_are_refused(painted, tmp_path, truth, word):
+    with refused(InputError, field="truth", value=word, where="options", match="expected some of depth, position"):
+        render(painted, tmp_path, truth=truth)
+
+
+def test_truth_that_a_render_cannot_yield_is_refused_before_it(painted, tmp_path):
+    with refused(InputError, field="truth", value="depth", match="leave truth out, or use depth auto or off"):
+        render(painted, tmp_path, truth="depth", depth="traced")
+    with refused(InputError, field="motion", value="none", where="scene 'Scene'",
+                 match="animate an object or the camera, or leave flow out"):
+        render(painted, tmp_path, truth="depth,flow")
+    painted.camera.keyframe_insert("location", frame=0)
+    painted.camera.location.x += 1
+    painted.camera.keyframe_insert("location", frame=200)
+    flow = channels_of(render(painted, tmp_path, truth="flow"))["Vector.X"]
+    assert math.isfinite(flow.sum()) and np.abs(flow).max() > 0

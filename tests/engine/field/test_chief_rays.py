@@ -1,0 +1,95 @@
+"""Chief rays in a capture: the nearest pixels, their surfaces continued, and motion as the lens shows it."""
+
+import numpy as np
+import pytest
+
+from lenses import make_lens
+from lensfield.engine.field.chief_rays import ChiefRays
+from lensfield.engine.field.field_map import field_map
+from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.image.projection import Projection
+
+NM = 550.0
+LENS = make_lens(real_height_mm=lambda nm, p: p - 0.03 * p**3)
+FRAME = PixelGrid((50, 70), 40.0, centre_px=(21.3, 38.6))
+CAPTURES = {"plane": PixelGrid((78, 104), 40.0, centre_px=(35.9, 55.2), focal_mm=LENS.capture_focal_length_mm),
+            "panorama": PixelGrid((66, 90), 40.0, centre_px=(30.2, 47.7), focal_mm=LENS.capture_focal_length_mm,
+                                  projection=Projection((1.0, 0.01)))}
+
+
+def rays_in(capture):
+    rays = ChiefRays(LENS, FRAME, capture, NM)
+    x_mm, y_mm = FRAME.axes_mm()
+    return rays, capture.index_of(*field_map(LENS).at_wavelength(NM).source_mm(x_mm[None], y_mm[:, None], capture))
+
+
+@pytest.fixture(params=CAPTURES)
+def capture(request):
+    return CAPTURES[request.param]
+
+
+def test_nearest_values_are_those_of_one_pixel_in_their_type(capture):
+    rays, (row, column) = rays_in(capture)
+    numbers = np.arange(np.prod(capture.shape_px), dtype=np.int32).reshape(capture.shape_px)
+    nearest = rays.nearest(numbers)
+    assert nearest.dtype == np.int32
+    away = np.divmod(nearest, capture.shape_px[1])
+    assert np.abs(away[0] - row).max() <= 0.5 and np.abs(away[1] - column).max() <= 0.5
+
+
+def test_a_plane_continues_exactly_and_an_edge_is_not_mixed(capture):
+    rays, (row, column) = rays_in(capture)
+    rows, columns = np.indices(capture.shape_px, float)
+    plane = 2.0 * columns - 3.0 * rows
+    np.testing.assert_allclose(rays.continued(plane), 2.0 * column - 3.0 * row, atol=1e-9)
+    edge = 50
+    stepped = np.where(columns < edge, plane, plane + 1000)
+    expected = np.where(np.rint(column) < edge, 2.0 * column - 3.0 * row, 2.0 * column - 3.0 * row + 1000)
+    np.testing.assert_allclose(rays.continued(stepped), expected, atol=1e-9)
+
+
+def test_next_to_pixels_without_a_surface_the_other_neighbour_decides(capture):
+    rays, (row, column) = rays_in(capture)
+    rows, columns = np.indices(capture.shape_px, float)
+    plane, known = 0.01 * (columns - 50) + 0.002 * rows, columns >= 50  # 0 as a value would lie near the plane
+    continued = rays.continued(np.where(known, plane, np.nan))
+    shown = np.rint(column) >= 50
+    np.testing.assert_allclose(continued[shown], (0.01 * (column - 50) + 0.002 * row)[shown], atol=1e-12)
+    assert np.isnan(continued[~shown]).all()
+
+
+def test_values_stay_within_those_of_the_neighbours(capture):
+    rays, _ = rays_in(capture)
+    noise = np.random.default_rng(4).normal(size=capture.shape_px)
+    apart = rays.continued(noise) - rays.nearest(noise)
+    assert np.abs(apart).max() <= np.ptp(noise) and np.any(apart)
+    spike = np.zeros(capture.shape_px)
+    spike[30, 40] = 7.0
+    assert set(np.unique(rays.continued(spike))) <= {0.0, 7.0}
+
+
+def test_what_moves_in_the_capture_moves_through_the_lens(capture):
+    """The chief ray at the end of a motion looks at its end in the capture."""
+    rays, (row, column) = rays_in(capture)
+    right_px = np.linspace(-4, 5, row.size).reshape(row.shape)
+    up_px = np.full_like(right_px, 2.5)
+    still = np.zeros(row.shape, bool)
+    still[::7] = True
+    right, up = rays.moved(np.where(still, 0, right_px), np.where(still, 0, up_px))
+    assert not right[still].any() and not up[still].any()
+    rows, columns = np.indices(FRAME.shape_px)
+    ends = FRAME.position_mm(rows - up, columns + right)
+    end_row, end_column = capture.index_of(*field_map(LENS).at_wavelength(NM).source_mm(*ends, capture))
+    np.testing.assert_allclose(end_row[~still], (row - up_px)[~still], atol=1e-4)
+    np.testing.assert_allclose(end_column[~still], (column + right_px)[~still], atol=1e-4)
+    assert np.abs(right - right_px)[~still].max() > 0.1, "the lens bends the motion"
+
+
+def test_directions_are_those_of_the_ideal_image(capture):
+    x_mm, y_mm = FRAME.axes_mm()
+    ideal = np.broadcast_arrays(*field_map(LENS).at_wavelength(NM).source_mm(x_mm[None], y_mm[:, None]))
+    towards = rays_in(capture)[0].directions()
+    np.testing.assert_allclose(np.linalg.norm(towards, axis=-1), 1, rtol=1e-12)
+    for axis in (0, 1):
+        np.testing.assert_allclose(towards[..., axis] / towards[..., 2], ideal[axis] / LENS.capture_focal_length_mm,
+                                   atol=1e-6)
