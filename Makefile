@@ -43,6 +43,8 @@
 # make validate-calibration  take pictures of chessboards through four lenses, which OpenCV calibrates, and reconstruct
 #                  an orbit around the sample scene with COLMAP; write the tables of docs/calibration.md (with OpenCV and
 #                  pycolmap, in .venv-opencv; half an hour); the orbit's pictures are kept in build/orbit
+# make validate-truth  compare depth, normals, UV, flow, ids and mattes of renders through three lenses with rays traced
+#                  through the lenses' surfaces, and write the table of docs/truth.md (five minutes)
 # make scenes      render two hundred ordinary scenes through a nearly perfect lens and by Cycles alone, and five of them
 #                  by every command: all must agree (an hour); SCENES="hdri lamps" selects scenes or themes; the table,
 #                  pictures and .blend files are in build/scenes. make test renders two, chosen by SEED
@@ -135,7 +137,7 @@ SITE = .venv-site
 RELEASE = .venv-release
 LOCK = packaging/lock-5.0.1.txt
 
-.PHONY: demo kernels test heavy fuzz long-runs kill-test test-kernels test-engine test-blender ui-test bench bench-device bench-all validate validate-sensor validate-raw validate-photographs validate-plate validate-calibration scenes wheels dist release test-bake test-sensor test-photographs test-plate test-calibration test-farm lens-rims stop-places glasses lenses lens-pictures hero platform-pictures camera-pictures cameras tables bench-tables \
+.PHONY: demo kernels test heavy fuzz long-runs kill-test test-kernels test-engine test-blender ui-test bench bench-device bench-all validate validate-sensor validate-raw validate-photographs validate-plate validate-truth validate-calibration scenes wheels dist release test-bake test-sensor test-photographs test-plate test-calibration test-farm lens-rims stop-places glasses lenses lens-pictures hero platform-pictures camera-pictures cameras tables bench-tables \
         test-numpy ci site lint lock
 
 demo: $(READY) kernels
@@ -220,6 +222,9 @@ validate-sensor: $(SENSOR)/.ready
 validate-photographs: $(PHOTOGRAPHS)/.ready kernels
 	$(PHOTOGRAPHS)/bin/python validation/photographs.py docs/photographs.md
 	$(PHOTOGRAPHS)/bin/python validation/typical_light.py docs/photographs.md
+
+validate-truth: $(READY) kernels
+	$(VENV)/bin/python -W ignore validation/ground_truth.py docs/truth.md
 
 validate-plate: $(OPENCV)/.ready kernels
 	$(OPENCV)/bin/python -W ignore validation/plate_photographs.py "$(PLATE)" docs/photographs.md docs/plate.jpg

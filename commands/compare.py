@@ -30,9 +30,9 @@ from .render_options import add_capture_options
 from .terminal import say
 
 TIER = "preview"
-OF_LENSES = "view", "output_folder", *CAMERA_FIELDS
+OF_LENSES = "view", "output_folder", "truth", *CAMERA_FIELDS
 """Fields that the user does not set: every lens has the view of the scene's camera, and its own folder; the sheet shows
-the light."""
+the light, and no ground truth."""
 RINGS = tuple(name for name in RING_FIELDS if name != "f_number")
 OF_FILES = "tier", "depth", *RINGS, "lens_quality", "files", "look", "view_settings"
 """Fields that a radiance file can obey."""

@@ -41,7 +41,7 @@ def check_truth(scene, job):
     """Raise an InputError for ground truth that a render cannot yield."""
     if job.truth and job.traced:
         raise InputError("options", "truth", job.truth,
-                         "a traced lens has no capture to take it from: leave truth out, or use depth auto or off")
+                         "a traced lens does not render a capture: leave truth out, or use depth auto or off")
     frames = range(min(scene.frame_start, job.frame - 1), max(scene.frame_end, job.frame + 1) + 1)
     if "flow" in _products(job) and not moving(scene, frames):
         raise SceneError(f"scene {scene.name!r}", "motion", "none",
@@ -84,7 +84,7 @@ def _planes_steps(ready, passes, samples, fraction):
     scene, layer = ready.scene, rendered_layer(ready.scene)
     with Journal() as journal:
         hide_volumes(scene, journal)
-        journal.set(scene.render, "use_motion_blur", False)  # Cycles has no motion pass with it
+        journal.set(scene.render, "use_motion_blur", False)  # with it, Cycles does not write motion
         journal.set(layer, "samples", 0)  # no override of the scene's samples
         for name, value in (LOOK | {"samples": samples}).items():
             journal.set(scene.cycles, name, value)
@@ -123,7 +123,7 @@ def _to_world(scene):
 
 
 def _names(scene, materials):
-    """The names in each Cryptomatte layer; `materials` are those of original materials by their stand-ins."""
+    """The names in each Cryptomatte layer; `materials` maps the names of stand-ins to the user's materials."""
     objects, assets, painted = set(), set(), {WITHOUT_MATERIAL}
     for instance in (each for each in rendered_instances(scene) if each.obj.type in SHADED_TYPES):
         objects.add(instance.obj.name)

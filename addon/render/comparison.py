@@ -277,6 +277,8 @@ def _plan_of_scene(scene, lenses, f_numbers, folder, on_progress, given):
         height_px, width_px = frame_px(scene)
     if (given.get("depth") or scene.lensfield.value_of("depth")) == TRACED:
         raise InputError("options", "depth", TRACED, "expected auto or off: a traced lens stores no light for others")
+    if given.get("truth"):
+        raise InputError("options", "truth", given["truth"], "a comparison writes none: render through that lens")
     requested = {name: given.pop(name, None) for name in RING_FIELDS}
     rows = _rows(lenses, [scene_rings(scene, **requested | ({} if f_number is None else {"f_number": f_number}))
                           for f_number in f_numbers], scene.camera.data.lens)

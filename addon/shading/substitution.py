@@ -113,7 +113,7 @@ class Substitution:
     refusals : list of SceneError
         Why rendered data-blocks cannot be substituted.
     materials : dict of str: str
-        The names of materials, by those of their stand-ins.
+        The name of each material, by the name of its stand-in.
     """
 
     def __init__(self, scene, journal, spectra, lamps, groups, rendered):

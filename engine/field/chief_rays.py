@@ -1,4 +1,4 @@
-"""The chief rays of a frame's pixels: where they look in a capture, and what its pixels know about these places."""
+"""The chief rays of the pixels of a frame: their places in a capture, and values of its planes there."""
 
 import numpy as np
 
@@ -30,8 +30,13 @@ class ChiefRays:
         x_mm, y_mm = frame.axes_mm()
         self._place_px = np.broadcast_arrays(
             *capture.index_of(*self._field.source_mm(x_mm[None, :], y_mm[:, None], capture)))
-        self._nearest = [np.clip(np.rint(at), 0, n - 1).astype(np.intp)
-                         for at, n in zip(self._place_px, capture.shape_px, strict=True)]
+        row, column = (np.clip(np.rint(at), 0, n - 1).astype(np.intp)
+                       for at, n in zip(self._place_px, capture.shape_px, strict=True))
+        (rows, columns), (down, right) = capture.shape_px, self._place_px
+        self._nearest = row * columns + column  # in the flattened capture
+        self._neighbours = [(self._nearest - step * (at > 0), self._nearest + step * (at < last),
+                             np.clip(away, -0.5, 0.5)) for step, at, last, away in (
+                                 (columns, row, rows - 1, down - row), (1, column, columns - 1, right - column))]
 
     def directions(self) -> np.ndarray:
         """Unit vectors to the right, up and along the axis, towards the scene: array (row, column, 3)."""
@@ -40,33 +45,28 @@ class ChiefRays:
     def nearest(self, plane: np.ndarray) -> np.ndarray:
         """The nearest values of a plane (row, column) of the capture, in the plane's type. Beyond it, its edge
         continues."""
-        return plane[tuple(self._nearest)]
+        return plane.ravel().take(self._nearest)
 
     def continued(self, plane: np.ndarray) -> np.ndarray:
         """Values of a plane (row, column) of the capture at the chief rays: the nearest ones, continued by the slope of
         the surface that they belong to.
 
         The slope along rows and along columns is the smaller of the differences from both neighbours, and 0 if their
-        signs differ: on a plane, it is the plane's, also next to another surface, which no value leans towards. NaN
-        marks pixels without a surface; next to them, the other neighbour decides.
+        signs differ: the exact slope on a plane, and next to another surface, too. NaN marks pixels without a surface;
+        next to them, the other neighbour decides.
 
         Returns
         -------
-        float64 array (row, column) of the frame
+        array (row, column) of the frame, in the precision of the plane
         """
-        here = self.nearest(plane).astype(float)
+        values, here = plane.ravel(), self.nearest(plane)
         result = here.copy()
-        for axis, (at, nearest, last) in enumerate(zip(self._place_px, self._nearest,
-                                                       np.subtract(self._capture.shape_px, 1), strict=True)):
-            before, after = (plane[self._beside(axis, np.clip(nearest + step, 0, last))] for step in (-1, 1))
-            before, after = here - before, after - here
+        for before, after, away_px in self._neighbours:
+            before, after = here - values.take(before), values.take(after) - here
             before, after = np.where(np.isnan(before), after, before), np.where(np.isnan(after), before, after)
             smaller = np.where(np.abs(before) < np.abs(after), before, after)
-            result += np.where(before * after > 0, smaller * np.clip(at - nearest, -0.5, 0.5), 0)
+            result += np.where(before * after > 0, smaller * away_px, 0)
         return result
-
-    def _beside(self, axis, place):
-        return (place, self._nearest[1]) if axis == 0 else (self._nearest[0], place)
 
     def moved(self, right_px: np.ndarray, up_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Displacements in the frame of what moves in the capture, in pixels to the right and up.

@@ -17,11 +17,11 @@ KEY_LETTERS = 7  # of the hash of a layer's name
 def hash_of(name: str) -> int:
     """The hash of a name, before its conversion to a number."""
     data = name.encode()
-    value, whole = 0, len(data) // 4 * 4
-    for begin in range(0, whole, 4):
+    value, blocks_end = 0, len(data) // 4 * 4
+    for begin in range(0, blocks_end, 4):
         value ^= _mixed(int.from_bytes(data[begin:begin + 4], "little"))
         value = (_rotated(value, 13) * 5 + 0xE6546B64) & MASK
-    value ^= _mixed(int.from_bytes(data[whole:], "little")) ^ len(data)
+    value ^= _mixed(int.from_bytes(data[blocks_end:], "little")) ^ len(data)
     value = ((value ^ value >> 16) * 0x85EBCA6B) & MASK
     value = ((value ^ value >> 13) * 0xC2B2AE35) & MASK
     return value ^ value >> 16
@@ -45,7 +45,7 @@ def id_of(name: str) -> np.float32:
 
 
 def renamed(ids: np.ndarray, names: Mapping[str, str]) -> np.ndarray:
-    """A plane of ids, with the ids of some names replaced by those of others: float32 array (row, column)."""
+    """A plane of ids, with the ids of some names replaced by the ids of others: float32 array (row, column)."""
     if not names:
         return ids
     before, after = (np.array([id_of(name) for name in side]).view(np.uint32) for side in (names, names.values()))

@@ -55,16 +55,17 @@ def _nearest(planes, rays, _):
 def _places(planes, rays, truth):
     """Depth, distance and position, as requested."""
     nearness = rays.continued(1 / planes[f"{DEPTH}.Z"])
-    seen, towards = nearness > 0, rays.directions()
-    depth_m = np.divide(1, nearness, out=np.full(nearness.shape, np.inf), where=seen)
+    on_surface, towards = nearness > 0, rays.directions()
+    depth_m = np.divide(1, nearness, out=np.full(nearness.shape, np.inf), where=on_surface)
     distance_m, result = depth_m / towards[..., 2], {}
     if "depth" in truth.products:
-        result = {f"{name}.Z": np.where(seen, metres, BACKGROUND_M)
+        result = {f"{name}.Z": np.where(on_surface, metres, BACKGROUND_M)
                   for name, metres in ((DEPTH, depth_m), ("Distance", distance_m))}
     if "position" in truth.products:
-        from_camera_m = np.where(seen, distance_m, 0)[..., None] * towards * (1, 1, -1)
+        from_camera_m = np.where(on_surface, distance_m, 0)[..., None] * towards * (1, 1, -1)
         position_m = from_camera_m @ truth.to_world[:, :3].T + truth.to_world[:, 3]
-        result |= {f"Position.{axis}": np.where(seen, position_m[..., number], 0) for number, axis in enumerate("XYZ")}
+        result |= {f"Position.{axis}": np.where(on_surface, position_m[..., number], 0)
+                   for number, axis in enumerate("XYZ")}
     return result
 
 

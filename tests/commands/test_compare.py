@@ -35,7 +35,7 @@ OF_READING = {f"--{name.replace('_', '-')}" for name in NAMES}
 
 
 @pytest.mark.parametrize("command, lacking", [
-    (compare, OF_FRAMES | OF_CAMERA | OF_READING | {"--view"}), (preview, OF_FRAMES | OF_FOLLOWERS),
+    (compare, OF_FRAMES | OF_CAMERA | OF_READING | {"--view", "--truth"}), (preview, OF_FRAMES | OF_FOLLOWERS),
     (lint, OF_FRAMES | OF_FOLLOWERS)])
 def test_commands_take_the_options_of_renders(command, lacking):
     """As the guide for scripts promises."""

@@ -1,4 +1,4 @@
-"""Ground truth of renders, against the geometry of their scenes; and what is refused before a render."""
+"""Ground truth of renders, against the geometry of their scenes; and refusals before a render."""
 
 import json
 import math
@@ -35,7 +35,7 @@ def painted(scene):
     scene.cycles.samples = 2
     scene.camera.location = 0.5, -0.25, 1.0
     paint, _ = material("Paint", "ShaderNodeEmission")
-    paint.pass_index = 3  # another than the ball's, 0
+    paint.pass_index = 3
     leaning = wall(scene, paint, 0.5, 4.0)
     leaning.rotation_euler.y, leaning.pass_index = 0.6, 32767
     bpy.ops.mesh.primitive_ico_sphere_add(radius=0.05, location=(0.45, -0.2, 0.6))
@@ -99,6 +99,15 @@ def test_a_decoder_reads_the_mattes(painted, tmp_path):
     assert np.array_equal(index[even] == 32767, masks["Wall"][even] == 1) and set(np.unique(index)) == {7, 32767}
 
 
+def test_blenders_cryptomatte_node_picks_objects_by_name(painted, tmp_path):
+    result = render(painted, tmp_path, truth="cryptomatte")
+    node = bpy.data.node_groups.new("Mattes", "CompositorNodeTree").nodes.new("CompositorNodeCryptomatteV2")
+    node.source, node.image = "IMAGE", bpy.data.images.load(str(result.truth))
+    assert node.layer_name == "ViewLayer.CryptoObject"
+    node.matte_id = "B\u00e4ll"
+    assert [entry.encoded_hash for entry in node.entries] == [id_of("B\u00e4ll")]
+
+
 def test_a_region_leaves_the_rest_empty(painted, tmp_path):
     set_region(painted, 0.25, 0.75, 0.25, 0.75)
     depth = channels_of(render(painted, tmp_path, truth="depth"))["Depth.Z"]
@@ -133,6 +142,11 @@ def test_the_panel_and_the_command_choose_the_products(painted, tmp_path):
     assert {name.partition(".")[2] for name in read_parts(written)[0][1]} == {"UV.U", "UV.V", "UV.A"}
     assert cli.main([*map(str, command), "--truth=normal", "--overwrite"]) == 0
     assert "ViewLayer.Normal.X" in read_parts(written)[0][1]
+
+
+def test_a_comparison_refuses_truth(painted, tmp_path):
+    with refused(InputError, field="truth", value="depth", match="render through that lens"):
+        addon.plan_comparison(painted, ["edmund-54852"], output_folder=tmp_path, truth="depth")
 
 
 @pytest.mark.parametrize("truth, word", [("depths", "depths"), ("depth,,uv", "empty"), ("depth flow", "depth flow")])

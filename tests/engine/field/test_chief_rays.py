@@ -73,16 +73,16 @@ def test_what_moves_in_the_capture_moves_through_the_lens(capture):
     rays, (row, column) = rays_in(capture)
     right_px = np.linspace(-4, 5, row.size).reshape(row.shape)
     up_px = np.full_like(right_px, 2.5)
-    still = np.zeros(row.shape, bool)
-    still[::7] = True
-    right, up = rays.moved(np.where(still, 0, right_px), np.where(still, 0, up_px))
-    assert not right[still].any() and not up[still].any()
+    static = np.zeros(row.shape, bool)
+    static[::7] = True
+    right, up = rays.moved(np.where(static, 0, right_px), np.where(static, 0, up_px))
+    assert not right[static].any() and not up[static].any()
     rows, columns = np.indices(FRAME.shape_px)
     ends = FRAME.position_mm(rows - up, columns + right)
     end_row, end_column = capture.index_of(*field_map(LENS).at_wavelength(NM).source_mm(*ends, capture))
-    np.testing.assert_allclose(end_row[~still], (row - up_px)[~still], atol=1e-4)
-    np.testing.assert_allclose(end_column[~still], (column + right_px)[~still], atol=1e-4)
-    assert np.abs(right - right_px)[~still].max() > 0.1, "the lens bends the motion"
+    np.testing.assert_allclose(end_row[~static], (row - up_px)[~static], atol=1e-4)
+    np.testing.assert_allclose(end_column[~static], (column + right_px)[~static], atol=1e-4)
+    assert np.abs(right - right_px)[~static].max() > 0.1, "the lens bends the motion"
 
 
 def test_directions_are_those_of_the_ideal_image(capture):
