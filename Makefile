@@ -50,10 +50,10 @@
 #                  pictures and .blend files are in build/scenes. make test renders two, chosen by SEED
 # make wheels      build the wheels of all platforms in dist/, or of PLATFORMS="linux-x64 windows-x64"; CONTRIBUTING.md
 #                  lists the compilers, which build the same bytes again; and check what the wheels need of a system
-# make dist        build everything for users in an empty dist/: the wheels, the sdist, one zip for each platform and
+# make release     build everything for users in an empty dist/: the wheels, the sdist, one zip for each platform and
 #                  generation of Blender, index.json and index.html, which make the folder on a web server a repository
-#                  of Blender extensions, and SHA-256 checksums in SHA256SUMS
-# make release     run make scenes, and all tests and cases; then make dist
+#                  of Blender extensions, and SHA-256 checksums in SHA256SUMS; and the site (five minutes). Run make
+#                  scenes and ALL_CASES=yes make test before
 # make ui-test     operate a window of BLENDER=/path/to/blender as a user would (ten minutes; requires a display, or
 #                  Xvfb, and ImageMagick's import); it installs the zip for Blender 5.1 and later: for others, add
 #                  GENERATION=blender4.5 (4.5 and 5.0) or GENERATION=python3.14 (of a distribution, on Python 3.14);
@@ -137,7 +137,7 @@ SITE = .venv-site
 RELEASE = .venv-release
 LOCK = packaging/lock-5.0.1.txt
 
-.PHONY: demo kernels test heavy fuzz long-runs kill-test test-kernels test-engine test-blender ui-test bench bench-device bench-all validate validate-sensor validate-raw validate-photographs validate-plate validate-truth validate-calibration scenes wheels dist release test-bake test-sensor test-photographs test-plate test-calibration test-farm lens-rims stop-places glasses lenses lens-pictures hero platform-pictures camera-pictures cameras tables bench-tables \
+.PHONY: demo kernels test heavy fuzz long-runs kill-test test-kernels test-engine test-blender ui-test bench bench-device bench-all validate validate-sensor validate-raw validate-photographs validate-plate validate-truth validate-calibration scenes wheels release test-bake test-sensor test-photographs test-plate test-calibration test-farm lens-rims stop-places glasses lenses lens-pictures hero platform-pictures camera-pictures cameras tables bench-tables \
         test-numpy ci site lint lock
 
 demo: $(READY) kernels
@@ -250,17 +250,14 @@ wheels: $(RELEASE)/.ready
 	$(RELEASE)/bin/python -m twine check --strict dist/*.whl
 	$(RELEASE)/bin/python packaging/audit_wheels.py dist/*.whl
 
-dist: $(READY) $(RELEASE)/.ready
+release: $(READY) $(RELEASE)/.ready
 	rm -rf dist
 	$(MAKE) wheels
 	$(RELEASE)/bin/python -m build --sdist --outdir dist
 	$(RELEASE)/bin/python -m twine check --strict dist/*.tar.gz
 	$(VENV)/bin/python packaging/build_extension.py dist
 	cd dist && find . -type f ! -name SHA256SUMS -printf '%P\n' | sort | xargs sha256sum > SHA256SUMS
-
-release: scenes
-	$(MAKE) test ALL_CASES=yes
-	$(MAKE) dist
+	$(MAKE) site
 
 ui-test: $(READY)
 	rm -rf build/ui-test
