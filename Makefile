@@ -256,14 +256,14 @@ release: $(READY) $(RELEASE)/.ready
 	$(RELEASE)/bin/python -m build --sdist --outdir dist
 	$(RELEASE)/bin/python -m twine check --strict dist/*.tar.gz
 	$(VENV)/bin/python packaging/build_extension.py dist
-	cd dist && find . -type f ! -name SHA256SUMS -printf '%P\n' | sort | xargs sha256sum > SHA256SUMS
+	cd dist && sha256sum * > SHA256SUMS && sha256sum --check --quiet SHA256SUMS
 	$(MAKE) site
 
 ui-test: $(READY)
 	rm -rf build/ui-test
 	$(VENV)/bin/python packaging/build_wheels.py build/ui-test/zip linux-x64
 	$(VENV)/bin/python packaging/build_extension.py build/ui-test/zip linux-x64-$(GENERATION)
-	$(VENV)/bin/python tests/window/run.py $(BLENDER) $$(find build/ui-test/zip -name '*.zip') build/ui-test $(STEPS)
+	$(VENV)/bin/python tests/window/run.py $(BLENDER) build/ui-test/zip/*.zip build/ui-test $(STEPS)
 
 test-bake: $(BAKE_READY) kernels
 	$(BAKE)/bin/python -m pytest -q tests/engine/bake/test_witness.py tests/engine/bake/test_second_witness.py \

@@ -4,8 +4,9 @@
 
 builds these zips, such as linux-x64-blender5.1, or all of them: one for each platform and generation of Blender. FOLDER
 contains the wheels of packaging/build_wheels.py for their platforms. It becomes a repository of extensions: on any web
-server, Blender installs and updates from its index.json. A generation has one version of Python, and Blender refuses an
-extension without wheels for its Python. numpy is not included: Blender contains it.
+server, Blender installs and updates from its index.json, and chooses the zip for its platform, version and Python. A
+generation has one version of Python, and Blender refuses an extension without wheels for its Python. numpy is not
+included: Blender contains it.
 """
 
 import re
@@ -42,15 +43,12 @@ class Generation:
     suffix : str
         Of the extension's version. extensions.blender.org takes one zip of a version for each platform, so generations
         need different versions. As that of a pre-release, it comes before the version for newer Blenders.
-    folder : str
-        In the folder of zips: a separate repository, for Blenders that no version number distinguishes.
     """
 
     python: str
     first: str
     end: str | None = None
     suffix: str = ""
-    folder: str = ""
     platforms: tuple[str, ...] = tuple(PLATFORMS)
 
 
@@ -58,7 +56,7 @@ GENERATIONS = {
     "blender4.5": Generation("3.11", "4.5.0", "5.1.0", "-blender4.5"),
     "blender5.1": Generation("3.13", "5.1.0"),
     # Blender as built by Linux distributions
-    "python3.14": Generation("3.14", "4.5.0", folder="python3.14", platforms=("linux-x64",)),
+    "python3.14": Generation("3.14", "4.5.0", platforms=("linux-x64",)),
 }
 ZIPS = {f"{platform}-{name}": (platform, generation) for name, generation in GENERATIONS.items()
         for platform in generation.platforms}
@@ -107,8 +105,7 @@ def build(output, name):
     """
     platform, generation = ZIPS[name]
     wheel = output / f"lensfield-{__version__}-py3-none-{WHEEL_TAGS[platform]}.whl"
-    path = output / generation.folder / f"lensfield-{__version__}-{name}.zip"
-    path.parent.mkdir(exist_ok=True)
+    path = output / f"lensfield-{__version__}-{name}.zip"
     with tempfile.TemporaryDirectory() as temporary:
         source = Path(temporary) / "lensfield"
         stage(source, wheel, platform, generation)
@@ -127,8 +124,7 @@ def main(arguments):
         paths = [build(output, name) for name in names]
     except FileNotFoundError as missing:
         sys.exit(f"lensfield: {missing.filename}: missing: build it with packaging/build_wheels.py")
-    for folder in {path.parent for path in paths}:
-        use_extension_tool("server-generate", "--repo-dir", folder, "--html")
+    use_extension_tool("server-generate", "--repo-dir", output, "--html")
     if large := [path.name for path in paths if path.stat().st_size > 1e6 * LARGEST_MB]:
         sys.exit(f"lensfield: larger than {LARGEST_MB} MB: {', '.join(large)}")
 
