@@ -11,7 +11,7 @@ from .blend_paths import check_blend
 from .terminal import quiet
 
 PYTHONS = (3, 11), (3, 13)  # for which Blender's wheel is built
-LIBRARIES = "libx11-6 libxrender1 libxfixes3 libxi6 libxkbcommon0 libsm6 libgl1"  # Debian's names of what it needs
+LIBRARIES = "libx11-6 libxrender1 libxfixes3 libxi6 libxkbcommon0 libsm6 libgl1"  # Debian packages that it requires
 
 
 def import_addon():

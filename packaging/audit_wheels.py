@@ -23,7 +23,7 @@ OLDEST_MACOS = [11, 0, 0]
 
 
 def findings(wheel):
-    """What is wrong with the library in a wheel: list of texts."""
+    """The faults of the library in a wheel: list of texts."""
     tag = wheel.stem.split("-", 4)[-1]
     target = next((name for name, each in WHEEL_TAGS.items() if each == tag), None)
     if not target:
@@ -37,7 +37,7 @@ def findings(wheel):
 
 
 def findings_in(library, target):
-    """Yield what is wrong with a library for a platform."""
+    """Yield the faults of a library for a platform."""
     is_mac = isinstance(library, lief.MachO.Binary)
     header = library.header
     machine = (header.cpu_type if is_mac else getattr(header, "machine_type", None) or header.machine).name

@@ -31,13 +31,13 @@ def build(output, platform):
         A compiler is missing or failed, and pip has printed the reason.
     """
     with tempfile.TemporaryDirectory() as temporary:
-        source, made = Path(temporary) / "lensfield", Path(temporary) / "made"
+        source, wheels = Path(temporary) / "lensfield", Path(temporary) / "wheels"
         shutil.copytree(ROOT, source, copy_function=shutil.copyfile, ignore=shutil.ignore_patterns(
             ".*", "__pycache__", "*.egg-info", "build", "dist", "demo", kernels.LIBRARY_FOLDER.name))
         subprocess.run([sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-cache-dir", "--wheel-dir",
-                        made, f"--config-settings=--build-option=--plat-name={platform}", source], check=True,
+                        wheels, f"--config-settings=--build-option=--plat-name={platform}", source], check=True,
                        env=os.environ | {"SOURCE_DATE_EPOCH": str(EARLIEST_S)}, umask=0o022)
-        wheel, = made.glob("*.whl")
+        wheel, = wheels.glob("*.whl")
         return Path(shutil.move(wheel, output / wheel.name))
 
 

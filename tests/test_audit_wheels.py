@@ -1,6 +1,5 @@
 """The audit of wheels finds libraries that would not load everywhere."""
 
-import importlib.util
 import subprocess
 import zipfile
 
@@ -8,17 +7,14 @@ import pytest
 
 from lensfield.engine.kernels import build
 from lensfield.engine.kernels.declarations import FUNCTIONS
-from places import ROOT
+from scripts import script
 
 DEFINITIONS = "".join(f"int {name}(void) {{ return 0; }}\n" for name in FUNCTIONS)
 
 
 @pytest.fixture(scope="module")
 def audit():
-    specification = importlib.util.spec_from_file_location("audit_wheels", ROOT / "packaging" / "audit_wheels.py")
-    module = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(module)
-    return module
+    return script("packaging/audit_wheels.py")
 
 
 @pytest.fixture

@@ -1,19 +1,16 @@
 """The gallery of lenses is up to date with the library."""
 
-import importlib.util
 
 import pytest
 
 from lensfield.engine.library import bundled_names, prescription_of
 from places import ROOT
+from scripts import script
 
 
 @pytest.fixture(scope="module")
 def gallery():
-    specification = importlib.util.spec_from_file_location("gallery", ROOT / "docs" / "figures" / "lenses.py")
-    module = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(module)
-    return module
+    return script("docs/figures/lenses.py")
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,5 @@
 """The script finds code that moderators of Blender's extensions refuse, and finds none in the extension."""
 
-import importlib.util
 import subprocess
 import sys
 import tomllib
@@ -8,6 +7,7 @@ import tomllib
 import pytest
 
 from places import ROOT
+from scripts import script
 
 SCRIPT = ROOT / "packaging" / "moderate.py"
 REFUSED = {
@@ -62,10 +62,7 @@ HARMLESS = [
 
 @pytest.fixture(scope="module")
 def moderate():
-    specification = importlib.util.spec_from_file_location("moderate", SCRIPT)
-    module = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(module)
-    return module
+    return script("packaging/moderate.py")
 
 
 @pytest.fixture

@@ -10,7 +10,6 @@ calibrates the same model from the corners. The table in the page is replaced.
 import os
 import sys
 from dataclasses import dataclass
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -28,7 +27,7 @@ from lensfield.engine.lens.pinhole import fitting_pitch_um
 from lensfield.engine.pictures.spectral_exr import read_exr
 from lensfield.engine.runtime.files import temporary_folder
 from lensfield.engine.stray.options import OFF, StrayOptions
-from photographs import table, with_tables
+from photographs import show, table
 
 LENSES = "tessar-50mm", "nikkor-58mm-f1.4", "nikkor-28mm", "pentax-fisheye-17mm"
 FRAME_PX, FOCUS_MM, F_NUMBER = (640, 960), 2000.0, 8.0  # rows and columns
@@ -187,10 +186,7 @@ def row(name):
 def main(page=None):
     addon.register()
     text = table(HEAD, [row(name) for name in LENSES])
-    print(text)
-    if page:
-        path = Path(page)
-        path.write_text(with_tables(path.read_text(encoding="utf-8"), {HEAD: text}), encoding="utf-8", newline="\n")
+    show({HEAD: text}, page)
 
 
 if __name__ == "__main__":

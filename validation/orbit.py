@@ -21,7 +21,7 @@ from mathutils import Matrix, Vector
 
 from lensfield.cli import main as lensfield
 from lensfield.commands.blend import open_scene
-from photographs import table, with_tables
+from photographs import show, table
 
 SCENE = Path(__file__).resolve().parents[1] / "sample_scenes" / "evening_chess.blend"
 MIDDLE_M, SPREAD_RAD, RISE_M, FRAMES = (0.0, 0.0, 0.038), 0.7, 0.02, 12
@@ -115,10 +115,7 @@ def main(folder, page=None):
     text = table(HEAD, [
         f"| {len(poses)} | {reconstruction.num_reg_images()} | {reconstruction.num_points3D()} | "
         f"{reconstruction.compute_mean_reprojection_error():.2f} px | {off_mm:.2f} mm | {turned_deg:.3f}° |"])
-    print(text)
-    if page:
-        path = Path(page)
-        path.write_text(with_tables(path.read_text(encoding="utf-8"), {HEAD: text}), encoding="utf-8", newline="\n")
+    show({HEAD: text}, page)
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ from PIL import Image
 from calibration import Calibration, read_calibration
 from lensfield import addon
 from lensfield.engine.runtime.errors import InputError
-from photographs import table, with_tables
+from photographs import show, table
 from plate_scene import read_plate, render
 
 EXAMPLE = Path("examples", "advanced", "lens_distortion")
@@ -157,10 +157,7 @@ def main(folder, page=None, picture=None):
     addon.register()
     comparisons = {name: compare(read_photograph(folder, name)) for name in PLATES}
     text = table(HEAD, [row for comparison in comparisons.values() for row in rows(comparison)])
-    print(text)
-    if page:
-        path = Path(page)
-        path.write_text(with_tables(path.read_text(encoding="utf-8"), {HEAD: text}), encoding="utf-8", newline="\n")
+    show({HEAD: text}, page)
     if picture:
         draw(comparisons[SHOWN], picture)
 

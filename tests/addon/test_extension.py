@@ -1,6 +1,5 @@
 """The tree as a Blender extension: built and checked by Blender's own tool, installed, enabled and used."""
 
-import importlib.util
 import os
 import shutil
 import subprocess
@@ -22,6 +21,7 @@ from packaging.requirements import Requirement
 import lensfield
 from lensfield.engine.kernels.build import WHEEL_TAGS, library_name, this_platform
 from places import ROOT
+from scripts import script
 from waiting import LAST_RESORT_S
 
 pytestmark = pytest.mark.every_blender
@@ -53,22 +53,14 @@ os._exit(0)  # some wheels crash while the interpreter exits
 """
 
 
-def module_of(name):
-    """A script in packaging, as a module."""
-    spec = importlib.util.spec_from_file_location(name, ROOT / "packaging" / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory):
-    return module_of("build_wheels").build(tmp_path_factory.mktemp("wheel"), this_platform())
+    return script("packaging/build_wheels.py").build(tmp_path_factory.mktemp("wheel"), this_platform())
 
 
 @pytest.fixture(scope="module")
 def build_extension():
-    return module_of("build_extension")
+    return script("packaging/build_extension.py")
 
 
 @pytest.fixture
@@ -152,7 +144,7 @@ def test_the_wheel_contains_the_runtime_files(wheel):
 
 @pytest.mark.one_blender
 def test_a_wheel_has_the_same_bytes_when_it_is_built_again_elsewhere(wheel, tmp_path):
-    assert module_of("build_wheels").build(tmp_path, this_platform()).read_bytes() == wheel.read_bytes()
+    assert script("packaging/build_wheels.py").build(tmp_path, this_platform()).read_bytes() == wheel.read_bytes()
 
 
 def test_unrelated_files_in_the_tree_are_not_packaged(tmp_path):
