@@ -16,6 +16,7 @@ from lensfield.engine.truth.captured_truth import CRYPTOMATTE, DEPTH, NORMAL, UV
 from lensfield.engine.truth.cryptomatte import renamed
 
 from ..job.steps import RenderPass
+from ..scene.camera import camera_pose
 from ..scene.errors import SceneError
 from ..scene.instances import SHADED_TYPES, rendered_instances
 from ..scene.motion import moving
@@ -76,7 +77,7 @@ def truth_steps(ready, fraction):
         if channel.startswith(f"{CRYPTOMATTE}Material") and channel[-1] in ID_CHANNELS:
             planes[channel] = renamed(planes[channel], ready.substitution.materials)
     names = _names(scene, ready.substitution.materials) if "cryptomatte" in products else {}
-    return CapturedTruth(grid, planes, rendered_layer(scene).name, products, _to_world(scene), names)
+    return CapturedTruth(grid, planes, rendered_layer(scene).name, products, camera_pose(scene)[:3], names)
 
 
 def _planes_steps(ready, passes, samples, fraction):
@@ -113,13 +114,6 @@ def _planar_m(depth, ready, grid):
     depth_mm = depth_pass_m(depth, metres_per_unit(ready.scene)) * M_TO_MM
     depth_m = planar_depth_mm(depth_mm, ready.job.lens, grid) / M_TO_MM
     return np.where(np.isfinite(depth_m), depth_m, np.inf).astype(np.float32)
-
-
-def _to_world(scene):
-    """The camera's axes and place in the world, in metres: array (3, 4)."""
-    to_world = np.array(scene.camera.matrix_world.normalized())[:3]
-    to_world[:, 3] *= metres_per_unit(scene)
-    return to_world
 
 
 def _names(scene, materials):

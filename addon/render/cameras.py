@@ -10,12 +10,11 @@ from lensfield.engine.lens import Lens
 
 from ..job.job import job_of
 from ..job.result import Result
-from ..scene.camera import frame_grid
+from ..scene.camera import camera_pose, frame_grid
 from ..scene.lens_cache import unwatched
 from ..scene.render_state import go_to_frame
 from ..scene.requirements import check_scene
 from ..scene.undo import Journal
-from ..scene.units import metres_per_unit
 from .animation import named_frame
 
 
@@ -63,6 +62,5 @@ def frame_camera(scene, frame, baking=unwatched, **given):
         go_to_frame(scene, frame, journal)
         check_scene(scene, **given)
         lens = job_of(scene, baking=baking, **given).lens
-        pose = np.array(scene.camera.matrix_world.normalized())
-        pose[:3, 3] *= metres_per_unit(scene)
-        return FrameCamera(lens, frame_grid(scene, lens), pose, Result.of(scene, Path(), frame).after.name)
+        return FrameCamera(lens, frame_grid(scene, lens), camera_pose(scene),
+                           Result.of(scene, Path(), frame).after.name)

@@ -99,6 +99,13 @@ def frame_grid(scene, lens):
     return PixelGrid(shape_px, pitch_um(lens, shape_px)).shifted(*shift_px(scene))
 
 
+def camera_pose(scene):
+    """From the camera's axes, x to the right, y upwards, z backwards, to the scene in metres: array (4, 4)."""
+    pose = np.array(scene.camera.matrix_world.normalized())
+    pose[:3, 3] *= metres_per_unit(scene)
+    return pose
+
+
 def shift_px(scene):
     """The sensor's displacement by the camera's Shift, in pixels to the right and up."""
     camera = camera_data(scene)

@@ -45,6 +45,7 @@ def add_bead(scene, to_world, place_m):
 
 def lit_px(scene, folder):
     """Column and row of the mean of the light in the lens's picture, by the convention of nerfstudio."""
+    scene.cycles.samples = 256  # the bead is smaller than a pixel: few samples would miss most of its light
     result = addon.render_through_lens(scene, wavelengths_nm=[NM], output_folder=folder, depth="off",
                                        lens_quality="preview")
     light = read_exr(result.irradiance).cube[0]
