@@ -2,8 +2,9 @@
 
     python packaging/build_wheels.py FOLDER [PLATFORM ...]
 
-builds those of these platforms, such as linux-x64, or all, with the cross compilers listed in CONTRIBUTING.md. The same
-compilers build the same bytes from the same sources. Any Python 3 loads the loops, by ctypes, so that a platform needs
+builds those of these platforms, such as linux-x64, or all, with the cross compilers listed in CONTRIBUTING.md, and
+without a network: this Python has setuptools in pyproject.toml's version. The same compilers build the same bytes from
+the same sources. Any Python 3 loads the loops, by ctypes, so that a platform needs
 one wheel. Blender's extension contains the wheel, too, and takes the engine from it.
 """
 
@@ -34,8 +35,9 @@ def build(output, platform):
         source, wheels = Path(temporary) / "lensfield", Path(temporary) / "wheels"
         shutil.copytree(ROOT, source, copy_function=shutil.copyfile, ignore=shutil.ignore_patterns(
             ".*", "__pycache__", "*.egg-info", "build", "dist", "demo", kernels.LIBRARY_FOLDER.name))
-        subprocess.run([sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-cache-dir", "--wheel-dir",
-                        wheels, f"--config-settings=--build-option=--plat-name={platform}", source], check=True,
+        subprocess.run([sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation",
+                        "--no-cache-dir", "--wheel-dir", wheels,
+                        f"--config-settings=--build-option=--plat-name={platform}", source], check=True,
                        env=os.environ | {"SOURCE_DATE_EPOCH": str(EARLIEST_S)}, umask=0o022)
         wheel, = wheels.glob("*.whl")
         return Path(shutil.move(wheel, output / wheel.name))

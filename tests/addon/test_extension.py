@@ -9,6 +9,7 @@ import threading
 import tomllib
 import zipfile
 from contextlib import contextmanager
+from email.parser import Parser
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from importlib import metadata
@@ -70,7 +71,30 @@ def without_downloads(build_extension, monkeypatch):
 
 
 @pytest.fixture(scope="module")
-def package(build_extension, wheel):
+def with_installed_packages(build_extension):
+    """Lets zips contain wheels of this environment's packages, which need no download."""
+    def pack_all(folder, platform, python):
+        folder.mkdir()
+        for requirement in (*build_extension.COMPILED, *build_extension.PURE):
+            pack(metadata.distribution(Requirement(requirement).name), folder)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(build_extension, "download_wheels", pack_all)
+        yield
+
+
+def pack(installed, folder):
+    """Write the wheel of an installed package."""
+    tag = Parser().parsestr(installed.read_text("WHEEL"))["Tag"]
+    name = f"{installed.name.replace('-', '_')}-{installed.version}-{tag}.whl"
+    with zipfile.ZipFile(folder / name, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as package:
+        for file in installed.files:
+            if file.parts[0] != ".." and file.suffix != ".pyc":
+                package.write(file.locate(), file)
+
+
+@pytest.fixture(scope="module")
+def package(build_extension, wheel, with_installed_packages):
     """The zip for this Blender, with all wheels."""
     return build_extension.build(wheel.parent, fitting(build_extension)[0])
 
@@ -96,7 +120,7 @@ def run_in_blender(tmp_path):
     for top in tops - {"..", "__pycache__"}:
         (libraries / top).symlink_to(Path(sysconfig.get_path("platlib"), top))
     environment = os.environ | {"BLENDER_USER_RESOURCES": str(tmp_path / "user"), "LENSFIELD_CACHE": "",
-                                "PYTHONPATH": str(libraries)}
+                                "PYTHONPATH": str(libraries), "no_proxy": "127.0.0.1"}
 
     def run(code, *arguments):
         completed = subprocess.run([sys.executable, "-S", "-c", code, *map(str, arguments)], capture_output=True,

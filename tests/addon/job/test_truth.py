@@ -6,6 +6,7 @@ import math
 import bpy
 import numpy as np
 import pytest
+from numpy.lib.stride_tricks import sliding_window_view
 
 import ground_truth
 from lensfield import addon, cli
@@ -36,7 +37,7 @@ def painted(scene):
     scene.camera.location = 0.5, -0.25, 1.0
     paint, _ = material("Paint", "ShaderNodeEmission")
     paint.pass_index = 3
-    leaning = wall(scene, paint, 0.5, 4.0)
+    leaning = wall(scene, paint, 0.5, 6.0)
     leaning.rotation_euler.y, leaning.pass_index = 0.6, 32767
     bpy.ops.mesh.primitive_ico_sphere_add(radius=0.05, location=(0.45, -0.2, 0.6))
     ball = bpy.context.object
@@ -95,8 +96,10 @@ def test_a_decoder_reads_the_mattes(painted, tmp_path):
     index = next(plane for name, plane in channels_of(result).items() if name in ("Object Index.X", "IndexOB.X"))
     assert masks.keys() == {"Wall", "B\u00e4ll"}
     np.testing.assert_allclose(masks["Wall"] + masks["B\u00e4ll"], 1, atol=1e-6)
-    even = (masks["Wall"] == 1) | (masks["Wall"] == 0)
-    assert np.array_equal(index[even] == 32767, masks["Wall"][even] == 1) and set(np.unique(index)) == {7, 32767}
+    around = sliding_window_view(masks["Wall"], (3, 3))
+    even = np.ptp(around, axis=(2, 3)) == 0  # next to edges, all samples may miss what is in the pixel's middle
+    assert np.array_equal(index[1:-1, 1:-1][even] == 32767, masks["Wall"][1:-1, 1:-1][even] == 1)
+    assert set(np.unique(index[1:-1, 1:-1][even])) == {7, 32767}
 
 
 def test_blenders_cryptomatte_node_picks_objects_by_name(painted, tmp_path):
