@@ -6,7 +6,7 @@ import numpy as np
 from mathutils import Vector
 
 from ..scene.bodies import depths_mm, is_closed
-from ..scene.camera import in_view
+from ..scene.camera import in_view, to_camera_mm
 from ..scene.depth import View
 from ..scene.instances import SHADED_TYPES, rendered_instances
 from ..scene.render_state import rendered_world
@@ -97,11 +97,11 @@ def _unseen(scene, shaded, lens, capture):
         return "all objects are hidden from the camera", "enable Camera in their Ray Visibility"
     camera, unit_mm, in_sight = scene.camera.data, mm_per_unit(scene), False
     start_mm, end_mm = camera.clip_start * unit_mm, camera.clip_end * unit_mm
-    to_camera_mm = unit_mm * np.linalg.inv(np.array(scene.camera.matrix_world.normalized()))
+    to_camera = to_camera_mm(scene)
     for each in visible:  # stops at the first in view: there may be a million
         if in_view(scene.camera, each.box, lens, capture):
             in_sight = True
-            near_mm, far_mm = depths_mm(each.box, to_camera_mm, capture.projection)
+            near_mm, far_mm = depths_mm(each.box, to_camera, capture.projection)
             if near_mm <= end_mm and start_mm <= far_mm:
                 return None
     if in_sight:

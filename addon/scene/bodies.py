@@ -8,10 +8,9 @@ single number per pixel, which would turn the tint grey.
 
 import numpy as np
 
-from .camera import in_view
+from .camera import in_view, to_camera_mm
 from .instances import nodes_within, rendered_instances, uses_nodes
 from .render_state import rendered_layer, rendered_world
-from .units import mm_per_unit
 from .volumes import has_volume
 
 EVERYWHERE_MM = 0.0, np.inf
@@ -38,12 +37,12 @@ def uncut_depths_mm(scene, lens, capture, tinting):
     """
     layer, world = rendered_layer(scene), rendered_world(scene)
     volumes, bodies = ([EVERYWHERE_MM] if world and has_volume(world) else []), set()
-    to_camera_mm = mm_per_unit(scene) * np.linalg.inv(np.array(scene.camera.matrix_world.normalized()))
+    to_camera = to_camera_mm(scene)
     closed, foggy, holes = {}, {}, {}  # by data and by material: there may be many instances of few
     for instance in rendered_instances(scene):
         if instance.obj.type == "LIGHT" or not in_view(scene.camera, instance.box, lens, capture):
             continue
-        near_mm, far_mm = depths_mm(instance.box, to_camera_mm, capture.projection)
+        near_mm, far_mm = depths_mm(instance.box, to_camera, capture.projection)
         for material in instance.materials - foggy.keys():
             foggy[material], holes[material] = has_volume(material), _has_holdout(material)
         if _is_holdout(instance.obj, layer) or any(holes[material] for material in instance.materials):

@@ -25,7 +25,7 @@ from .errors import SceneError
 from .instances import rendered_instances
 from .lens_cache import lens_on_sensor, scaled_lens
 from .lens_facts import DIAGONAL, lens_facts
-from .units import metres_per_unit
+from .units import metres_per_unit, mm_per_unit
 
 BY_RESULT = Options()
 COMPLETE = 0.999  # of the diagonal: less is beyond a lens's field
@@ -104,6 +104,11 @@ def camera_pose(scene):
     pose = np.array(scene.camera.matrix_world.normalized())
     pose[:3, 3] *= metres_per_unit(scene)
     return pose
+
+
+def to_camera_mm(scene):
+    """From Blender units of the scene to the camera's axes, in mm: array (4, 4)."""
+    return mm_per_unit(scene) * np.linalg.inv(np.array(scene.camera.matrix_world.normalized()))
 
 
 def shift_px(scene):
