@@ -170,13 +170,18 @@ test-numpy: $(READY) kernels  # as on machines without the compiled loops
 
 ci: ROUNDS = 40
 ci: HEAVY = 3
-ci: ci-5.0.1 test-engine ci-5.2.3 ci-4.5.15 ci-5.1.2 test-kernels test-numpy test-bake test-farm test-sensor test-photographs test-calibration wheels site  # longest first
+ci: ci-5.0.1 test-engine ci-5.2.3 ci-4.5.15 ci-5.1.2 test-kernels test-numpy test-bake test-farm test-sensor test-photographs test-calibration ci-wheels site  # longest first
 
 ci-5.0.1: CI_TESTS = tests/addon
 ci-5.2.3: CI_TESTS = tests/addon -m 'not one_blender'
 ci-4.5.15: CI_TESTS = tests/addon/scene tests/addon/shading $(STATE) -m 'not one_blender'
 # more run on the versions before and after 5.1
 ci-5.1.2: CI_TESTS = tests/addon/shading/test_lint.py $(STATE) -m 'not one_blender'
+# those of other platforms only with their compilers, which need administrator rights or a network to install
+ci-wheels: $(RELEASE)/.ready
+	if command -v x86_64-w64-mingw32-gcc && command -v aarch64-linux-gnu-gcc && command -v ld.lld; then $(MAKE) wheels; \
+	    else $(MAKE) wheels PLATFORMS=linux-x64; fi
+
 ci-%: kernels
 	$(MAKE) test-blender BPY=$* TESTS="$(CI_TESTS)"
 
