@@ -12,6 +12,7 @@ from pathlib import Path
 
 import bpy
 
+from .compositor_group import DEPTH_IN_UNITS, PLAIN, STILLS, SWITCHED, build, is_intact
 from .errors import SceneError
 from .fingerprint import action_curves, comparable, forget_all, scene_fingerprint
 from .trust import is_near_blend, is_trusted, trust
@@ -22,21 +23,11 @@ NAME = "Lensfield"
 MARK = "lensfield"  # custom property of our node groups; users may rename them
 QUICK_LOOK = "lensfield_quick_look"  # the same of Quick Look's groups; its value identifies the lens
 STATE = "lensfield_frames"  # their custom property with JSON, see `_state`
-BACKGROUND_M = 1e10
-BLACK = 0.0, 0.0, 0.0, 1.0
 LABEL_LENGTH = 63  # Blender's limit
 WIDTH = 240  # of the node, like Render Layers, so that its label is readable
 LENS_IMAGE = re.compile(r"(.*?)(-?\d+)_lens_image\.exr")
-SWITCHED = {"Image": "lens_image", "Depth": "depth", "Stray Light": "stray_light"}
-"""Outputs that show a frame's files, or else the plain render, without stray light."""
-PLAIN = "Image", "Depth"  # inputs: the plain render
 PICTURES = "Image", "Stray Light"  # in colour
-STILLS = {"Relative Illumination": "relative_illumination", "STMap Distort": "stmap_distort",
-          "STMap Undistort": "stmap_undistort"}
-OUTPUTS = {"Image": "Color", "Alpha": "Float", "Depth": "Float", "Stray Light": "Color",
-           "Relative Illumination": "Float", "STMap Distort": "Color", "STMap Undistort": "Color"}
 TAKEN_OVER = "Image", "Alpha", "Depth"
-DEPTH_IN_UNITS = "Depth in Blender Units"  # name of the node that converts a file's metres
 
 
 def lay_into_compositor(scene, *image_paths, fingerprint=None):
@@ -62,8 +53,8 @@ def lay_into_compositor(scene, *image_paths, fingerprint=None):
     new_frames = [_stem_and_frame(path)[1] for path in image_paths]
     trust(Path(image_paths[0]).parent)
     tree, node = lay_group(scene, MARK, NAME, _new_group)
-    if not _is_intact(node.node_tree) or DEPTH_IN_UNITS not in node.node_tree.nodes:
-        _build(node.node_tree)
+    if not is_intact(node.node_tree) or DEPTH_IN_UNITS not in node.node_tree.nodes:
+        build(node.node_tree)
         _feed(scene, tree, node)
     group, state = node.node_tree, _state(node.node_tree)
     path = _for_blend(scene, image_paths[0])
@@ -180,7 +171,7 @@ def _label(scene, node):
 def _scene_node(scene):
     """The scene's Lensfield node if it may be changed here and shows the scene's own lens images, else None."""
     node = _node(scene)
-    if node is None or not _is_intact(node.node_tree) or _owner(node.node_tree) != scene:
+    if node is None or not is_intact(node.node_tree) or _owner(node.node_tree) != scene:
         return None
     if node.id_data.library or node.node_tree.library or not _may_look(node.node_tree):
         return None
@@ -271,7 +262,7 @@ def _verdict(node, frame, state):
 def picture_folder(scene):
     """The folder of the files that the scene's Lensfield node shows; "" without a node."""
     node = _node(scene)
-    intact = node and _is_intact(node.node_tree)
+    intact = node and is_intact(node.node_tree)
     return os.path.dirname(bpy.path.abspath(_image_path(node.node_tree, 1))) if intact else ""
 
 
@@ -421,87 +412,8 @@ def _render_sources(scene, tree, node):
 def _new_group():
     group = bpy.data.node_groups.new(NAME, "CompositorNodeTree")
     group[MARK] = True
-    _build(group)
+    build(group)
     return group
-
-
-def _is_intact(group):
-    return all(name in group.nodes for name in (*SWITCHED, *STILLS, *(f"{name} Switch" for name in SWITCHED)))
-
-
-def _build(group):
-    """Create the sockets and nodes of a group."""
-    group.nodes.clear()
-    group.interface.clear()
-    for name in PLAIN:
-        socket = group.interface.new_socket(name=name, in_out="INPUT", socket_type=f"NodeSocket{OUTPUTS[name]}")
-        if name == "Depth":
-            socket.default_value, socket.hide_value = BACKGROUND_M, True
-    for name, kind in OUTPUTS.items():
-        group.interface.new_socket(name=name, in_out="OUTPUT", socket_type=f"NodeSocket{kind}")
-    group_input, group_output = group.nodes.new("NodeGroupInput"), group.nodes.new("NodeGroupOutput")
-    group_input.location.x, group_output.location.x = -300, 600
-    for row, name in enumerate((*SWITCHED, *STILLS)):
-        source = group.nodes.new("CompositorNodeImage")
-        source.name = source.label = name
-        source.location.y = -350 * row
-        picture = _add_scale(group, source)
-        if name == "Depth":
-            picture = _add_units(group, picture)
-        if name in SWITCHED:
-            picture = _add_switch(group, name, group_input.outputs.get(name), picture)
-        _link(group, picture, group_output.inputs[name])
-        if name == "Image":
-            _link(group, picture, group_output.inputs["Alpha"], "Alpha")
-
-
-def _add_scale(group, source):
-    """Scale a file to the frame: the viewport's compositor has a different resolution from a render."""
-    scale = group.nodes.new("CompositorNodeScale")
-    scale.location = source.location.x + 200, source.location.y
-    group.links.new(source.outputs["Image"], scale.inputs["Image"])
-    smooth = source.name != "Depth"  # a mean of two depths is meaningless
-    if "Type" in scale.inputs:
-        scale.inputs["Type"].default_value = "Render Size"
-        scale.inputs["Interpolation"].default_value = "Bilinear" if smooth else "Nearest"
-    else:
-        scale.space, scale.interpolation = "RENDER_SIZE", "BILINEAR" if smooth else "NEAREST"
-    return scale.outputs["Image"]
-
-
-def _add_units(group, depth_m):
-    """Convert depth in metres to Blender units, as in the plain render."""
-    parts = group.nodes.new("CompositorNodeSeparateColor")
-    divided = group.nodes.new("ShaderNodeMath" if bpy.app.version >= (5, 0, 0) else "CompositorNodeMath")
-    divided.name, divided.operation = DEPTH_IN_UNITS, "MULTIPLY"
-    x, y = depth_m.node.location
-    parts.location, divided.location = (x, y - 150), (x, y - 300)
-    group.links.new(depth_m, parts.inputs[0])
-    group.links.new(parts.outputs["Red"], divided.inputs[0])
-    return divided.outputs[0]
-
-
-def _add_switch(group, name, off, on):
-    """Switch between two sockets; without the first, between black and the second."""
-    switch = group.nodes.new("CompositorNodeSwitch")
-    switch.name = switch.label = f"{name} Switch"
-    switch.location = on.node.location.x + 200, on.node.location.y
-    if off:
-        group.links.new(off, switch.inputs["Off"])
-    else:
-        switch.inputs["Off"].default_value = BLACK
-    group.links.new(on, switch.inputs["On"])
-    return switch.outputs[0]
-
-
-def _link(group, picture, target, channel="Red"):
-    """Link a picture to an output, or one of its channels to a float output."""
-    if target.type == "VALUE":
-        parts = group.nodes.new("CompositorNodeSeparateColor")
-        parts.location = 400, target.node.inputs.find(target.name) * -100
-        group.links.new(picture, parts.inputs[0])
-        picture = parts.outputs[channel]
-    group.links.new(picture, target)
 
 
 def _switch_keys(shown_by_frame):
