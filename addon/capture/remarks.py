@@ -63,7 +63,7 @@ class Remark:
 def scene_remarks(scene, job):
     """Remarks on the scene at its current frame, with the job's view layer as the only one on: list of Remark."""
     return [*_of_engine(scene, job), *_of_device(scene, job), *_of_traced_lens(scene, job), *_of_reference(scene, job),
-            *_of_camera(scene, job), *_of_pixels(scene), *_left_out(scene)]
+            *_of_camera(scene, job), *_of_pixels(scene), *_left_out(scene, job)]
 
 
 def depth_remarks(job, slabs):
@@ -214,7 +214,7 @@ def _of_pixels(scene):
                      "ignored; each pixel averages the light over its own square")
 
 
-def _left_out(scene):
+def _left_out(scene, job):
     render, sequences = scene.render, scene.sequence_editor
     if render.use_border and render.use_crop_to_border:
         yield Remark("Crop to Render Region", "", "ignored; the picture keeps its size and is black outside the region")
@@ -224,6 +224,7 @@ def _left_out(scene):
         yield Remark("Freestyle", "", "ignored; no lines")
     if render.use_sequencer and sequences and len(sequences.strips):
         yield Remark("Sequencer", "", "ignored; the scene itself is rendered")
-    if passes := unreplaced_passes(scene):
-        yield Remark("Compositor", ", ".join(passes), "not distorted; only Image, Alpha and Depth go through the lens",
-                     "warp others with STMap Distort from the Lensfield node")
+    if passes := unreplaced_passes(scene, job.truth.split(",")):
+        yield Remark("Compositor", ", ".join(passes),
+                     "not distorted; only Image, Alpha, Depth and passes of Ground Truth go through the lens",
+                     "choose them in Ground Truth, or warp them with STMap Distort from the Lensfield node")

@@ -7,7 +7,6 @@ It sees everything at once, traces no light further, and is as fast as one sampl
 
 from dataclasses import replace
 
-import bpy
 import numpy as np
 
 from lensfield.engine import InputError
@@ -21,12 +20,12 @@ from ..scene.errors import SceneError
 from ..scene.instances import SHADED_TYPES, rendered_instances
 from ..scene.motion import moving
 from ..scene.render_state import effective_samples, read_again, rendered_layer, show_samples, show_slab
+from ..scene.truth_outputs import INDICES
 from ..scene.undo import Journal
 from ..scene.units import M_TO_MM, depth_pass_m, metres_per_unit
 from ..scene.volumes import hide_volumes
 from .slabs import LOOK
 
-INDICES = ("Object Index", "Material Index") if bpy.app.version >= (5, 0) else ("IndexOB", "IndexMA")
 DATA = {"depth": {"z": f"{DEPTH}.Z"}, "position": {"z": f"{DEPTH}.Z"}, "normal": {"normal": f"{NORMAL}.XYZ"},
         "uv": {"uv": f"{UV}.UVA"}, "flow": {"vector": f"{VECTOR}.XYZW"},
         "index": dict(zip(("object_index", "material_index"), (f"{name}.X" for name in INDICES), strict=True))}

@@ -12,10 +12,21 @@ from pathlib import Path
 
 import bpy
 
-from .compositor_group import DEPTH_IN_UNITS, PLAIN, STILLS, SWITCHED, build, is_intact
+from .compositor_group import DEPTH_IN_UNITS, PLAIN, STILLS, SWITCHED, build, is_intact, switch_of
 from .errors import SceneError
 from .fingerprint import action_curves, comparable, forget_all, scene_fingerprint
 from .trust import is_near_blend, is_trusted, trust
+from .truth_outputs import (
+    GROUND_TRUTH,
+    OF_PRODUCT,
+    add_file,
+    add_outputs,
+    is_read,
+    passes_in,
+    remove_output,
+    set_unit,
+    truth_outputs,
+)
 from .units import metres_per_unit
 from .working_space import REC709
 
@@ -28,6 +39,7 @@ WIDTH = 240  # of the node, like Render Layers, so that its label is readable
 LENS_IMAGE = re.compile(r"(.*?)(-?\d+)_lens_image\.exr")
 PICTURES = "Image", "Stray Light"  # in colour
 TAKEN_OVER = "Image", "Alpha", "Depth"
+TRUTH_END = "truth"  # of the names of files with ground truth
 
 
 def lay_into_compositor(scene, *image_paths, fingerprint=None):
@@ -35,7 +47,8 @@ def lay_into_compositor(scene, *image_paths, fingerprint=None):
 
     The scene's compositing tree gets one Lensfield node. It takes over the links from a Render Layers node's picture,
     alpha and depth, with that picture as its input; in a new tree it feeds the output. Another call only refreshes the
-    images, or adds other frames.
+    images, or adds other frames. If files with ground truth are next to the images, the node also has outputs for their
+    passes, which take over the links of these passes.
 
     Parameters
     ----------
@@ -50,7 +63,7 @@ def lay_into_compositor(scene, *image_paths, fingerprint=None):
     -------
     the group node
     """
-    new_frames = [_stem_and_frame(path)[1] for path in image_paths]
+    new = {_stem_and_frame(path)[1]: path for path in image_paths}
     trust(Path(image_paths[0]).parent)
     tree, node = lay_group(scene, MARK, NAME, _new_group)
     if not is_intact(node.node_tree) or DEPTH_IN_UNITS not in node.node_tree.nodes:
@@ -58,12 +71,16 @@ def lay_into_compositor(scene, *image_paths, fingerprint=None):
         _feed(scene, tree, node)
     group, state = node.node_tree, _state(node.node_tree)
     path = _for_blend(scene, image_paths[0])
-    state["scene"] = key_of(scene)
-    frames = state["frames"] if _image_path(group, new_frames[0]) == path else {}
+    same = _image_path(group, next(iter(new))) == path
+    frames, truth = (state[name] if same else {} for name in ("frames", "truth"))
     of = fingerprint or fingerprint_anew(scene)
-    _put(group, frames=frames | {str(frame): of for frame in new_frames}, scene=state["scene"])
+    passes = {frame: passes_in(_next_to(path, TRUTH_END)) for frame, path in new.items()}
+    _put(group, frames=frames | {str(frame): of for frame in new}, scene=key_of(scene),
+         truth=truth | {str(frame): names for frame, names in passes.items()})
     _load(group, path, scene.name)
+    _lay_truth(scene, tree, node, next((_for_blend(scene, new[frame]) for frame in new if passes[frame]), None))
     group.nodes[DEPTH_IN_UNITS].inputs[1].default_value = 1 / metres_per_unit(scene)
+    set_unit(group, metres_per_unit(scene))
     refresh(scene)
     return node
 
@@ -114,12 +131,11 @@ def remove_from_compositor(scene, mark=MARK):
     if not node:
         return False
     group, state = node.node_tree, _state(node.node_tree)
-    fed_by = next((link.from_socket for link in tree.links if link.to_node == node and link.to_socket.name == "Image"),
-                  None)
+    fed_by = {link.to_socket.name: link.from_socket for link in tree.links if link.to_node == node}
     for link in [link for link in tree.links if link.from_node == node]:
         name, target = link.from_socket.name, link.to_socket
-        source = fed_by if name == "Image" else fed_by and fed_by.node.outputs.get(name)
-        if source and name in TAKEN_OVER:
+        source = fed_by.get(name) or "Image" in fed_by and fed_by["Image"].node.outputs.get(name)
+        if source and name in (*TAKEN_OVER, *truth_outputs(group)):
             tree.links.new(source, target)
     tree.nodes.remove(node)
     layers, others = tree.nodes.get(state["created_layers"]), [marked_node(tree, each) for each in (MARK, QUICK_LOOK)]
@@ -138,7 +154,7 @@ def refresh(scene):
     """Switch to the lens image at the frames that have a current one, and label the node to match."""
     node = _scene_node(scene)
     if node:
-        _switch(node.node_tree, _shown_by_frame(node))
+        _switch(node.node_tree, _switch_keys(node))
         _label(scene, node)
 
 
@@ -146,10 +162,11 @@ def rewrite_switches(scene):
     """Do the work of `refresh` on a render thread: overwrite the values of the existing keyframes, without freeing or
     allocating memory. The next `refresh` notifies Blender."""
     node = _scene_node(scene)
-    keys = node and _switch_keys(_shown_by_frame(node))
-    if not keys or keys == _keys(node.node_tree):
+    by_switch = node and _switch_keys(node)
+    if not by_switch or by_switch == _keys(node.node_tree):
         return
-    for curve in _curves(node.node_tree):
+    for name, curve in _curves(node.node_tree).items():
+        keys = by_switch[name]
         if [int(key.co[0]) for key in curve.keyframe_points] == sorted(keys):
             curve.keyframe_points.foreach_set("co", [n for frame in sorted(keys) for n in (frame, keys[frame])])
     _rewritten.add(node.node_tree.session_uid)
@@ -176,12 +193,6 @@ def _scene_node(scene):
     if node.id_data.library or node.node_tree.library or not _may_look(node.node_tree):
         return None
     return node
-
-
-def _shown_by_frame(node):
-    """Whether the lens image of each frame that has one is shown: dict of int: bool."""
-    state = _state(node.node_tree)
-    return {int(frame): _verdict(node, frame, state)[0] for frame in state["frames"]}
 
 
 def compositor_state(scene):
@@ -305,13 +316,14 @@ def compositing_tree(scene):
     return tree
 
 
-def unreplaced_passes(scene):
+def unreplaced_passes(scene, products):
     """Names of passes that the scene's compositing tree takes from its Render Layers and lens images lack: they show
-    the camera's view, not the view of the lens."""
+    the camera's view, not the view of the lens. `products` are the requested kinds of ground truth."""
+    replaced = {*TAKEN_OVER, *(name for product in products for name in OF_PRODUCT.get(product, ()))}
     tree = _tree(scene) if getattr(scene, "use_nodes", True) else None
     return sorted({link.from_socket.name for link in (tree.links if tree else ())
                    if link.from_node.bl_idname == "CompositorNodeRLayers" and link.from_node.scene == scene
-                   and link.from_socket.name not in TAKEN_OVER})
+                   and link.from_socket.name not in replaced})
 
 
 def _stem_and_frame(path):
@@ -336,9 +348,9 @@ def _image_path(group, frame):
 
 
 def _state(group):
-    """The state that a Lensfield group stores: the scene's fingerprint at each frame's render, the scene's key, whether
-    the tree was created for it, and the name of a Render Layers node that was."""
-    empty = {"frames": {}, "scene": "", "created_tree": False, "created_layers": ""}
+    """The state that a Lensfield group stores: the scene's fingerprint at each frame's render, the passes of its ground
+    truth, the scene's key, whether the tree was created for it, and the name of a Render Layers node that was."""
+    empty = {"frames": {}, "truth": {}, "scene": "", "created_tree": False, "created_layers": ""}
     try:
         stored = json.loads(group.get(STATE, "{}"))
     except (TypeError, ValueError, RecursionError):  # the file may be untrusted
@@ -346,7 +358,9 @@ def _state(group):
     stored = stored if isinstance(stored, dict) else {}
     held = {name: stored[name] for name, value in empty.items() if isinstance(stored.get(name), type(value))}
     frames = {frame: of for frame, of in held.get("frames", {}).items() if _is_frame(frame) and isinstance(of, str)}
-    return empty | held | {"frames": frames}
+    truth = {frame: [name for name in passes if isinstance(name, str)]
+             for frame, passes in held.get("truth", {}).items() if _is_frame(frame) and isinstance(passes, list)}
+    return empty | held | {"frames": frames, "truth": truth}
 
 
 def _is_frame(text):
@@ -401,12 +415,13 @@ def _owner(group):
     return next(scene for scene in bpy.data.scenes if (node := _node(scene)) and node.node_tree == group)
 
 
-def _render_sources(scene, tree, node):
-    """The nodes that output the plain render, before this node of ours: Quick Look, or Render Layers."""
+def _render_sources(scene, tree, node, name):
+    """The nodes that output a pass of the plain render, before this node of ours: Quick Look, or Render Layers."""
     quick_look = marked_node(tree, QUICK_LOOK)
-    if quick_look and quick_look != node:
+    if quick_look and quick_look != node and name in quick_look.outputs:
         return [quick_look]
-    return [n for n in tree.nodes if n.bl_idname == "CompositorNodeRLayers" and n.scene == scene and not n.mute]
+    return [n for n in tree.nodes if n.bl_idname == "CompositorNodeRLayers" and n.scene == scene and not n.mute
+            and name in n.outputs]
 
 
 def _new_group():
@@ -416,62 +431,117 @@ def _new_group():
     return group
 
 
-def _switch_keys(shown_by_frame):
-    """Frames and values of the switches' keyframes. Their number does not depend on the values."""
+def _switch_keys(node):
+    """Frames and values of the keyframes of each switch: dict of str: dict of int: bool. Their number does not depend
+    on the values."""
+    group, state = node.node_tree, _state(node.node_tree)
+    shown = {frame: _verdict(node, frame, state)[0] for frame in state["frames"]}
+    passes = {frame: _passes(group, frame, state) if on else () for frame, on in shown.items()}
+    by_switch = dict.fromkeys(SWITCHED, shown) | {
+        name: {frame: is_read(group, name) and name in of_frame for frame, of_frame in passes.items()}
+        for name in truth_outputs(group)}
+    return {name: _keys_of({int(frame): on for frame, on in frames.items()}) for name, frames in by_switch.items()}
+
+
+def _passes(group, frame, state):
+    """The passes in the file of a frame's ground truth; none if it is missing."""
+    passes = state["truth"].get(frame, ())
+    path = bpy.path.abspath(_image_path(group, int(frame)))
+    return passes if passes and os.path.isfile(_next_to(path, TRUTH_END)) else ()
+
+
+def _keys_of(shown_by_frame):
     keys = {frame + 1: False for frame in shown_by_frame} | shown_by_frame
     return keys | {min(keys, default=0) - 1: False}
 
 
-def _switch(group, shown_by_frame):
-    """Keyframe the switches to be on only at frames that show their lens image."""
-    keys = _switch_keys(shown_by_frame)
-    if keys == _keys(group):
+def _switch(group, by_switch):
+    """Keyframe the switches to be on only at frames that show their file."""
+    if by_switch == _keys(group):
         if group.session_uid in _rewritten:
             _rewritten.discard(group.session_uid)
-            for curve in _curves(group):
+            for curve in _curves(group).values():
                 curve.update()
         return
-    first, *others = sorted(keys)
-    for curve in _curves(group):
+    for curve in _curves(group).values():
         curve.keyframe_points.clear()
-    for name in SWITCHED:
-        socket = group.nodes[f"{name} Switch"].inputs["Switch"]
+    for name, keys in by_switch.items():
+        first, socket = min(keys), _toggle(group, name)
         socket.default_value = keys[first]
         socket.keyframe_insert("default_value", frame=first)
-    for curve in _curves(group):
-        for frame in others:
-            curve.keyframe_points.insert(frame, keys[frame], options={"FAST"})
+    for name, curve in _curves(group).items():
+        for frame in sorted(by_switch[name])[1:]:
+            curve.keyframe_points.insert(frame, by_switch[name][frame], options={"FAST"})
         for key in curve.keyframe_points:
             key.interpolation = "CONSTANT"
         curve.update()
 
 
+def _toggle(group, name):
+    """The socket of an output's switch that its keyframes turn on."""
+    return switch_of(group, name).inputs["Switch"]
+
+
 def _curves(group):
+    """The F-curves of a group's switches, by the names of their outputs."""
     action = group.animation_data and group.animation_data.action
-    return action_curves(action) if action else []
+    names = {_toggle(group, name).path_from_id("default_value"): name for name in (*SWITCHED, *truth_outputs(group))}
+    return {names[curve.data_path]: curve for curve in (action_curves(action) if action else ())
+            if curve.data_path in names}
 
 
 def _keys(group):
-    keys = [{int(key.co[0]): bool(key.co[1]) for key in curve.keyframe_points} for curve in _curves(group)]
-    return keys[0] if len(keys) == len(SWITCHED) and all(each == keys[0] for each in keys) else None
+    return {name: {int(key.co[0]): bool(key.co[1]) for key in curve.keyframe_points}
+            for name, curve in _curves(group).items()}
 
 
 def _load(group, path, scene_name):
     """Show a lens image and the files next to it, in the group's existing image data-blocks if it has any."""
-    folder, name = os.path.split(path)
-    stem, frame = _stem_and_frame(name)
     for name, ending in (SWITCHED | STILLS).items():
-        sibling = f"{stem}{frame:04d}_{ending}.exr" if name in SWITCHED else f"{stem}{ending}.exr"
-        sibling = os.path.join(folder, sibling)
+        sibling = _next_to(path, ending) if name in SWITCHED else _of_all_frames(path, ending)
         if os.path.isfile(bpy.path.abspath(sibling)):
             _show(group.nodes[name], sibling, f"{NAME} {scene_name}{'' if name == 'Image' else f' {name}'}", name)
         if name in SWITCHED:
             _follow(group.nodes[name], _state(group)["frames"])
 
 
+def _next_to(path, ending):
+    """Path of another file of a lens image's frame."""
+    stem, frame = _stem_and_frame(path)
+    return os.path.join(os.path.dirname(path), f"{stem}{frame:04d}_{ending}.exr")
+
+
+def _of_all_frames(path, ending):
+    """Path of a file next to a lens image that all frames share."""
+    return os.path.join(os.path.dirname(path), f"{_stem_and_frame(path)[0]}{ending}.exr")
+
+
+def _lay_truth(scene, tree, node, path):
+    """Show the ground truth next to a lens image, if a path is given, with an output for each of its passes. Outputs of
+    other passes remain as long as a frame has them, or they are linked."""
+    group, truth = node.node_tree, _state(node.node_tree)["truth"]
+    if path:
+        source = add_file(group)
+        _show(source, _next_to(path, TRUTH_END), f"{NAME} {scene.name} {GROUND_TRUTH}", GROUND_TRUTH)
+        for name in add_outputs(group):
+            _take_over(scene, tree, node, name)
+            _feed_pass(scene, tree, node, name)
+    in_files = {name for passes in truth.values() for name in passes}
+    for name in truth_outputs(group):
+        if name not in in_files and not node.outputs[name].is_linked:
+            for frame in _keys(group).get(name, ()):
+                _toggle(group, name).keyframe_delete("default_value", frame=frame)
+            remove_output(group, name)
+    source = group.nodes.get(GROUND_TRUTH)
+    if source and (in_files or truth_outputs(group)):
+        _follow(source, _state(group)["frames"])
+    elif source:
+        group.nodes.remove(source)
+
+
 def _show(node, path, image_name, name):
     node.image = show_file(node.image, path, image_name, REC709 if name in PICTURES else "Non-Color",
-                           "SEQUENCE" if name in SWITCHED else "FILE")
+                           "FILE" if name in STILLS else "SEQUENCE")
 
 
 def show_file(image, path, name, colours=REC709, source="FILE"):
@@ -508,29 +578,40 @@ def _remove_group(group):
 def _take_over_links(scene, tree, node):
     """Take over the links of the scene's own Render Layers nodes, else feed the tree's output; returns the name of a
     Render Layers node, if one had to be created."""
-    layers = _render_sources(scene, tree, node)
     for name in TAKEN_OVER:
-        for target in [link.to_socket for n in layers if name in n.outputs for link in n.outputs[name].links]:
-            tree.links.new(node.outputs[name], target)
+        _take_over(scene, tree, node, name)
     output = next((n for n in tree.nodes if n.bl_idname in ("NodeGroupOutput", "CompositorNodeComposite")
                    and not n.inputs[0].is_linked), None)
     if output and not any(out.is_linked for out in node.outputs):
         tree.links.new(node.outputs["Image"], output.inputs[0])
         node.location = output.location.x - 300, output.location.y
+    layers = _render_sources(scene, tree, node, "Image")
     created = _feed(scene, tree, node)
     if layers:
         node.location = layers[0].location.x + 300, layers[0].location.y - 100
     return created
 
 
+def _take_over(scene, tree, node, name):
+    """Take over the links of a pass."""
+    for target in [link.to_socket for n in _render_sources(scene, tree, node, name) for link in n.outputs[name].links]:
+        tree.links.new(node.outputs[name], target)
+
+
 def _feed(scene, tree, node):
     """Feed the plain render to the node; returns the name of the Render Layers node, if it had to be created."""
-    layers, created = next(iter(_render_sources(scene, tree, node)), None), ""
-    if layers is None:
+    created = ""
+    if not _render_sources(scene, tree, node, "Image"):
         layers = tree.nodes.new("CompositorNodeRLayers")
         layers.scene, created = scene, layers.name
         layers.location = node.location.x - 300, node.location.y
-    for name in PLAIN:
-        if name in layers.outputs and layers.outputs[name].enabled:
-            tree.links.new(layers.outputs[name], node.inputs[name])
+    for name in (*PLAIN, *truth_outputs(node.node_tree)):
+        _feed_pass(scene, tree, node, name)
     return created
+
+
+def _feed_pass(scene, tree, node, name):
+    """Feed a pass of the plain render to the node, if it exists."""
+    source = next(iter(_render_sources(scene, tree, node, name)), None)
+    if source and source.outputs[name].enabled:
+        tree.links.new(source.outputs[name], node.inputs[name])

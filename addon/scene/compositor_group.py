@@ -35,22 +35,22 @@ def build(group):
         source = group.nodes.new("CompositorNodeImage")
         source.name = source.label = name
         source.location.y = -350 * row
-        picture = _add_scale(group, source)
+        picture = add_scale(group, name, source.outputs["Image"], smooth=name != "Depth")  # a mean of two is no depth
         if name == "Depth":
             picture = _add_units(group, picture)
         if name in SWITCHED:
-            picture = _add_switch(group, name, group_input.outputs.get(name), picture)
-        _link(group, picture, group_output.inputs[name])
+            picture = add_switch(group, name, group_input.outputs.get(name), picture)
+        link_to(group, picture, group_output.inputs[name])
         if name == "Image":
-            _link(group, picture, group_output.inputs["Alpha"], "Alpha")
+            link_to(group, picture, group_output.inputs["Alpha"], "Alpha")
 
 
-def _add_scale(group, source):
+def add_scale(group, name, picture, smooth):
     """Scale a file to the frame: the viewport's compositor has a different resolution from a render."""
     scale = group.nodes.new("CompositorNodeScale")
-    scale.location = source.location.x + 200, source.location.y
-    group.links.new(source.outputs["Image"], scale.inputs["Image"])
-    smooth = source.name != "Depth"  # a mean of two depths is meaningless
+    scale.name = f"{name} Scale"
+    scale.location = picture.node.location.x + 200, picture.node.location.y
+    group.links.new(picture, scale.inputs["Image"])
     if "Type" in scale.inputs:
         scale.inputs["Type"].default_value = "Render Size"
         scale.inputs["Interpolation"].default_value = "Bilinear" if smooth else "Nearest"
@@ -71,7 +71,12 @@ def _add_units(group, depth_m):
     return divided.outputs[0]
 
 
-def _add_switch(group, name, off, on):
+def switch_of(group, name):
+    """The switch of an output, or None."""
+    return group.nodes.get(f"{name} Switch")
+
+
+def add_switch(group, name, off, on):
     """Switch between two sockets; without the first, between black and the second."""
     switch = group.nodes.new("CompositorNodeSwitch")
     switch.name = switch.label = f"{name} Switch"
@@ -84,10 +89,11 @@ def _add_switch(group, name, off, on):
     return switch.outputs[0]
 
 
-def _link(group, picture, target, channel="Red"):
+def link_to(group, picture, target, channel="Red"):
     """Link a picture to an output, or one of its channels to a float output."""
     if target.type == "VALUE":
         parts = group.nodes.new("CompositorNodeSeparateColor")
+        parts.name = f"{target.name} Part"
         parts.location = 400, target.node.inputs.find(target.name) * -100
         group.links.new(picture, parts.inputs[0])
         picture = parts.outputs[channel]

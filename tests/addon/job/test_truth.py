@@ -9,7 +9,10 @@ import pytest
 from numpy.lib.stride_tricks import sliding_window_view
 
 import ground_truth
+from laid_images import render_composite
 from lensfield import addon, cli
+from lensfield.addon.scene.compositor import compositing_tree
+from lensfield.addon.scene.truth_outputs import INDICES
 from lensfield.engine import InputError
 from lensfield.engine.pictures.spectral_exr import read_parts
 from lensfield.engine.truth.cryptomatte import id_of
@@ -145,6 +148,25 @@ def test_the_panel_and_the_command_choose_the_products(painted, tmp_path):
     assert {name.partition(".")[2] for name in read_parts(written)[0][1]} == {"UV.U", "UV.V", "UV.A"}
     assert cli.main([*map(str, command), "--truth=normal", "--overwrite"]) == 0
     assert "ViewLayer.Normal.X" in read_parts(written)[0][1]
+
+
+def test_the_compositors_node_shows_the_products(painted, tmp_path):
+    """In a scene in inches, whose plain render has other passes than requested."""
+    painted.unit_settings.scale_length = 0.0254
+    result = render(painted, tmp_path, truth="position,index", to_compositor=True)
+    node = compositing_tree(painted).nodes["Lensfield"]
+    assert [socket.name for socket in node.outputs][-3:] == ["Position", *INDICES]
+    for name, channel, unit in ((INDICES[1], "X", 1.0), ("Position", "X", 0.0254)):
+        shown = composite_of(painted, node.outputs[name], tmp_path)
+        np.testing.assert_allclose(shown * unit, channels_of(result)[f"{name}.{channel}"], rtol=1e-6)
+        assert np.ptp(shown)
+
+
+def composite_of(scene, socket, folder):
+    tree = compositing_tree(scene)
+    output = next(node for node in tree.nodes if node.bl_idname in ("NodeGroupOutput", "CompositorNodeComposite"))
+    tree.links.new(socket, output.inputs[0])
+    return render_composite(scene, folder / "composite.exr")[0]
 
 
 def test_a_comparison_refuses_truth(painted, tmp_path):

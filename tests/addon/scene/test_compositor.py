@@ -300,9 +300,9 @@ def test_passes_without_a_lens_image_are_named(scene):
     tree = compositing_tree(scene)
     layers, exposure = tree.nodes.new("CompositorNodeRLayers"), tree.nodes.new("CompositorNodeExposure")
     tree.links.new(layers.outputs["Image"], exposure.inputs["Image"])
-    assert unreplaced_passes(scene) == []
+    assert unreplaced_passes(scene, ()) == []
     tree.links.new(layers.outputs["Mist"], exposure.inputs["Image"])
-    assert unreplaced_passes(scene) == ["Mist"]
+    assert unreplaced_passes(scene, ("normal",)) == ["Mist"]
 
 
 def test_composite_is_the_lens_image(scene, tmp_path):

@@ -97,7 +97,7 @@ EDITS = {  # name: (function of the scene and a value, the current value, anothe
 def switches_on(scene):
     """Whether the keyframes, which alone count in a render, show the lens image at frame 1."""
     group = compositor._node(scene).node_tree
-    return compositor._keys(group)[1]
+    return compositor._keys(group)["Image"][1]
 
 
 def on_another_thread(scene):
