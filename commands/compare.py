@@ -25,7 +25,7 @@ from .arguments import (
 )
 from .blend import import_addon
 from .progress import messages, progress
-from .render import add_followed, restore_copied, scene_and_fields
+from .render import add_followed, restore_copied, say_without_truth, scene_and_fields
 from .render_options import add_capture_options
 from .terminal import say
 
@@ -76,6 +76,8 @@ def _compare(options):
         addon, folder = import_addon(), options.output.resolve()
         addon.check_next_to_frames(folder, options.report, options.picture)
         say(f"output: {folder}")
+        if not of_file:
+            say_without_truth(source)
         with progress(options, write) as on_progress:
             comparison = addon.plan_comparison(source, lenses, f_numbers, output_folder=folder, progress=on_progress,
                                                **given)

@@ -13,7 +13,7 @@ from .arguments import engine_options, given_fields, iris_option, output_given
 from .blend import import_addon
 from .prescription_file import lens_source
 from .progress import add_progress_options, messages, progress
-from .render import add_copy_options, restore_copied, scene_and_fields
+from .render import add_copy_options, restore_copied, say_without_truth, scene_and_fields
 from .render_options import add_scene_options
 from .stopping import stopped
 
@@ -49,6 +49,7 @@ def _preview(options):
         if options.scene:
             scene, given = scene_and_fields(options)
             restore_copied(options)
+            say_without_truth(scene)
             preview = addon.open_preview(scene, **given)
         elif options.changes:
             scene, given = scene_and_fields(options, lambda options: addon.changed_scene(options.changes))

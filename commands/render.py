@@ -205,6 +205,12 @@ def scene_and_fields(options, scene_of=_named_scene):
     return scene, given | {"iris": iris_option(options)}
 
 
+def say_without_truth(scene):
+    """State that the command leaves the scene's list of ground truth to renders."""
+    if truth := scene.lensfield.to_request().truth:
+        say(f"ground truth: {truth} only in renders")
+
+
 def _lens_of(scene):
     from ..addon import camera_settings
 

@@ -55,9 +55,16 @@ class ScenePreview:
     Attributes
     ----------
     scene
+
+    Raises
+    ------
+    InputError
+        The fields include ground truth, which only renders write.
     """
 
     def __init__(self, scene, **given):
+        if given.get("truth"):
+            raise InputError("options", "truth", given["truth"], "a preview writes none: render the scene")
         self.scene = scene
         self._job = job_of_frame(scene, scene.frame_float, SKETCHED, **given, state="preview")
         self._folder = Path(self._job.output_folder)

@@ -174,6 +174,21 @@ def test_a_comparison_refuses_truth(painted, tmp_path):
         addon.plan_comparison(painted, ["edmund-54852"], output_folder=tmp_path, truth="depth")
 
 
+def test_a_preview_leaves_truth_to_renders(painted, tmp_path, capsys):
+    with refused(InputError, field="truth", value="depth", match="a preview writes none: render the scene"):
+        addon.open_preview(painted, truth="depth")
+    painted.lensfield.truth = {"FLOW", "DEPTH"}
+    painted.cycles.samples = 1
+    path = tmp_path / "scene.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    words = [str(path), "--output", str(tmp_path), "--wavelengths", "550", "--lens", "edmund-54852"]
+    assert cli.main(["preview", *words]) == 0
+    assert "ground truth: depth,flow only in renders" in capsys.readouterr().out
+    assert not list(tmp_path.glob("*_truth.exr"))
+    assert cli.main(["compare", *words]) == 0
+    assert "ground truth: depth,flow only in renders" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("truth, word", [("depths", "depths"), ("depth,,uv", "empty"), ("depth flow", "depth flow")])
 def test_unknown_products_are_refused(painted, tmp_path, truth, word):
     with refused(InputError, field="truth", value=word, where="options", match="expected some of depth, position"):
