@@ -2,9 +2,10 @@
 
     python validation/ground_truth.py [docs/truth.md]
 
-Four scenes, through a lens with barrel distortion, an anamorphic lens and a fisheye: a tilted board of squares, a floor
-that recedes, a moving ball before a moving camera, and 200 balls. Scenes are in centimetres; the camera is neither at
-the origin nor upright, and its Shift moves the axis off the middle of the frame. With a page, the script writes its
+Five scenes, through a lens with barrel distortion, an anamorphic lens and a fisheye: a tilted board of squares, a floor
+that recedes, a moving ball before a moving camera, the background of a camera that turns, and 200 balls. Scenes are in
+centimetres; the camera is neither at the origin nor upright, and its Shift moves the axis off the middle of the frame.
+With a page, the script writes its
 tables there. It exits with status 1 if a figure exceeds its limit.
 """
 
@@ -43,6 +44,8 @@ PLACE, TURN = Vector((120.0, -80.0, 45.0)), Euler((1.2, 0.25, 0.7))  # of the ca
 NEWTON_STEPS, SLOPE_STEP, CONVERGED, LONGEST = 5, 1e-7, 1e-6, 1.05
 BALLS, SEED = 200, 5
 TABLE = re.compile(r"(?<=<!-- figures -->\n).*?(?=\n<!-- end -->)", re.DOTALL)
+WHEN = {-1: "back", 1: "ahead"}
+SKY_TURN = 0.03, -0.05, 0.02  # of the camera in a frame, in radians
 AT_EDGE_PX = 0.75  # half the diagonal of a pixel, and a little for the difference of the grids
 
 
@@ -360,18 +363,37 @@ def ball_figures(bench):
             obj.location = begin + rotation @ step / UNIT_M * (frame - 1)
             obj.keyframe_insert("location", frame=frame)
     compared = Comparison(bench, bench.render(scene, "flow"), nearer(ball, wall))
-    rows, columns = np.indices(FRAME_PX)
-    for sign, axes in ((-1, "XY"), (1, "ZW")):
+    for sign in (-1, 1):
         step = sign * (np.where((compared.hits.what == 1)[..., None], step_m, 0) - camera_step_m)
-        row, column = bench.places_px(compared.hits.points + step)
-        flow = -sign * vectors(compared.channels, "Vector", axes)
-        missed = np.hypot(flow[..., 0] - (column - columns), flow[..., 1] - (rows - row))
-        known = np.isfinite(missed) & bench.lands(row, column)
-        longest = np.hypot(column - columns, row - rows)[compared.inside & known].max()
+        missed_px = missed_flow_px(bench, compared.channels, sign, compared.hits.points + step)
         for what, name in ((1, "ball"), (2, "wall")):
-            yield (f"{name}: flow {'ahead' if sign > 0 else 'back'}, in pixels",
-                   float(missed[compared.inside & known & (compared.hits.what == what)].max()), 0.1)
-        print(f"longest flow {longest:.1f} px")
+            yield (f"{name}: flow {WHEN[sign]}, in pixels",
+                   float(np.nanmax(missed_px[compared.inside & (compared.hits.what == what)])), 0.1)
+
+
+def sky_figures(bench):
+    """The background of a camera that turns and moves."""
+    scene = bench.scene()
+    truth_scenes.set_even_light(scene, 1.0)
+    turns = [Euler(np.add(TURN, np.multiply(SKY_TURN, sign))) for sign in (-1, 0, 1)]
+    for frame, turn in enumerate(turns):
+        scene.camera.rotation_euler, scene.camera.location.x = turn, PLACE.x + 20 * (frame - 1)
+        for path in ("rotation_euler", "location"):
+            scene.camera.keyframe_insert(path, frame=frame)
+    channels, axes = bench.render(scene, "flow"), [np.array(turn.to_matrix()) for turn in turns]
+    for sign in (-1, 1):
+        missed_px = missed_flow_px(bench, channels, sign, bench.rays @ axes[1].T @ axes[1 + sign])
+        yield f"background: flow {WHEN[sign]}, in pixels", float(np.nanmax(missed_px[bench.known])), 0.1
+
+
+def missed_flow_px(bench, channels, sign, points):
+    """Distances between the flow and the ways to or from these points of the camera's axes then, in pixels: NaN for
+    points beyond the lens data. `sign` is that of the time."""
+    (rows, columns), (row, column) = np.indices(FRAME_PX), bench.places_px(points)
+    right, up = np.moveaxis(-sign * vectors(channels, "Vector", "XY" if sign < 0 else "ZW"), -1, 0)
+    lands = bench.lands(row, column)
+    print(f"longest flow {np.hypot(column - columns, row - rows)[bench.known & lands].max():.1f} px")
+    return np.where(lands, np.hypot(right - (column - columns), up - (rows - row)), np.nan)
 
 
 def nearer(ball, wall):
@@ -431,7 +453,7 @@ def cost():
 def figures(name):
     """(text, value, limit) of all figures of a lens."""
     bench = Bench(name)
-    for scene in (board_figures, floor_figures, ball_figures, instance_figures):
+    for scene in (board_figures, floor_figures, ball_figures, sky_figures, instance_figures):
         for figure in scene(bench):
             print(f"{name}: {figure[0]}: {figure[1]:.2g} (limit {figure[2]:g})", flush=True)
             yield figure

@@ -19,7 +19,7 @@ from ..scene.camera import camera_pose
 from ..scene.errors import SceneError
 from ..scene.instances import SHADED_TYPES, rendered_instances
 from ..scene.motion import moving
-from ..scene.render_state import effective_samples, read_again, rendered_layer, show_samples, show_slab
+from ..scene.render_state import effective_samples, go_to_frame, read_again, rendered_layer, show_samples, show_slab
 from ..scene.truth_outputs import INDICES
 from ..scene.undo import Journal
 from ..scene.units import M_TO_MM, depth_pass_m, metres_per_unit
@@ -27,7 +27,7 @@ from ..scene.volumes import hide_volumes
 from .slabs import LOOK
 
 DATA = {"depth": {"z": f"{DEPTH}.Z"}, "position": {"z": f"{DEPTH}.Z"}, "normal": {"normal": f"{NORMAL}.XYZ"},
-        "uv": {"uv": f"{UV}.UVA"}, "flow": {"vector": f"{VECTOR}.XYZW"},
+        "uv": {"uv": f"{UV}.UVA"}, "flow": {"vector": f"{VECTOR}.XYZW", "z": f"{DEPTH}.Z"},
         "index": dict(zip(("object_index", "material_index"), (f"{name}.X" for name in INDICES), strict=True))}
 """Blender's passes of one sample, and their channels, for each kind of truth."""
 MATTES = {"cryptomatte": {f"cryptomatte_{kind.lower()}": f"{CRYPTOMATTE}{kind}"
@@ -76,7 +76,19 @@ def truth_steps(ready, fraction):
         if channel.startswith(f"{CRYPTOMATTE}Material") and channel[-1] in ID_CHANNELS:
             planes[channel] = renamed(planes[channel], ready.substitution.materials)
     names = _names(scene, ready.substitution.materials) if "cryptomatte" in products else {}
-    return CapturedTruth(grid, planes, rendered_layer(scene).name, products, camera_pose(scene)[:3], names)
+    neighbours = _neighbours(scene, job.frame + job.subframe) if "flow" in products else None
+    return CapturedTruth(grid, planes, rendered_layer(scene).name, products, camera_pose(scene)[:3], neighbours, names)
+
+
+def _neighbours(scene, frame):
+    """The axes of this frame's camera at the frame before and at the next one, as Cycles takes them for motion."""
+    camera, axes = scene.camera, []
+    for other in (frame - 1, frame + 1):
+        with Journal() as journal:
+            go_to_frame(scene, other, journal)
+            scene.camera = camera  # a marker may bind another one
+            axes.append(camera_pose(scene)[:3, :3])
+    return np.array(axes)
 
 
 def _planes_steps(ready, passes, samples, fraction):

@@ -89,7 +89,33 @@ class ChiefRays:
         results[0][moves], results[1][moves] = end[1] - begin[1], begin[0] - end[0]
         return results[0], results[1]
 
+    def turned(self, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Displacements in the frame of light from infinity by a turn of the camera, in pixels to the right and up.
+
+        Parameters
+        ----------
+        turn : array (3, 3)
+            From the axes of `directions` to those of the turned camera.
+
+        Returns
+        -------
+        right_px, up_px : float64 arrays (row, column)
+            NaN for ends at more than 90 degrees from the axis.
+        """
+        towards = self.directions()
+        begin, end = self._shown_px(towards), self._shown_px(towards @ turn.T)
+        return end[1] - begin[1], begin[0] - end[0]
+
     def _landing_px(self, row, column):
         """Rows and columns in the frame, as indices, of light at these indices in the capture."""
-        ideal_mm = from_capture(*self._capture.position_mm(row, column), self._lens, self._capture)
+        return self._of_ideal_px(from_capture(*self._capture.position_mm(row, column), self._lens, self._capture))
+
+    def _shown_px(self, towards):
+        """Rows and columns in the frame, as indices, of light from these directions."""
+        x, y, along = np.moveaxis(towards, -1, 0)
+        focal_mm = np.divide(self._lens.capture_focal_length_mm, along, out=np.full(along.shape, np.nan),
+                             where=along > 0)
+        return self._of_ideal_px((x * focal_mm / self._lens.squeeze, y * focal_mm))
+
+    def _of_ideal_px(self, ideal_mm):
         return self._frame.index_of(*self._field.landing_mm(*ideal_mm))

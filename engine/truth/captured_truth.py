@@ -29,6 +29,9 @@ class CapturedTruth:
         The requested kinds of truth.
     to_world : float64 array (3, 4)
         From the camera, with x to the right, y up and z backwards, to the world, in metres.
+    neighbours : float64 array (2, 3, 3)
+        The axes of the camera in the world, as in `to_world`, at the frame before and at the next one. None without
+        motion.
     names : mapping of str to collection of str
         Names in each Cryptomatte layer, such as CryptoObject.
     """
@@ -38,4 +41,5 @@ class CapturedTruth:
     layer: str
     products: tuple[str, ...]
     to_world: np.ndarray
+    neighbours: np.ndarray | None = None
     names: Mapping[str, frozenset[str]] = field(default_factory=dict)

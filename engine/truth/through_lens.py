@@ -10,6 +10,8 @@ from ..lens.lens import Lens
 from .captured_truth import BACKGROUND_M, DEPTH, NORMAL, UV, VECTOR, CapturedTruth
 from .cryptomatte import attributes_of
 
+FORWARDS = 1, 1, -1  # signs between directions towards the scene and the camera's axes, whose z is backwards
+
 
 def truth_through_lens(truth: CapturedTruth, lens: Lens, frame: PixelGrid,
                        wavelength_nm: float) -> dict[str, np.ndarray]:
@@ -33,7 +35,8 @@ def truth_through_lens(truth: CapturedTruth, lens: Lens, frame: PixelGrid,
         By channel, with Blender's names and conventions, except that lengths are in metres. Depth.Z and Distance.Z are
         along the optical axis and along the ray, BACKGROUND_M for the background. Vector.X and Vector.Y are the way
         back to the surface's place at the frame before, Vector.Z and Vector.W the way from its place at the next
-        frame, in pixels of the lens image to the right and up.
+        frame, in pixels of the lens image to the right and up. The background is at infinity, and moves if the camera
+        turns.
     """
     rays, result = ChiefRays(lens, frame, truth.grid, wavelength_nm), {}
     for name, channels in groupby(truth.planes, key=lambda channel: channel.partition(".")[0]):
@@ -62,7 +65,7 @@ def _places(planes, rays, truth):
         result = {f"{name}.Z": np.where(on_surface, metres, BACKGROUND_M)
                   for name, metres in ((DEPTH, depth_m), ("Distance", distance_m))}
     if "position" in truth.products:
-        from_camera_m = np.where(on_surface, distance_m, 0)[..., None] * towards * (1, 1, -1)
+        from_camera_m = np.where(on_surface, distance_m, 0)[..., None] * towards * FORWARDS
         position_m = from_camera_m @ truth.to_world[:, :3].T + truth.to_world[:, 3]
         result |= {f"Position.{axis}": np.where(on_surface, position_m[..., number], 0)
                    for number, axis in enumerate("XYZ")}
@@ -87,10 +90,22 @@ def _of_surfaces(planes, known, rays):
     return {channel: np.nan_to_num(rays.continued(np.where(known, plane, np.nan))) for channel, plane in planes.items()}
 
 
-def _motion(planes, rays, _):
-    back = rays.moved(*(rays.continued(planes[f"{VECTOR}.{axis}"]) for axis in "XY"))
-    ahead = rays.moved(*(-rays.continued(planes[f"{VECTOR}.{axis}"]) for axis in "ZW"))
-    return dict(zip((f"{VECTOR}.{axis}" for axis in "XYZW"), (*back, *(-part for part in ahead)), strict=True))
+def _motion(planes, rays, truth):
+    background = rays.nearest(np.isinf(truth.planes[f"{DEPTH}.Z"]))
+    result = {}
+    for axes, sign, axes_then in zip(("XY", "ZW"), (1, -1), truth.neighbours, strict=True):
+        of_surfaces = rays.moved(*(sign * rays.continued(planes[f"{VECTOR}.{axis}"]) for axis in axes))
+        of_background = rays.turned(_turn(truth.to_world[:, :3], axes_then))
+        result |= {f"{VECTOR}.{axis}": sign * np.where(background, *parts)
+                   for axis, *parts in zip(axes, of_background, of_surfaces, strict=True)}
+    return result
+
+
+def _turn(axes_now, axes_then):
+    """From directions in a camera to directions in the camera as it was, or will be: to the right, up and forwards."""
+    if np.array_equal(axes_now, axes_then):
+        return np.eye(3)  # exactly, so that nothing moves
+    return np.linalg.solve(axes_then, axes_now) * np.outer(FORWARDS, FORWARDS)
 
 
 _OF_PASS = {DEPTH: _places, NORMAL: _normals, UV: _coordinates, VECTOR: _motion}

@@ -52,7 +52,8 @@ def painted(scene):
 
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("figures", [ground_truth.board_figures, ground_truth.floor_figures, ground_truth.ball_figures,
-                                     ground_truth.instance_figures], ids=lambda figures: figures.__name__)
+                                     ground_truth.sky_figures, ground_truth.instance_figures],
+                         ids=lambda figures: figures.__name__)
 def test_truth_agrees_with_geometry(monkeypatch, figures):
     """A small version of `make validate-truth`: other numbers of pixels, and only one lens."""
     monkeypatch.setattr(ground_truth, "FRAME_PX", (60, 96))
@@ -187,6 +188,44 @@ def test_a_preview_leaves_truth_to_renders(painted, tmp_path, capsys):
     assert not list(tmp_path.glob("*_truth.exr"))
     assert cli.main(["compare", *words]) == 0
     assert "ground truth: depth,flow only in renders" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("lens", ["edmund-54852", "pentax-fisheye-17mm"])
+def test_the_background_moves_like_a_very_distant_surface(painted, tmp_path, lens):
+    """The camera turns and moves, a marker binds another camera to the next frame, and the frame is off the axis."""
+    camera, rotation = painted.camera, (0.1, -0.2, 0.05)
+    camera.data.shift_x, painted.unit_settings.scale_length, painted.frame_current = 0.1, 0.01, 3
+    other = bpy.data.objects.new("Other", camera.data)
+    painted.collection.objects.link(other)
+    for frame, bound in ((1, camera), (4, other)):
+        painted.timeline_markers.new(bound.name, frame=frame).camera = bound
+    for frame in (2, 3, 4):
+        camera.rotation_euler = [part * (frame - 2.9) for part in rotation]
+        camera.location.y = frame
+        for path in ("rotation_euler", "location"):
+            camera.keyframe_insert(path, frame=frame)
+    empty = channels_of(render(painted, tmp_path, truth="flow", lens=lens))
+    camera.data.clip_end = 1e8
+    bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=6, radius=1e6)
+    far = channels_of(render(painted, tmp_path, truth="flow", lens=lens))
+    assert (painted.frame_current, painted.camera) == (3, camera)
+    for name, flow in empty.items():
+        known = np.isfinite(flow)
+        assert known.mean() > 0.9 and np.abs(flow[known]).max() > 1
+        np.testing.assert_allclose(far[name][known], flow[known], atol=0.03, err_msg=name)  # its pixels are coarse
+
+
+def test_the_background_of_a_camera_at_rest_does_not_move(painted, tmp_path):
+    for frame, x in ((0, 0.0), (2, 1.0)):
+        painted.objects["B\u00e4ll"].location.x = x
+        painted.objects["B\u00e4ll"].keyframe_insert("location", frame=frame)
+    bpy.data.objects.remove(painted.objects["Wall"])
+    channels = channels_of(render(painted, tmp_path, truth="flow,index"))
+    background = channels[f"{INDICES[0]}.X"] == 0
+    assert background.any() and not background.all()
+    for axis in "XYZW":
+        assert not np.any(channels[f"Vector.{axis}"][background])
+    assert np.any(channels["Vector.X"])
 
 
 @pytest.mark.parametrize("truth, word", [("depths", "depths"), ("depth,,uv", "empty"), ("depth flow", "depth flow")])
