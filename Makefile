@@ -63,7 +63,8 @@
 #                  validate raw files with Adobe's DNG SDK
 # make test-photographs  compare docs/photographs.md with a new run of make validate-photographs
 # make test-plate PLATE=FOLDER  compare docs/photographs.md with a new run of make validate-plate
-# make test-calibration  compare calibrations with OpenCV, in .venv-opencv, and with Lensfun, in .venv-photographs
+# make test-calibration  compare calibrations with OpenCV and OpenTrackIO's schema, in .venv-opencv, and with Lensfun,
+#                  in .venv-photographs
 # make test-farm   run the tests of Open Job Description and Dask, in .venv-farm
 # make lenses      bake the library's lens packages again from their prescriptions (seconds)
 # make lens-rims   fit the rims of the library's lenses to photographs in Lensfun's database, and give similar lenses
@@ -351,7 +352,7 @@ $(PHOTOGRAPHS)/.ready: pyproject.toml packaging/environment.sh
 	packaging/environment.sh $(PHOTOGRAPHS) photographs
 
 $(OPENCV)/.ready: pyproject.toml packaging/environment.sh $(LOCK)
-	packaging/environment.sh $(OPENCV) 5.0.1 opencv,colmap
+	packaging/environment.sh $(OPENCV) 5.0.1 opencv,colmap,schemas
 
 $(FARM)/.ready: pyproject.toml packaging/environment.sh $(LOCK)
 	packaging/environment.sh $(FARM) 5.0.1 farm,openjd

@@ -8,6 +8,7 @@ import scipy
 
 from ..image.pixel_grid import PixelGrid
 from ..lens import Lens
+from ..lens.entrance_pupil import entrance_pupil_diameter_mm
 from .models import Model
 from .rays import FrameRays, frame_rays
 
@@ -40,6 +41,10 @@ class Calibration:
         Of light in the frame, from the axis.
     tangents : (float, float, float, float)
         The extent of the frame's light on a plane: to the left, upwards, to the right and downwards.
+    f_stop : float
+        Focal length over the diameter of the entrance pupil; `f_number` is the effective one, by the light.
+    entrance_pupil_mm : float or None
+        From the image plane towards the object; None for lens data without surfaces.
     """
 
     model: Model
@@ -56,6 +61,8 @@ class Calibration:
     wavelength_nm: float
     largest_angle_deg: float
     tangents: tuple[float, float, float, float]
+    f_stop: float
+    entrance_pupil_mm: float | None
 
     @property
     def size_px(self) -> tuple[int, int]:
@@ -123,7 +130,14 @@ def calibrate(lens: Lens, frame: PixelGrid, wavelength_nm: float, models: Sequen
     return Calibration(
         model, frame, focal_px, principal_px, coefficients, float(np.sqrt(np.mean(off_px**2))), float(off_px.max()),
         rays.covered, lens.name, lens.object_distance_mm + lens.entrance_pupil_mm, lens.f_number_effective,
-        wavelength_nm, float(np.degrees(np.arctan(np.hypot(*rays.directions[:, :2].T).max()))), rays.tangents)
+        wavelength_nm, float(np.degrees(np.arctan(np.hypot(*rays.directions[:, :2].T).max()))), rays.tangents,
+        lens.efl_mm / entrance_pupil_diameter_mm(lens), _entrance_pupil_mm(lens))
+
+
+def _entrance_pupil_mm(lens):
+    if lens.prescription is None:
+        return None
+    return sum(surface.thickness_mm for surface in lens.prescription.surfaces) - lens.entrance_pupil_mm
 
 
 def _fit(rays: FrameRays, model: Model):

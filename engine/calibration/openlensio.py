@@ -2,7 +2,8 @@
 
 Lengths on the sensor are in mm, to the right and downwards. Radial coefficients alternate between the numerator and the
 denominator, and OpenCV's coefficients, in focal lengths F, become k / F^2n and p / F. The default model,
-Brown-Conrady D-U, leads from distorted to undistorted places.
+Brown-Conrady D-U, leads from distorted to undistorted places. Distances along the axis are in metres; that of the
+entrance pupil counts from the image plane, towards the object.
 """
 
 import json
@@ -16,6 +17,7 @@ from .fit import Calibration
 from .views import View, origin
 
 NUMERATOR, DENOMINATOR = ("k1", "k2", "k3"), ("k4", "k5", "k6")
+M_PER_MM = 1e-3
 NAMESPACE = uuid.UUID("5d1a9b1c-2f37-5b07-8f1c-6a5d0c2b7e11")  # of samples: equal calibrations have equal names
 
 
@@ -44,9 +46,13 @@ def _lens(calibration: Calibration, pitch_mm: float) -> dict[str, Any]:
         "distortion": [{"model": "Brown-Conrady D-U", "radial": radial,
                         "tangential": [coefficients[name] / focal_mm for name in ("p1", "p2")],
                         "overscan": _overscan(calibration)}],
-        "fStop": calibration.f_number, "pinholeFocalLength": focal_mm,
+        "fStop": calibration.f_stop, "pinholeFocalLength": focal_mm,
         "projectionOffset": {"x": (cx - (columns - 1) / 2) * pitch_mm, "y": (cy - (rows - 1) / 2) * pitch_mm}}
-    return lens if np.isinf(calibration.focus_mm) else lens | {"focusDistance": calibration.focus_mm * 1e-3}
+    if np.isfinite(calibration.focus_mm):
+        lens["focusDistance"] = calibration.focus_mm * M_PER_MM
+    if calibration.entrance_pupil_mm is not None:
+        lens["entrancePupilOffset"] = calibration.entrance_pupil_mm * M_PER_MM
+    return lens
 
 
 def _overscan(calibration):

@@ -5,7 +5,7 @@ import pytest
 
 from calibrated import FOCAL_MM, FOCAL_PX, FRAME, HEIGHTS_MM, modelled_lens, radial_lens
 from lenses import make_lens
-from lensfield.engine import LensError
+from lensfield.engine import LensError, load_lens
 from lensfield.engine.calibration.fit import TARGET_PX, calibrate
 from lensfield.engine.calibration.models import (
     BROWN_CONRADY,
@@ -20,6 +20,7 @@ from lensfield.engine.calibration.models import (
 from lensfield.engine.calibration.rays import frame_rays
 from lensfield.engine.field.field_map import field_map
 from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.rays.rings import Rings
 from refusals import refused
 
 AXIS_PX = FRAME.centre_px[::-1]
@@ -129,3 +130,17 @@ def test_only_strong_barrel_distortion_makes_a_fisheye():
     for distorted, fisheye in ((np.arctan, False), (lambda t: t * (1 - 6.0 * t**2 / 2), True)):
         rays = frame_rays(radial_lens(distorted, np.linspace(0, 3.4, 33)), frame, 550.0)
         assert rays.fisheye == fisheye, rays.distortion
+
+
+def test_the_entrance_pupil_counts_from_the_image_plane_towards_the_object():
+    """In the drawing of a lens of twice the size that is focused at 2 m, each distance is twice as long."""
+    lens = load_lens("nikkor-28mm", Rings(focus_mm=2000.0), quality="preview")
+    fit, twice = (calibrate(each, PixelGrid((90, 140), 200.0), 550.0, [PINHOLE]) for each in (lens, lens.scaled(2.0)))
+    track_mm = sum(surface.thickness_mm for surface in lens.prescription.surfaces)
+    assert 0 < lens.entrance_pupil_mm < track_mm
+    np.testing.assert_allclose(fit.entrance_pupil_mm + fit.focus_mm, lens.object_distance_mm + track_mm)
+    np.testing.assert_allclose(twice.entrance_pupil_mm, 2 * fit.entrance_pupil_mm)
+    at_infinity = load_lens("nikkor-28mm", quality="preview").f_number_effective
+    np.testing.assert_allclose(fit.f_stop, at_infinity, rtol=1e-3)
+    assert fit.f_number > 1.005 * at_infinity
+    assert calibrate(make_lens(heights_mm=HEIGHTS_MM), FRAME, 550.0, [PINHOLE]).entrance_pupil_mm is None

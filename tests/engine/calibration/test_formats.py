@@ -3,6 +3,7 @@
 import json
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -36,7 +37,7 @@ def fit_of(model, coefficients=None):
     """A calibration with different values everywhere."""
     coefficients = coefficients or tuple(0.01 * number for number in range(1, len(model.coefficients) + 1))
     return Calibration(model, FRAME, (400.0, 410.0), (42.0, 61.0), coefficients, 0.02, 0.05, 1.0, 'a "lens"\nof two',
-                       np.inf, 2.8, 550.0, 12.0, (0.12, 0.17, 0.26, 0.075))
+                       np.inf, 2.8, 550.0, 12.0, (0.12, 0.17, 0.26, 0.075), 2.7, 66.5)
 
 
 def text(name, *calibrations):
@@ -134,8 +135,23 @@ def test_isaac(model, kind):
     assert f'["OmniLensDistortionOpenCv{kind[6:]}API"]' in contents
 
 
+def undistorted(radial, tangential, x, y):
+    """The undistorted place of a place, by equations 16 and 17 of OpenLensIO 1.0."""
+    (k1, k2, k3, k4, k5, k6), (p1, p2), r = radial, tangential, x**2 + y**2
+    scale = (1 + k1 * r + k3 * r**2 + k5 * r**3) / (1 + k2 * r + k4 * r**2 + k6 * r**3)
+    return x * scale + 2 * p1 * x * y + p2 * (r + 2 * x**2), y * scale + 2 * p2 * x * y + p1 * (r + 2 * y**2)
+
+
+@pytest.mark.parametrize("radial, tangential, place, expected", [
+    ((0.1, 0, 0, 0, 0, 0), (0, 0), (1, 2), (1.5, 3)), ((-0.1, 0, 0, 0, 0, 0), (0, 0), (1, 2), (0.5, 1)),
+    ((0, 0, 0, 0, 0, 0), (0.1, 0), (1, 1), (1.2, 1.4))], ids=["barrel", "pincushion", "tangential"])
+def test_the_oracle_of_opentrackio_reads_the_equations_alike(radial, tangential, place, expected):
+    """Vectors of github.com/Frontier-Stageworks/opentrackio-proof, battery-tester/semantic_oracle/fixtures.json."""
+    np.testing.assert_allclose(undistorted(radial, tangential, *place), expected, rtol=1e-12)
+
+
 def test_openlensio_is_in_millimetres_and_alternates():
-    """The undistorted place, by equations 10, 16 and 17 of OpenLensIO 1.0, of a pixel is that of its light."""
+    """The undistorted place, by equation 10, of a pixel is that of its light."""
     fit = calibrate(modelled_lens(RADTAN, (-0.4, 0.5, 0.011, -0.007)), FRAME, 550.0, [UNDISTORTING[-1]])
     contents = json.loads(text("openlensio", fit))
     lens, camera = contents["lens"], contents["static"]["camera"]
@@ -143,15 +159,30 @@ def test_openlensio_is_in_millimetres_and_alternates():
     np.testing.assert_allclose(camera["activeSensorPhysicalDimensions"]["width"], 3.08)
     assert lens["focusDistance"] == 0.105 and contents["protocol"]["version"] == [1, 0, 1]
     distortion, = lens["distortion"]
-    (k1, k2, k3, k4, k5, k6), (p1, p2) = distortion["radial"], distortion["tangential"]
     direction = np.array([0.11, -0.08, 1.0])
     (column, row), offset = fit.pixels(direction), lens["projectionOffset"]
     x, y = ((column - 69.5) * 0.022 - offset["x"], (row - 44.5) * 0.022 - offset["y"])
-    r = x**2 + y**2
-    radial = (1 + k1 * r + k3 * r**2 + k5 * r**3) / (1 + k2 * r + k4 * r**2 + k6 * r**3)
-    straight = (x * radial + 2 * p1 * x * y + p2 * (r + 2 * x**2), y * radial + 2 * p2 * x * y + p1 * (r + 2 * y**2))
+    straight = undistorted(distortion["radial"], distortion["tangential"], x, y)
     np.testing.assert_allclose(straight, lens["pinholeFocalLength"] * direction[:2], atol=1e-6)
     assert fit.largest_px < 0.05 and np.hypot(*np.subtract(straight, (x, y))) > 5e-3 and distortion["overscan"] > 1
+
+
+def test_openlensio_states_the_entrance_pupil_in_metres_and_its_f_number():
+    lens = json.loads(text("openlensio", fit_of(UNDISTORTING[0])))["lens"]
+    assert (lens["entrancePupilOffset"], lens["fStop"]) == (0.0665, 2.7)
+    of_tables = replace(fit_of(UNDISTORTING[0]), entrance_pupil_mm=None)
+    assert "entrancePupilOffset" not in json.loads(text("openlensio", of_tables))["lens"]
+
+
+@pytest.mark.parametrize("changes", [{}, {"focus_mm": 500.0, "entrance_pupil_mm": None}])
+def test_a_sample_is_valid_by_opentrackios_schema(changes):
+    jsonschema = pytest.importorskip("jsonschema", reason="jsonschema is not installed: make test-calibration")
+    schema = json.loads((Path(__file__).parents[2] / "data/opentrackio_schema.json").read_text())
+    sample = json.loads(text("openlensio", replace(fit_of(UNDISTORTING[-1]), **changes)))
+    jsonschema.Draft202012Validator(schema).validate(sample)
+    sample["lens"]["entrancePupil"] = 1.0
+    with pytest.raises(jsonschema.ValidationError, match="entrancePupil"):
+        jsonschema.Draft202012Validator(schema).validate(sample)
 
 
 def test_openlensio_names_equal_calibrations_alike_and_leaves_infinity_out():
