@@ -16,6 +16,7 @@ from .lensfun import lensfun_text
 from .models import (
     BROWN_CONRADY,
     DOUBLE_SPHERE,
+    FISHEYE_POLY5,
     KANNALA_BRANDT,
     PINHOLE,
     POLY3,
@@ -74,7 +75,7 @@ FORMATS = {
     "isaac": Format("a USD camera of Isaac Sim", ".usda", (*POLYNOMIALS, RATIONAL, THIN_PRISM, KANNALA_BRANDT),
                     isaac_text),
     "openlensio": Format("OpenTrackIO with OpenLensIO", ".json", UNDISTORTING, openlensio_text),
-    "lensfun": Format("Lensfun's database", ".xml", (POLY3, POLY5, PTLENS), lensfun_text),
+    "lensfun": Format("Lensfun's database", ".xml", (POLY3, POLY5, PTLENS, *FISHEYE_POLY5), lensfun_text),
     "gyroflow": Format("Gyroflow's lens profile", ".json", (KANNALA_BRANDT,), gyroflow_text),
 }
 

@@ -1,7 +1,8 @@
 """Lensfun's database, in XML: https://lensfun.github.io/manual/latest/corrections.html
 
-Lensfun's radius is in half short sides of the frame. Its models poly3 and ptlens leave the radius 1 where it is, so the
-undistorted picture has another size than on the axis.
+Lensfun's radius is in half short sides of the frame, which ends at the middles of the outermost pixels. Its models
+poly3 and ptlens leave the radius 1 where it is, so the undistorted picture has another size than on the axis. The
+undistorted picture of a fisheye is the ideal one of its type.
 """
 
 from collections.abc import Sequence
@@ -17,6 +18,7 @@ from .views import View, origin
 FULL_FRAME_MM = np.hypot(36, 24)
 LARGEST_OFFSET_PX = 0.01  # of the axis from the middle of the frame
 NAMES = {"poly3": ("k1",), "poly5": ("k1", "k2"), "ptlens": ("a", "b", "c")}
+"""Of the coefficients. A model's name may have the type of a fisheye after it, as in poly5-equisolid."""
 
 
 def lensfun_text(views: Sequence[View]) -> str:
@@ -28,6 +30,7 @@ def lensfun_text(views: Sequence[View]) -> str:
         The axis is not in the middle of the frame.
     """
     calibration, = (view.calibration for view in views)
+    model, _, kind = calibration.model.name.partition("-")
     (columns, rows), pitch_mm = calibration.size_px, calibration.frame.pitch_um * 1e-3
     offset_px = np.subtract(calibration.principal_px, ((columns - 1) / 2, (rows - 1) / 2))
     if np.abs(offset_px).max() > LARGEST_OFFSET_PX:
@@ -36,16 +39,17 @@ def lensfun_text(views: Sequence[View]) -> str:
     size_px, values = _lensfun_values(calibration)
     name, short, long = escape(" ".join(calibration.lens.split())), *sorted((columns - 1, rows - 1))
     words = " ".join(f"{key}={quoteattr(repr(value))}"
-                     for key, value in zip(NAMES[calibration.model.name], values, strict=True))
+                     for key, value in zip(NAMES[model], values, strict=True))
     focal = quoteattr(repr(calibration.focal_px[0] * pitch_mm))
     return "\n".join([
         '<?xml version="1.0" encoding="utf-8"?>', f"<!-- {origin(calibration).replace('--', '- -')} -->",
         f"<!-- focal length of the undistorted picture: {size_px * pitch_mm:.8g} mm -->",
         '<lensdatabase version="1">', "  <lens>", "    <maker>Lensfield</maker>", f"    <model>{name}</model>",
         "    <mount>Generic</mount>",
-        f"    <cropfactor>{FULL_FRAME_MM / np.hypot(columns, rows) / pitch_mm:.6f}</cropfactor>",
-        f"    <aspect-ratio>{long / short:.6f}</aspect-ratio>", "    <type>rectilinear</type>", "    <calibration>",
-        f'      <distortion model="{calibration.model.name}" focal={focal} {words}/>', "    </calibration>",
+        f"    <cropfactor>{FULL_FRAME_MM / np.hypot(long, short) / pitch_mm:.6f}</cropfactor>",
+        f"    <aspect-ratio>{long / short:.6f}</aspect-ratio>", f"    <type>{kind or 'rectilinear'}</type>",
+        "    <calibration>",
+        f'      <distortion model="{model}" focal={focal} {words}/>', "    </calibration>",
         "  </lens>", "</lensdatabase>", ""])
 
 
@@ -53,11 +57,11 @@ def _lensfun_values(calibration: Calibration):
     """Focal length in pixels of the undistorted picture, and the coefficients in Lensfun's order.
 
     A radius in the frame is f t (1 + k1 t^n ...) for the tangent t; Lensfun has it in terms of the radius g t of the
-    undistorted picture.
+    undistorted picture. In a fisheye's, t is a function of the angle.
     """
     focal_px, coefficients = calibration.focal_px[0], calibration.coefficients
     half_px = (min(calibration.size_px) - 1) / 2  # between the middles of pixels
-    if calibration.model.name == "poly5":
+    if calibration.model.name.startswith("poly5"):
         return focal_px, [each * (half_px / focal_px)**power for each, power in zip(coefficients, (2, 4), strict=True)]
     powers = (2,) if calibration.model.name == "poly3" else (1, 2, 3)
 

@@ -53,6 +53,12 @@ class Model:
 
 
 NEWTON_STEPS, SLOPE_STEP = 12, 1e-6
+LENSFUN_FISHEYES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "fisheye": lambda angle: angle, "equisolid": lambda angle: 2 * np.sin(angle / 2),
+    "stereographic": lambda angle: 2 * np.tan(angle / 2), "orthographic": np.sin,
+    "fisheye_thoby": lambda angle: 1.47 * np.sin(0.713 * angle)}
+"""Lensfun's types of fisheyes: radii in focal lengths, as functions of the angle. The last one is M. Thoby's fit to a
+lens."""
 ASYMMETRIC = "p", "s"  # first letters of tangential and thin-prism coefficients
 
 
@@ -95,12 +101,25 @@ def _ptlens(x, y, z, k1, k2, k3):
 
 def _kannala_brandt(x, y, z, k1, k2, k3, k4):
     """Kannala and Brandt, IEEE PAMI 28 (2006), as OpenCV's fisheye camera: an odd polynomial of the angle."""
-    radius = np.hypot(x, y)
-    angle = np.arctan2(radius, z)
+    angle = np.arctan2(np.hypot(x, y), z)
     square = angle**2
-    distorted = angle * (1 + square * (k1 + square * (k2 + square * (k3 + square * k4))))
+    return _at_radius(x, y, z, angle * (1 + square * (k1 + square * (k2 + square * (k3 + square * k4)))))
+
+
+def _at_radius(x, y, z, distorted):
+    """Places at these radii, in the azimuths of the directions."""
+    radius = np.hypot(x, y)
     scale = np.where(radius > 0, distorted / np.where(radius > 0, radius, 1), 1 / np.abs(z))
     return scale * x, scale * y
+
+
+def _fisheye_poly5(projection):
+    """Lensfun's poly5 of a fisheye: a polynomial of the radius in the ideal picture of its kind."""
+    def placed(x, y, z, k1, k2):
+        ideal = projection(np.arctan2(np.hypot(x, y), z))
+        return _at_radius(x, y, z, ideal * (1 + ideal**2 * (k1 + ideal**2 * k2)))
+
+    return placed
 
 
 def _double_sphere(x, y, z, xi, alpha):
@@ -128,8 +147,11 @@ UNDISTORTING = tuple(
 POLY3, POLY5 = (_model(name, names, _radial, one_focal=True) for name, names in (("poly3", "k1"), ("poly5", "k1 k2")))
 PTLENS = _model("ptlens", "k1 k2 k3", _ptlens, one_focal=True)
 KANNALA_BRANDT = _model("kannala-brandt", "k1 k2 k3 k4", _kannala_brandt, fisheye=True)
+FISHEYE_POLY5 = tuple(
+    _model(f"poly5-{kind}", "k1 k2", _fisheye_poly5(projection), fisheye=True, one_focal=True)
+    for kind, projection in LENSFUN_FISHEYES.items())
 DOUBLE_SPHERE = _model("double-sphere", "xi alpha", _double_sphere, fisheye=True, start=(0.0, 0.5), limits=(-1.0, 1.0))
 MODELS = {model.name: model for model in (
     PINHOLE, *RADIAL, RADTAN, BROWN_CONRADY, RATIONAL, THIN_PRISM, KANNALA_BRANDT, DOUBLE_SPHERE, *UNDISTORTING, POLY3,
-    POLY5, PTLENS)}
+    POLY5, PTLENS, *FISHEYE_POLY5)}
 """By name."""

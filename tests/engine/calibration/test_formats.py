@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
-from calibrated import FOCAL_PX, FRAME, HEIGHTS_MM, modelled_lens, radial_lens
+from calibrated import FOCAL_MM, FOCAL_PX, FRAME, HEIGHTS_MM, modelled_lens, radial_lens
 from lenses import make_lens
 from lensfield.cli import main
 from lensfield.engine import InputError
@@ -222,10 +222,20 @@ def test_a_fisheye_chooses_its_model():
         assert calibrated_for(name, *fisheye(), 550.0).model is KANNALA_BRANDT
 
 
-@pytest.mark.parametrize("name", ["openlensio", "lensfun"])
-def test_a_format_without_fisheyes_refuses_one_and_names_others(name):
-    with refused(InputError, field="--for", value=name, match="is a fisheye here.*: use opencv, colmap, .*, gyroflow"):
-        calibrated_for(name, *fisheye(), 550.0)
+def test_a_format_without_fisheyes_refuses_one_and_names_others():
+    with refused(InputError, field="--for", value="openlensio", match="fisheye here.*: use opencv, .*, lensfun, gyro"):
+        calibrated_for("openlensio", *fisheye(), 550.0)
+
+
+@pytest.mark.parametrize("kind, mapped", [
+    ("fisheye", np.arctan), ("equisolid", lambda t: 2 * np.sin(np.arctan(t) / 2)),
+    ("stereographic", lambda t: 2 * np.tan(np.arctan(t) / 2))])
+def test_lensfun_has_the_type_of_the_fisheye(kind, mapped):
+    lens, frame = radial_lens(mapped, np.linspace(0, 40, 65)), PixelGrid((90, 140), 200.0)
+    fit = calibrated_for("lensfun", lens, frame, 550.0, f"poly5-{kind}")
+    np.testing.assert_allclose([*fit.focal_px, *fit.coefficients], [FOCAL_MM / 0.2] * 2 + [0, 0], rtol=1e-3, atol=2e-3)
+    assert fit.largest_px < 0.01 and f"<type>{kind}</type>" in text("lensfun", fit)
+    assert calibrated_for("lensfun", *fisheye(), 550.0).model.name == "poly5-fisheye"
 
 
 def test_a_format_with_one_focal_length_refuses_an_anamorphic_lens():
