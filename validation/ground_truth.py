@@ -388,7 +388,7 @@ def sky_figures(bench):
 
 def missed_flow_px(bench, channels, sign, points):
     """Distances between the flow and the ways to or from these points of the camera's axes then, in pixels: NaN for
-    points beyond the lens data. `sign` is that of the time."""
+    points beyond the lens data. `sign` is -1 for the frame before, and 1 for the next one."""
     (rows, columns), (row, column) = np.indices(FRAME_PX), bench.places_px(points)
     right, up = np.moveaxis(-sign * vectors(channels, "Vector", "XY" if sign < 0 else "ZW"), -1, 0)
     lands = bench.lands(row, column)

@@ -35,7 +35,7 @@ def build(group):
         source = group.nodes.new("CompositorNodeImage")
         source.name = source.label = name
         source.location.y = -350 * row
-        picture = add_scale(group, name, source.outputs["Image"], smooth=name != "Depth")  # a mean of two is no depth
+        picture = add_scale(group, name, source.outputs["Image"], smooth=name != "Depth")  # depths must not mix
         if name == "Depth":
             picture = _add_units(group, picture)
         if name in SWITCHED:

@@ -87,7 +87,7 @@ def _add_output(group, name, picture):
 
 
 def _add_units(group, name, metres):
-    """Convert lengths in metres to Blender units: those of each channel."""
+    """Convert lengths in metres to Blender units, in each channel."""
     scaled = group.nodes.new("ShaderNodeVectorMath")
     scaled.name, scaled.operation = f"{name} Units", "SCALE"
     scaled.location = metres.node.location.x, metres.node.location.y - 150

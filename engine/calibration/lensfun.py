@@ -57,7 +57,7 @@ def _lensfun_values(calibration: Calibration):
     """Focal length in pixels of the undistorted picture, and the coefficients in Lensfun's order.
 
     A radius in the frame is f t (1 + k1 t^n ...) for the tangent t; Lensfun has it in terms of the radius g t of the
-    undistorted picture. In a fisheye's, t is a function of the angle.
+    undistorted picture. For a fisheye, t is a function of the angle.
     """
     focal_px, coefficients = calibration.focal_px[0], calibration.coefficients
     half_px = (min(calibration.size_px) - 1) / 2  # between the middles of pixels

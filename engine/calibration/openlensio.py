@@ -2,8 +2,8 @@
 
 Lengths on the sensor are in mm, to the right and downwards. Radial coefficients alternate between the numerator and the
 denominator, and OpenCV's coefficients, in focal lengths F, become k / F^2n and p / F. The default model,
-Brown-Conrady D-U, leads from distorted to undistorted places. Distances along the axis are in metres; that of the
-entrance pupil counts from the image plane, towards the object.
+Brown-Conrady D-U, leads from distorted to undistorted places. Distances along the axis are in metres. The entrance
+pupil's counts from the image plane, towards the object.
 """
 
 import json

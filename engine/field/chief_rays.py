@@ -95,7 +95,7 @@ class ChiefRays:
         Parameters
         ----------
         turn : array (3, 3)
-            From the axes of `directions` to those of the turned camera.
+            From the axes of `directions` to the axes of the turned camera.
 
         Returns
         -------

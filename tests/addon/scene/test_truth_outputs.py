@@ -51,7 +51,7 @@ def shown(scene, folder, socket, part, frame=1):
 def assert_shows(scene, folder, node, name, frame=1, unit_m=1.0):
     """Whether an output shows the file, in Blender units."""
     scale = 1 / unit_m if name in ("Distance", "Position") else 1.0
-    parts = PARTS[:3] if name == "UV" else PARTS  # its last channel has no part of its own in the others
+    parts = PARTS[:3] if name == "UV" else PARTS  # vectors lack a fourth part
     for part, plane in zip(parts, planes_of(name, frame).values(), strict=False):
         picture = shown(scene, folder, node.outputs[name], part, frame)
         np.testing.assert_allclose(picture, plane * scale, rtol=1e-6, err_msg=f"{name} {part}")
@@ -77,18 +77,18 @@ def test_indices_up_to_the_largest_are_exact(scene, tmp_path):
 def test_only_requested_passes_are_outputs(scene, tmp_path):
     node = lay_truth(scene, tmp_path, ("Normal", "CryptoObject00"))
     assert [socket.name for socket in node.outputs][7:] == ["Normal"]
-    assert "Normal" not in [socket.name for socket in lay_plain(scene, tmp_path).outputs]
+    assert "Normal" not in [socket.name for socket in lay_without_truth(scene, tmp_path).outputs]
 
 
-def lay_plain(scene, folder):
+def lay_without_truth(scene, folder):
     """Lay frame 1 again, without ground truth."""
     for path in folder.glob("*_truth.exr"):
         path.unlink()
     return lay_truth(scene, folder, ())
 
 
-def test_frames_without_a_pass_show_the_plain_render(scene, tmp_path):
-    """Frame 2 has no ground truth, frame 3 has another pass, and frame 4 is not rendered through the lens."""
+def test_frames_without_a_pass_show_the_blender_render(scene, tmp_path):
+    """Frame 2 lacks ground truth, frame 3 has another pass, and frame 4 is not rendered through the lens."""
     scene.view_layers[0].use_pass_normal = scene.view_layers[0].use_pass_vector = True
     wall(scene, material("Paint", "ShaderNodeBsdfDiffuse")[0]).rotation_euler.x = 0.4
     scene.camera.keyframe_insert("location", frame=1)
@@ -102,9 +102,9 @@ def test_frames_without_a_pass_show_the_plain_render(scene, tmp_path):
     assert_shows(scene, tmp_path, node, "Normal")
     for name in ("Normal", "Vector"):
         for frame in (2, 3, 4):
-            for part in PARTS[:3]:  # before 5.2, the fourth number of Render Layers has no part of its own
-                ours, plain = (shown(scene, tmp_path, each.outputs[name], part, frame) for each in (node, layers))
-                np.testing.assert_array_equal(ours, plain, err_msg=f"{name} {part} at {frame}")
+            for part in PARTS[:3]:  # Render Layers' fourth number is lost before 5.2
+                ours, expected = (shown(scene, tmp_path, each.outputs[name], part, frame) for each in (node, layers))
+                np.testing.assert_array_equal(ours, expected, err_msg=f"{name} {part} at {frame}")
                 assert np.any(ours) or part == "Red" and name == "Normal", f"{name} {part} at {frame}"
 
 
@@ -117,7 +117,7 @@ def test_links_are_taken_over_and_restored(scene, tmp_path):
     node = lay_truth(scene, tmp_path, ("Normal", "Position"))
     assert blur.inputs["Image"].links[0].from_socket == node.outputs["Normal"]
     assert node.inputs["Normal"].links[0].from_node == layers and not node.inputs["Position"].is_linked
-    assert lay_plain(scene, tmp_path).outputs["Normal"].is_linked, "the user's link remains"
+    assert lay_without_truth(scene, tmp_path).outputs["Normal"].is_linked, "the user's link remains"
     assert "Position" not in node.outputs
     assert remove_from_compositor(scene)
     assert blur.inputs["Image"].links[0].from_socket == layers.outputs["Normal"]
@@ -126,7 +126,7 @@ def test_links_are_taken_over_and_restored(scene, tmp_path):
 
 def test_a_node_of_an_older_file_gets_the_outputs(scene, tmp_path):
     """A group from before: without ground truth, and without the names of its other nodes."""
-    node = lay_plain(scene, tmp_path)
+    node = lay_without_truth(scene, tmp_path)
     for inner in node.node_tree.nodes:
         if inner.name.endswith((" Scale", " Part")):
             inner.name = inner.bl_label
@@ -170,7 +170,7 @@ def test_a_damaged_output_is_repaired(scene, tmp_path):
         assert_shows(scene, tmp_path, node, name)
 
 
-def test_a_missing_file_shows_the_plain_render(scene, tmp_path):
+def test_a_missing_file_shows_the_blender_render(scene, tmp_path):
     node = lay_truth(scene, tmp_path, ("Normal",))
     next(tmp_path.glob("*_truth.exr")).unlink()
     assert not np.any(shown(scene, tmp_path, node.outputs["Normal"], "Red"))
@@ -186,5 +186,5 @@ def test_the_cryptomatte_node_reads_the_image_of_the_file(scene, tmp_path):
     node = lay_truth(scene, tmp_path, ("CryptoObject00",))
     image = node.node_tree.nodes[GROUND_TRUTH].image
     assert image.name == f"{NAME} Scene {GROUND_TRUTH}" and image.type == "MULTILAYER"
-    lay_plain(scene, tmp_path)
+    lay_without_truth(scene, tmp_path)
     assert GROUND_TRUTH not in node.node_tree.nodes

@@ -151,7 +151,7 @@ def test_the_oracle_of_opentrackio_reads_the_equations_alike(radial, tangential,
 
 
 def test_openlensio_is_in_millimetres_and_alternates():
-    """The undistorted place, by equation 10, of a pixel is that of its light."""
+    """By equation 10, the undistorted place of a pixel is the place of its light."""
     fit = calibrate(modelled_lens(RADTAN, (-0.4, 0.5, 0.011, -0.007)), FRAME, 550.0, [UNDISTORTING[-1]])
     contents = json.loads(text("openlensio", fit))
     lens, camera = contents["lens"], contents["static"]["camera"]

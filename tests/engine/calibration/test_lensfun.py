@@ -63,6 +63,6 @@ def test_lensfun_reads_fisheyes_of_all_types(model, shape_px):
     calibration = replace(calibration, focal_px=(60.0, 60.0))  # for a wide field in few pixels
     straight, places, text = places_by_lensfun(
         calibration, lensfunpy.ModifyFlags.DISTORTION | lensfunpy.ModifyFlags.GEOMETRY)
-    seen = directions(straight, calibration, 60.0)
-    np.testing.assert_allclose(places, calibration.pixels(seen), atol=SINGLE_PX)
+    towards = directions(straight, calibration, 60.0)
+    np.testing.assert_allclose(places, calibration.pixels(towards), atol=SINGLE_PX)
     assert np.abs(places - straight).max() > 5 and f"<type>{model.name.partition('-')[2]}</type>" in text

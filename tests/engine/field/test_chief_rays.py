@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy
 
 from lenses import make_lens
 from lensfield.engine.field.chief_rays import ChiefRays
@@ -83,6 +84,21 @@ def test_what_moves_in_the_capture_moves_through_the_lens(capture):
     np.testing.assert_allclose(end_row[~static], (row - up_px)[~static], atol=1e-4)
     np.testing.assert_allclose(end_column[~static], (column + right_px)[~static], atol=1e-4)
     assert np.abs(right - right_px)[~static].max() > 0.1, "the lens bends the motion"
+
+
+def test_light_from_infinity_moves_as_the_camera_turns(capture):
+    """The chief ray at the end of the motion looks in the turned direction, unless that is behind the camera."""
+    rays, _ = rays_in(capture)
+    turn = scipy.spatial.transform.Rotation.from_euler("xyz", (0.02, -0.03, 0.05)).as_matrix()
+    right, up = rays.turned(turn)
+    rows, columns = np.indices(FRAME.shape_px)
+    x_mm, y_mm = field_map(LENS).at_wavelength(NM).source_mm(*FRAME.position_mm(rows - up, columns + right))
+    ends = np.stack([x_mm, y_mm, np.full(x_mm.shape, LENS.capture_focal_length_mm)], axis=-1)
+    ends /= np.linalg.norm(ends, axis=-1, keepdims=True)
+    np.testing.assert_allclose(ends, rays.directions() @ turn.T, atol=1e-6)
+    assert np.hypot(right, up).min() > 0.5
+    assert not np.any(rays.turned(np.eye(3)))
+    assert np.isnan(rays.turned(np.diag((-1.0, 1.0, -1.0)))).all()
 
 
 def test_directions_are_those_of_the_ideal_image(capture):
