@@ -119,6 +119,7 @@ def lay_group(scene, mark, name, new_group):
     elif any(other.node_tree == node.node_tree
              for other in (marked_node(its, mark) for its in _trees_of_others(scene)) if other):
         state = _state(node.node_tree)
+        _give_back(tree, node, truth_outputs(node.node_tree))
         node.node_tree = new_group()  # this scene is a copy, which must not change the picture of the other
         _put(node.node_tree, created_tree=state["created_tree"], created_layers=state["created_layers"])
     return tree, node
@@ -131,12 +132,7 @@ def remove_from_compositor(scene, mark=MARK):
     if not node:
         return False
     group, state = node.node_tree, _state(node.node_tree)
-    fed_by = {link.to_socket.name: link.from_socket for link in tree.links if link.to_node == node}
-    for link in [link for link in tree.links if link.from_node == node]:
-        name, target = link.from_socket.name, link.to_socket
-        source = fed_by.get(name) or "Image" in fed_by and fed_by["Image"].node.outputs.get(name)
-        if source and name in (*TAKEN_OVER, *truth_outputs(group)):
-            tree.links.new(source, target)
+    _give_back(tree, node, (*TAKEN_OVER, *truth_outputs(group)))
     tree.nodes.remove(node)
     layers, others = tree.nodes.get(state["created_layers"]), [marked_node(tree, each) for each in (MARK, QUICK_LOOK)]
     if layers and not any(others):
@@ -148,6 +144,16 @@ def remove_from_compositor(scene, mark=MARK):
     if not group.users:
         _remove_group(group)
     return True
+
+
+def _give_back(tree, node, names):
+    """Link the users of these outputs to the nodes that feed a node of ours."""
+    fed_by = {link.to_socket.name: link.from_socket for link in tree.links if link.to_node == node}
+    for link in [link for link in tree.links if link.from_node == node and link.from_socket.name in names]:
+        name, target = link.from_socket.name, link.to_socket
+        source = fed_by.get(name) or "Image" in fed_by and fed_by["Image"].node.outputs.get(name)
+        if source:
+            tree.links.new(source, target)
 
 
 def refresh(scene):

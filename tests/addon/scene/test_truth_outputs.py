@@ -124,6 +124,22 @@ def test_links_are_taken_over_and_restored(scene, tmp_path):
     assert not [image for image in bpy.data.images if image.name.startswith(NAME)]
 
 
+def test_a_copied_scene_keeps_its_links(scene, tmp_path):
+    scene.view_layers[0].use_pass_normal = True
+    blur = compositing_tree(scene).nodes.new("CompositorNodeBlur")
+    blur.name = "Mine"
+    node = lay_truth(scene, tmp_path, ("Normal",))
+    compositing_tree(scene).links.new(node.outputs["Normal"], blur.inputs["Image"])
+    other = scene.copy()
+    write_layers_exr({f"View.Layer.{channel}": plane for channel, plane in planes_of("Normal", 1).items()},
+                     tmp_path / f"unsaved_{bpy.path.clean_name(other.name)}_0001_truth.exr", {})
+    lay(other, tmp_path, shape=SHAPE)
+    its = compositing_tree(other).nodes
+    assert its[NAME].node_tree != compositing_tree(scene).nodes[NAME].node_tree
+    assert its["Mine"].inputs["Image"].links[0].from_socket == its[NAME].outputs["Normal"]
+    assert compositing_tree(scene).nodes["Mine"].inputs["Image"].links[0].from_node.name == NAME
+
+
 def test_a_node_of_an_older_file_gets_the_outputs(scene, tmp_path):
     """A group from before: without ground truth, and without the names of its other nodes."""
     node = lay_without_truth(scene, tmp_path)
