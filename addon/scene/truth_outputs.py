@@ -30,8 +30,8 @@ def passes_in(path):
     """Names of the passes in a file with ground truth: list of str; none without a file."""
     if not os.path.isfile(path):
         return []
-    (header, _), = read_parts(path, header_only=True)
-    return sorted({channel.split(".")[-2] for channel in header["channel names"]})
+    channels = [channel for header, _ in read_parts(path, header_only=True) for channel in header["channel names"]]
+    return sorted({channel.rpartition(".")[0].rpartition(".")[2] for channel in channels})
 
 
 def truth_outputs(group):
@@ -59,7 +59,7 @@ def add_outputs(group):
     passes = {socket.name: socket for socket in group.nodes[GROUND_TRUTH].outputs}
     new = [name for name in OUTPUTS if name in passes and name not in truth_outputs(group)]
     for name in new:
-        remove_output(group, name)  # what an edit of the group has left of it
+        remove_output(group, name)  # the rest of an output that was edited
         _add_output(group, name, passes[name])
     for name in truth_outputs(group):
         if name in passes:  # the file before may not have had it
