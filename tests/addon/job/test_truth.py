@@ -192,23 +192,25 @@ def test_a_preview_leaves_truth_to_renders(painted, tmp_path, capsys):
 
 @pytest.mark.parametrize("lens", ["edmund-54852", "pentax-fisheye-17mm"])
 def test_the_background_moves_like_a_very_distant_surface(painted, tmp_path, lens):
-    """The camera turns and moves, a marker binds another camera to the next frame, and the frame is off the axis."""
+    """Between two frames; the camera turns and moves, a marker binds another one to the next frame, and the axis is off
+    the middle."""
     camera, rotation = painted.camera, (0.1, -0.2, 0.05)
-    camera.data.shift_x, painted.unit_settings.scale_length, painted.frame_current = 0.1, 0.01, 3
+    camera.data.shift_x, painted.unit_settings.scale_length = 0.1, 0.01
     other = bpy.data.objects.new("Other", camera.data)
     painted.collection.objects.link(other)
     for frame, bound in ((1, camera), (4, other)):
         painted.timeline_markers.new(bound.name, frame=frame).camera = bound
-    for frame in (2, 3, 4):
-        camera.rotation_euler = [part * (frame - 2.9) for part in rotation]
+    for frame in (2, 3, 4, 5):
+        camera.rotation_euler = [part * (frame - 2.9)**2 for part in rotation]
         camera.location.y = frame
         for path in ("rotation_euler", "location"):
             camera.keyframe_insert(path, frame=frame)
+    painted.frame_set(3, subframe=0.25)
     empty = channels_of(render(painted, tmp_path, truth="flow", lens=lens))
     camera.data.clip_end = 1e8
     bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=6, radius=1e6)
     far = channels_of(render(painted, tmp_path, truth="flow", lens=lens))
-    assert (painted.frame_current, painted.camera) == (3, camera)
+    assert (painted.frame_current, painted.frame_subframe, painted.camera) == (3, 0.25, camera)
     for name, flow in empty.items():
         known = np.isfinite(flow)
         assert known.mean() > 0.9 and np.abs(flow[known]).max() > 1
