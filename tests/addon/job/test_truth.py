@@ -247,3 +247,17 @@ def test_truth_that_a_render_cannot_yield_is_refused_before_it(painted, tmp_path
     painted.camera.keyframe_insert("location", frame=200)
     flow = channels_of(render(painted, tmp_path, truth="flow"))["Vector.X"]
     assert math.isfinite(flow.sum()) and np.abs(flow).max() > 0
+
+
+def test_blenders_cryptomatte_node_reads_the_image_of_the_compositors_node(painted, tmp_path):
+    result = render(painted, tmp_path, truth="cryptomatte", to_compositor=True)
+    node = compositing_tree(painted).nodes.new("CompositorNodeCryptomatteV2")
+    node.source, node.image = "IMAGE", bpy.data.images["Lensfield Scene Ground Truth"]
+    node.frame_duration = 1
+    node.matte_id = "B\u00e4ll"
+    channels, matte = channels_of(result), composite_of(painted, node.outputs["Matte"], tmp_path)
+    first, share, second, its_share = (channels[f"CryptoObject00.{channel}"] for channel in "rgba")
+    ball = id_of("B\u00e4ll")
+    expected = np.where(first == ball, share, 0) + np.where(second == ball, its_share, 0)
+    np.testing.assert_allclose(matte, expected, atol=1e-6)
+    assert np.ptp(matte) == 1
