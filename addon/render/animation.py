@@ -146,7 +146,7 @@ class Animation:
     def _render_alone(self, frame, on_progress):
         if not self._apart and self._one is None:
             on_progress(0.0, "Preparing the lens for all frames")
-            self._one = OneCapture(self._scene, self._frames, **self._given)
+            self._one = OneCapture.of_frames(self._scene, self._frames, **self._given)
         job = self._metered(self._job(frame, baking=baking(on_progress)), on_progress)
         one = self._one if self._one and self._one.holds(job) else None
         return run(render_steps(self._scene, job, one), on_progress)

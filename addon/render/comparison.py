@@ -14,7 +14,6 @@ import numpy as np
 
 from lensfield.engine import InputError, Report
 from lensfield.engine.depth.depth_range import AUTO, OFF, TRACED
-from lensfield.engine.field.field_map import field_map
 from lensfield.engine.field.overscan import CAMERA_VIEW
 from lensfield.engine.inspection.contact_sheet import write_contact_sheet
 from lensfield.engine.library import bundled_names, has_rings, prescription_of
@@ -33,11 +32,12 @@ from ..job.result import Result
 from ..job.shown import look_for, pixels_of
 from ..job.steps import Work
 from ..job.targets import check_files
-from ..scene.camera import frame_grid, frame_px, pixel_aspect
+from ..scene.camera import frame_px, pixel_aspect
 from ..scene.lens_facts import lens_facts, squeeze_of
 from ..scene.requirements import check_scene
 from ..scene.rings import FIXED, ring_fields, scene_rings
 from ..scene.undo import Journal
+from .one_capture import shared_job
 from .pictures import write_radiance
 from .refilter import apply_lens, check_capture, requested_rings, stored_radiance, with_stored_look
 from .render import attributes_of, job_of_frame, run
@@ -312,7 +312,7 @@ def _capture_of(scene, squeeze, jobs):
                      "view_settings": job.view_settings, "files": job.files, "depth": OFF if job.depth == OFF else AUTO,
                      **ring_fields(cell.rings)} for name, (cell, job) in jobs.items()}
     with squeezed_frame(scene, squeeze):
-        job = _shared_job(scene, [job for _, job in jobs.values()])
+        job = shared_job(scene, [job for _, job in jobs.values()])
     return Capture(Result.of(scene, job.output_folder, scene.frame_current).radiance, fields, job, squeeze)
 
 
@@ -352,20 +352,6 @@ def _announced(rows, on_progress):
     for number, (name, cell) in enumerate(cells.items(), 1):
         on_progress(0.0, f"Preparing lens {number} of {len(cells)}: {cell.label}")
         yield name, cell
-
-
-def _shared_job(scene, jobs):
-    """The job that captures the scene for the lenses of all jobs.
-
-    The lens that sees farthest beyond the frame chooses the projection: the others need less overscan in its panorama
-    than on a plane.
-    """
-    def reach_px(job):
-        return field_map(job.lens).overscan_px(frame_grid(scene, job.lens), job.wavelengths_nm, 0)
-
-    first, *others = sorted(jobs, key=reach_px, reverse=True)
-    return replace(first, iris=next((job.iris for job in jobs if job.iris), None), lens_warning="", ring_words=(),
-                   others=tuple(job.lens for job in others))
 
 
 def _capture_all(comparison, results, on_progress):

@@ -1,5 +1,5 @@
-"""One capture for several frames: if only focus and f-stop change, the scene is rendered once, and each frame puts that
-radiance through the lens at the frame's own setting."""
+"""One capture for several pictures: the scene is rendered once, and each picture puts that radiance through its own
+lens. They are frames of which only focus and f-stop change, or lenses that show one frame in the camera's view."""
 
 from dataclasses import replace
 
@@ -9,35 +9,47 @@ from lensfield.engine.field.field_map import field_map
 from lensfield.engine.runtime.files import link_or_copy
 
 from ...request import RING_FIELDS
+from ..capture.finished_passes import remove_passes
 from ..capture.radiance import capture
 from ..capture.remarks import scene_remarks
 from ..job.recorded import recorded_fields
+from ..scene.camera import frame_grid
 from ..scene.render_state import go_to_frame, turn_on_layer
 from ..scene.rings import scene_rings
 from ..scene.undo import Journal
 from .pictures import write_radiance
 from .render import job_of_frame
 
-OF_LENS = "lens", "lens_digest", "iris"  # the recorded fields that focus and f-stop change
+OF_LENS = "lens", "lens_digest", "iris"  # the recorded fields that differ between lenses, focus and f-stop
 
 
 class OneCapture:
-    """The capture that several frames share: planned for all of them, and rendered with the first.
+    """The capture that several pictures share: planned for all of them, and rendered with the first.
 
     Parameters
     ----------
-    scene : bpy.types.Scene
-    frames : ascending sequence of int
-        Frames that differ only in the lens's focus and f-stop.
-    given : by name
-        Fields of a `RenderRequest`, as in `render_through_lens`.
+    job : Job
+        That captures the scene, with the lenses of the other pictures.
     """
 
-    def __init__(self, scene, frames, **given):
-        jobs = [job_of_frame(scene, frame, **given) for frame in _ends(scene, frames, given)]
-        first, *others = sorted(jobs, key=lambda job: -job.lens.capture_focal_length_mm)  # finest view first
-        self._job = replace(first, others=tuple(job.lens for job in others))
+    def __init__(self, job):
+        self._job = job
         self._captured, self._facts, self._file = None, None, None
+
+    @classmethod
+    def of_frames(cls, scene, frames, **given):
+        """The OneCapture of frames that differ only in the lens's focus and f-stop.
+
+        Parameters
+        ----------
+        scene : bpy.types.Scene
+        frames : ascending sequence of int
+        given : by name
+            Fields of a `RenderRequest`, as in `render_through_lens`.
+        """
+        first, *others = sorted(end_jobs(scene, frames, **given),
+                                key=lambda job: -job.lens.capture_focal_length_mm)  # finest view first
+        return cls(replace(first, others=tuple(job.lens for job in others)))
 
     def holds(self, job):
         """Whether this capture serves a job: only the lens differs, and the overscan is large enough."""
@@ -67,6 +79,29 @@ class OneCapture:
         else:
             write_radiance(captured, path, attributes)
             self._file = path
+
+    def remove_passes(self, scene):
+        """Remove the stored passes of the capture, whose pictures are complete."""
+        remove_passes(scene, self._job.output_folder, self._job.frame)
+
+
+def shared_job(scene, jobs):
+    """The job that captures the scene for the lenses of all jobs, which show the camera's view.
+
+    The lens that sees farthest beyond the frame chooses the projection: the others need less overscan in its panorama
+    than on a plane.
+    """
+    def reach_px(job):
+        return field_map(job.lens).overscan_px(frame_grid(scene, job.lens), job.wavelengths_nm, 0)
+
+    first, *others = sorted(jobs, key=reach_px, reverse=True)
+    return replace(first, iris=next((job.iris for job in jobs if job.iris), None), lens_warning="", ring_words=(),
+                   others=tuple(job.lens for job in others))
+
+
+def end_jobs(scene, frames, **given):
+    """The jobs of the frames with the extremes of focus distance and f-stop: list."""
+    return [job_of_frame(scene, frame, **given) for frame in _ends(scene, frames, given)]
 
 
 def _ends(scene, frames, given):

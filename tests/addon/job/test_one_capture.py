@@ -192,7 +192,7 @@ def test_moving_objects_are_captured_frame_by_frame(rack, captures, tmp_path):
 
 def test_frames_with_other_settings_are_captured_separately(rack, tmp_path):
     options = OPTIONS | {"output_folder": tmp_path}
-    one, job = OneCapture(rack, FRAMES, **options), job_of_frame(rack, 3, **options)
+    one, job = OneCapture.of_frames(rack, FRAMES, **options), job_of_frame(rack, 3, **options)
     assert one.holds(job)
     for other in (replace(job, depth="traced"), replace(job, denoise="on"),
                   replace(job, settings=job.settings | {"samples": 3})):
