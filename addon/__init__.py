@@ -13,6 +13,7 @@ from .render.animation import Animation, frames_of, render_animation
 from .render.cameras import frame_camera
 from .render.child import sweep
 from .render.comparison import plan_comparison, render_comparison
+from .render.dataset import Dataset, render_dataset
 from .render.preflight import preflight
 from .render.refilter import apply_lens
 from .render.render import render_through_lens, shared_cache
@@ -50,11 +51,11 @@ from .ui.keys import register_keys, unregister_keys
 from .ui.live import live, quick_look
 from .ui.preview import click_focus, preview, preview_panel
 
-__all__ = ["Animation", "RenderRequest", "apply_lens", "camera_settings", "camera_words", "changed_scene",
+__all__ = ["Animation", "Dataset", "RenderRequest", "apply_lens", "camera_settings", "camera_words", "changed_scene",
            "check_next_to_frames", "check_output_folder", "folder_for", "frame_camera", "frames_of", "moved_preview",
            "open_preview", "opened_preview", "plan_comparison", "preflight", "register", "render_animation",
-           "render_comparison", "render_through_lens", "set_blend_folder", "source_digest", "take_session",
-           "unregister"]
+           "render_comparison", "render_dataset", "render_through_lens", "set_blend_folder", "source_digest",
+           "take_session", "unregister"]
 
 _MODULES = (properties, preferences, favourites, fixes, operators, open_lens, fit_lens, animation, another_lens,
             comparison, preview_panel, live, quick_look, lens_assets, compositor_panel, camera_presets, click_focus,

@@ -89,10 +89,15 @@ def add_engine_options(command, of_scene=False):
 
 def add_filter_options(command, of_scene=False):
     """Add options for the report, and for every field of `Options`."""
-    unset = scene_defaults(Options) if of_scene else None
-    add_settings(command, Options, ["out_of_field", "fireflies", "detail"], unset)
     command.add_argument("--report", type=Path, metavar="FILE.json",
                          help="write a report: the seconds of each stage, the plan, and the light in and out")
+    add_accuracy(command, of_scene)
+
+
+def add_accuracy(command, of_scene=False):
+    """Add options for every field of `Options`."""
+    unset = scene_defaults(Options) if of_scene else None
+    add_settings(command, Options, ["out_of_field", "fireflies", "detail"], unset)
     add_settings(command.add_argument_group("accuracy"), Options, ["accuracy", "method", "supersampling"], unset)
     advanced = command.add_argument_group("advanced options", "giving any of them disables the choice by accuracy")
     add_settings(advanced, Options, KNOBS)

@@ -34,6 +34,7 @@ OF_LENSES = "view", "output_folder", "truth", *CAMERA_FIELDS
 """Fields that the user does not set: every lens has the view of the scene's camera, and its own folder; the sheet shows
 the light, and no ground truth."""
 RINGS = tuple(name for name in RING_FIELDS if name != "f_number")
+"""The fields of rings that all lenses share."""
 OF_FILES = "tier", "depth", *RINGS, "lens_quality", "files", "look", "view_settings"
 """Fields that a radiance file can obey."""
 
@@ -45,11 +46,7 @@ def add_options(compare):
         "Other options that you leave out come from the scene's Lensfield settings. The radiance file of an earlier "
         "render can replace the .blend.")
     compare.add_argument("scene", type=Path, metavar="SCENE.blend|RADIANCE.exr", help="file to render, or stored light")
-    compare.add_argument("--lens", dest="lenses", action="append", required=True, metavar="NAME|FILE,...",
-                         help=f"lenses, each {LENSES} ({ALL_LENSES}); can be repeated")
-    compare.add_argument("--f-number", dest="f_numbers", metavar="N,...",
-                         help="f-numbers for all lenses (default: the camera's F-Stop if its Depth of Field is on, "
-                              "otherwise the widest of each lens)")
+    add_lenses(compare)
     compare.add_argument("--output", type=Path, required=True, metavar="DIR",
                          help="folder for the sheet and, in folders, the capture and the pictures")
     add_capture_options(compare, OF_LENSES, {"tier": TIER})
@@ -62,16 +59,25 @@ def add_options(compare):
     compare.set_defaults(run=_compare, confines=_folders)
 
 
+def add_lenses(command):
+    """Add options for several lenses and f-numbers."""
+    command.add_argument("--lens", dest="lenses", action="append", required=True, metavar="NAME|FILE,...",
+                         help=f"lenses, each {LENSES} ({ALL_LENSES}); can be repeated")
+    command.add_argument("--f-number", dest="f_numbers", metavar="N,...",
+                         help="f-numbers for all lenses (default: the camera's F-Stop if its Depth of Field is on, "
+                              "otherwise the widest of each lens)")
+
+
 def _folders(options):
     """The scene or the radiance file, and the output folder."""
     return options.scene, options.output
 
 
 def _compare(options):
-    lenses = [lens for text in options.lenses for lens in _lenses(text)]
+    lenses = given_lenses(options)
     check_outputs([(options.report, ".json"), (options.picture, ".png")], [options.scene, *lenses])
     with messages(options) as write:
-        f_numbers, of_file = _f_numbers(options.f_numbers), options.scene.suffix.lower() == ".exr"
+        f_numbers, of_file = given_f_numbers(options), options.scene.suffix.lower() == ".exr"
         source, given = (_from_file if of_file else _from_scene)(options)
         addon, folder = import_addon(), options.output.resolve()
         addon.check_next_to_frames(folder, options.report, options.picture)
@@ -93,6 +99,11 @@ def _compare(options):
             for cell, box in sheet.cells])
 
 
+def given_lenses(options):
+    """The lenses of all --lens options: names and paths."""
+    return [lens for text in options.lenses for lens in _lenses(text)]
+
+
 def _lenses(text):
     """The lenses of one --lens: a file, whose name may contain commas, or names and files between commas."""
     lenses = [text] if os.path.exists(text) else [lens.strip() for lens in text.split(",")]
@@ -101,7 +112,9 @@ def _lenses(text):
     return lenses
 
 
-def _f_numbers(text):
+def given_f_numbers(options):
+    """The numbers of --f-number: list of float."""
+    text = options.f_numbers
     try:
         return [float(word) for word in (text or "").split(",") if text]
     except ValueError:

@@ -8,6 +8,7 @@ COMMANDS = {
     "preview": "show a .blend through a lens, first coarsely, then more and more finely",
     "apply": "apply another lens to a finished render",
     "compare": "put one capture of a .blend through several lenses: a labelled contact sheet",
+    "dataset": "render frames of a .blend through several lenses, with calibrations, ground truth and an index",
     "filter": "put an EXR or a sequence of them through a lens: spectral radiance, or any renderer's RGB",
     "develop": "take a picture of a lens image with a camera: a DNG, a PNG, linear EXRs",
     "tradeoff": "measure error against time and memory: a table and a plot",

@@ -85,7 +85,7 @@ def _render_here(options, write):
     if options.frames is not None:
         requested_frames(options.frames)
     scene, given = scene_and_fields(options)
-    given["source"] = _source(options, scene)
+    given["source"] = source_to_store(options, scene)
     restore_copied(options)
     _check_next_to_frames(options, scene)
     say(f"output: {_output_folder(options, scene)}")
@@ -127,7 +127,7 @@ def _output_folder(options, scene):
     return folder_for(scene, options.output and options.output.resolve())
 
 
-def _source(options, scene):
+def source_to_store(options, scene):
     """Digest of the scene's files; "" if they do not contain all of the open scene, or no passes are to be stored."""
     from ..addon import source_digest
 

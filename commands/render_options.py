@@ -28,11 +28,11 @@ def add_task_options(command):
     """Add the options that a task of a farm repeats, for the scene and the frames; `task_defaults` are their
     defaults."""
     add_scene_options(command)
-    _add_frame_options(command)
+    add_frame_options(command)
     command.set_defaults(task_defaults={action.dest: action.default for action in command._actions})
 
 
-def _add_frame_options(render):
+def add_frame_options(render):
     """Add options for the frames to render, and for the reuse of finished frames."""
     render.add_argument("--frames", metavar="SPEC",
                         help="frames to render: 7, 1-250, 1-250:2, 1,5,10-20, or scene for the scene's range (default: "

@@ -27,7 +27,7 @@ MEMBERS = re.compile(r"^\.\. autoclass:: (\w+).*\n +:members: (.*)$", re.MULTILI
 LISTING = re.compile(r"(<!-- listing: (\w+) -->\n+```text\n).*?(\n```)", re.DOTALL)
 DEFAULT = re.compile(r"\(default: ([^)]*(?:\([^)]*\))?[^)]*)\)$")
 OF_ADDON = ("RenderRequest", "apply_lens", "plan_comparison", "preflight", "register", "render_animation",
-            "render_comparison", "render_through_lens", "source_digest", "unregister")
+            "render_comparison", "render_dataset", "render_through_lens", "source_digest", "unregister")
 """The names of `lensfield.addon` for scripts. The command uses its other names."""
 OPERATORS = ("add_camera", "apply_lens", "compare", "fit_lens", "lint", "match_camera", "open_lens", "quick_look",
              "remove_from_compositor", "remove_quick_look", "render", "render_animation", "write_lens_assets")
@@ -35,11 +35,13 @@ OPERATORS = ("add_camera", "apply_lens", "compare", "fit_lens", "lint", "match_c
 OF_THE_WINDOW = {"--blend-folder", "--changes", "--moves", "--scene-source", "--scene-state", "--session",
                  "--view-settings"}
 """Options that Blender's window passes to the process that it starts, which is of the same build."""
-FORMATS = {"lens_files.package": "lens packages (.npz)", "prescription.readers.toml": "prescriptions (.toml)",
-           "sensor.camera_file": "cameras (.toml)", "sensor.film": "film (.toml)",
-           "lens_files.export": "folders that the export macros write (lens.toml)",
-           "pictures.frame_record": "records of finished frames (..._report.json)",
-           "simulation.report": "reports (--report FILE.json)"}
+FORMATS = {"engine.lens_files.package": "lens packages (.npz)",
+           "engine.prescription.readers.toml": "prescriptions (.toml)",
+           "engine.sensor.camera_file": "cameras (.toml)", "engine.sensor.film": "film (.toml)",
+           "engine.lens_files.export": "folders that the export macros write (lens.toml)",
+           "engine.pictures.frame_record": "records of finished frames (..._report.json)",
+           "engine.simulation.report": "reports (--report FILE.json)",
+           "addon.render.dataset_index": "indexes of datasets (index.jsonl)"}
 """The purpose of each FORMAT, by its module."""
 SIMPLE = bool, int, float, str, type(None)
 WIDTH = 118
@@ -69,7 +71,7 @@ def command():
 
 def formats():
     """The names of file formats, as files state them, and their versions."""
-    modules = {import_module(f"lensfield.engine.{name}"): text for name, text in FORMATS.items()}
+    modules = {import_module(f"lensfield.{name}"): text for name, text in FORMATS.items()}
     lines = {each.FORMAT: (getattr(each, "LAYOUTS", None) or [each.VERSION], text) for each, text in modules.items()}
     lines["lensfield:version"] = [spectral_exr.VERSION], "spectral pictures (.exr)"
     return [f"{name:23}{', '.join(map(str, versions)):6}{text}" for name, (versions, text) in lines.items()]

@@ -48,6 +48,7 @@ class Animation:
 
     Attributes
     ----------
+    frames : list of int
     pending : list of int
         Frames to be rendered.
     earlier : dict of int: (Result, dict)
@@ -71,19 +72,19 @@ class Animation:
 
     def __init__(self, scene, frames=None, *, overwrite=False, any_build=False, wait=False, state=None, **given):
         self._scene, self._any_build, self._wait = scene, any_build, wait
-        self._frames = list(frames_of(scene) if frames is None else frames)
-        check_scene(scene, frames=self._frames, **given)
+        self.frames = list(frames_of(scene) if frames is None else frames)
+        check_scene(scene, frames=self.frames, **given)
         self._given = given | {"state": state or fingerprint_anew(scene)}
         if given.get("output_folder") is None:
             check_output_folder(scene)
         self._folder = folder_for(scene, given.get("output_folder"))
         self.pending, self.earlier, self.outdated, self.elsewhere, self.results = [], {}, [], [], {}
         self.builds = {}
-        self._stamps, self._exposures = {}, {}
-        for frame in self._frames:
-            self._stamps[frame] = stamp_of(self._result(frame).record)
+        self._stamps, self._exposures, self._shared = {}, {}, None
+        for frame in self.frames:
+            self._stamps[frame] = stamp_of(self.result_of(frame).record)
             if not overwrite:
-                check_replaced(scene, self._result(frame), self.state)
+                check_replaced(scene, self.result_of(frame), self.state)
             if overwrite or not self._find(frame):
                 self.pending.append(frame)
         if overwrite:
@@ -93,7 +94,7 @@ class Animation:
 
     def _find(self, frame):
         """Whether a frame is finished, with the current settings."""
-        result = self._result(frame)
+        result = self.result_of(frame)
         if not result.record.is_file():  # checked first, because evaluating the frame may take long
             return False
         with named_frame(frame):
@@ -120,9 +121,17 @@ class Animation:
             time.sleep(WAIT_S)
             yield from list(self.elsewhere)
         self._one = None  # frees much memory
-        if all(self._result(frame).record.is_file() for frame in self._frames):
+        self.finish()
+
+    def finish(self):
+        """Remove what unfinished frames need, if all frames are finished."""
+        if all(self.result_of(frame).record.is_file() for frame in self.frames):
             self._forget_passes()
             remove_half_written(self._folder)  # of a process that was killed after this one's first file
+
+    def share(self, capture):
+        """Render the next frames from the OneCapture that `capture()` returns."""
+        self._shared = capture
 
     def render(self, frame, progress=None):
         """Render a frame in its turn; its Result, or None if another process has rendered it or is rendering it."""
@@ -132,7 +141,7 @@ class Animation:
             if progress:
                 progress((number + fraction) / count, f"Frame {frame}, {number + 1} of {count}: {label}")
 
-        result = self._result(frame)
+        result = self.result_of(frame)
         self.elsewhere = [other for other in self.elsewhere if other != frame]
         try:
             with named_frame(frame), only_writer(result.record):
@@ -144,12 +153,16 @@ class Animation:
         return self.results.get(frame)
 
     def _render_alone(self, frame, on_progress):
+        one = self._shared() if self._shared else self._capture_of_all(on_progress)
+        job = self._metered(self._job(frame, baking=baking(on_progress)), on_progress)
+        return run(render_steps(self._scene, job, one if one and one.holds(job) else None), on_progress)
+
+    def _capture_of_all(self, on_progress):
+        """The OneCapture of all frames; None if they are captured separately."""
         if not self._apart and self._one is None:
             on_progress(0.0, "Preparing the lens for all frames")
-            self._one = OneCapture.of_frames(self._scene, self._frames, **self._given)
-        job = self._metered(self._job(frame, baking=baking(on_progress)), on_progress)
-        one = self._one if self._one and self._one.holds(job) else None
-        return run(render_steps(self._scene, job, one), on_progress)
+            self._one = OneCapture.of_frames(self._scene, self.frames, **self._given)
+        return self._one
 
     def _job(self, frame, **baking):
         job = job_of_frame(self._scene, frame, **baking, **self._given)
@@ -163,19 +176,20 @@ class Animation:
             self._exposures[job.shot] = shot_exposure(self._scene, job.shot, on_progress, **self._given)
         return replace(job, shot_exposure=self._exposures[job.shot])
 
-    def _result(self, frame):
+    def result_of(self, frame):
+        """The Result that names a frame's files."""
         return Result.of(self._scene, self._folder, frame)
 
     def _forget_passes(self):
         """Remove the stored passes of all frames together, as some may come from a shared capture."""
-        for frame in self._frames:
+        for frame in self.frames:
             remove_passes(self._scene, self._folder, frame)
 
     def _why_apart(self):
         """Why each frame needs its own capture, in words; "" if one capture serves all."""
         if (self._given.get("depth") or self._scene.lensfield.depth.lower()) == TRACED:
             return "the lens is traced"
-        return moving(self._scene, self._frames)
+        return moving(self._scene, self.frames)
 
     def _planned(self):
         if not self._apart:
@@ -203,12 +217,12 @@ class Animation:
     @property
     def beforehand(self):
         """How many frames are finished and how many are pending, before the render: list of lines."""
-        finished = f"{len(self.earlier)} of {len(self._frames)} frames are finished: {len(self.pending)} to render"
+        finished = f"{len(self.earlier)} of {len(self.frames)} frames are finished: {len(self.pending)} to render"
         return [*self._other_builds, *[finished] * bool(self.earlier), *filter(None, [self.plan])]
 
     @property
     def _other_builds(self):
-        return other_builds_line(map(self.builds.get, self._frames), self._any_build, "rendered")
+        return other_builds_line(map(self.builds.get, self.frames), self._any_build, "rendered")
 
     @property
     def summary(self):
@@ -221,10 +235,14 @@ class Animation:
         if self.elsewhere:
             lines.append(f"left to other processes: {len(self.elsewhere)} of the frames, from frame "
                          f"{self.elsewhere[0]} on")
+        return [*lines, *self.outdated_line]
+
+    @property
+    def outdated_line(self):
+        """A line about the outdated frames, if any."""
         if self.outdated:
-            lines.append(f"the scene has changed since {len(self.outdated)} of the finished frames, from frame "
-                         f"{self.outdated[0]} on: Overwrite (--overwrite) renders them again")
-        return lines
+            yield (f"the scene has changed since {len(self.outdated)} of the finished frames, from frame "
+                   f"{self.outdated[0]} on: Overwrite (--overwrite) renders them again")
 
     @property
     def _unlike_depth(self):

@@ -73,7 +73,7 @@ class Cell:
     @property
     def folder(self):
         """The name of the folder with its files."""
-        return f"{_stem(self.lens)}_f{self.f_number:.3g}"
+        return f"{lens_stem(self.lens)}_f{self.f_number:.3g}"
 
     @property
     def label(self):
@@ -295,13 +295,14 @@ def _cell_job(scene, cell, folder, given):
     squeeze = squeeze_of(cell.lens)
     with squeezed_frame(scene, squeeze):
         job = job_of_frame(scene, scene.frame_float, **given | {
-            "lens": cell.lens, "output_folder": folder / _capture_name(squeeze), "truth": "",
+            "lens": cell.lens, "output_folder": folder / capture_name(squeeze), "truth": "",
             **ring_fields(cell.rings)})
         check_job(scene, job)
     return job
 
 
-def _capture_name(squeeze):
+def capture_name(squeeze):
+    """The name of a capture for lenses of a squeeze."""
     return CAPTURE if squeeze == 1 else f"{CAPTURE}_{squeeze:.4g}x"
 
 
@@ -420,14 +421,15 @@ def _result(comparison, folder):
 
 def _check_names(lenses):
     """Raise an InputError unless each lens has a folder of its own."""
-    stems = [_stem(lens).casefold() for lens in lenses]
+    stems = [lens_stem(lens).casefold() for lens in lenses]
     for number, stem in enumerate(stems):
         if stem in stems[:number]:
             raise InputError("options", "lens", lenses[number], "named like another lens of the comparison: leave it "
                                                                 "out, or rename its file")
 
 
-def _stem(lens):
+def lens_stem(lens):
+    """The name of a lens in file names."""
     return lens if lens in bundled_names() else Path(lens).stem
 
 

@@ -1,0 +1,165 @@
+"""The index of a dataset: a line of JSON for each finished picture, and the calibrations of its cameras.
+
+Each picture has its line in a file of its own. The index joins these files, so it depends on the existing pictures
+alone, whichever processes rendered them.
+"""
+
+import json
+import time
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+
+from lensfield.engine.calibration.formats import FORMATS, OPTION, calibrated_for
+from lensfield.engine.calibration.stored import calibration_from, calibration_values
+from lensfield.engine.calibration.views import View
+from lensfield.engine.inspection.curves import reference_nm
+from lensfield.engine.pictures.frame_record import RECORD_END
+from lensfield.engine.pictures.spectral_exr import read_parts
+from lensfield.engine.runtime.build_identity import software
+from lensfield.engine.runtime.errors import InputError
+from lensfield.engine.runtime.files import atomic_path, discard, matching
+from lensfield.engine.runtime.locks import Busy, only_writer
+from lensfield.engine.runtime.values import json_value
+
+FORMAT, VERSION = "lensfield-dataset", 1
+INDEX, LINE_END = "index.jsonl", "picture.json"
+WAIT_S = 0.1  # until another process has written the index
+
+
+def calibrations(camera, formats):
+    """The calibrations of a FrameCamera by format: dict of str: Calibration.
+
+    Raises
+    ------
+    InputError
+        A format cannot describe the lens.
+    """
+    try:
+        return {name: calibrated_for(name, camera.lens, camera.grid, reference_nm(camera.lens)) for name in formats}
+    except InputError as error:
+        if error.field != OPTION:
+            raise
+        raise InputError("options", "calibration", error.value, error.remedy) from None
+
+
+def write_line(result, camera, facts, formats):
+    """Write the line of a finished picture, and the calibration files that are for one camera. Calibrations for other
+    formats in an existing line remain.
+
+    Parameters
+    ----------
+    result : Result
+        Names the files; their folder is in the dataset's folder.
+    camera : FrameCamera
+    facts : dict
+        Of the line.
+    formats : sequence of str
+        Of calibrations.
+    """
+    earlier = _line(line_path(result)) or {"calibration": {}}
+    files, fits = _files(result), calibrations(camera, dict.fromkeys((*earlier["calibration"], *formats)))
+    for name, calibration in fits.items():
+        if not FORMATS[name].poses:
+            files[name] = result.record.with_name(f"{_stem(result)}{name}{FORMATS[name].suffix}")
+            _write(files[name], FORMATS[name].text([View(calibration)]))
+    line = {"software": software(), "format": FORMAT, "version": VERSION, **facts, "frame": result.frame,
+            "files": {name: f"{path.parent.name}/{path.name}" for name, path in files.items()},
+            "truth_channels": _channels(result.truth) if "truth" in files else [],
+            "size_px": camera.grid.shape_px[::-1], "pose": camera.pose,
+            "calibration": {name: calibration_values(fit) for name, fit in fits.items()}}
+    _write(line_path(result), _text(line))
+
+
+def _files(result):
+    """The existing files of a Result by kind: dict of str: Path."""
+    return {name: path for name, path in vars(result).items() if isinstance(path, Path) and path.is_file()}
+
+
+def line_path(result):
+    """The file with the line of a picture."""
+    return result.record.with_name(f"{_stem(result)}{LINE_END}")
+
+
+def forget_line(result):
+    """Remove the line of a picture that is about to be rendered."""
+    discard(line_path(result))
+
+
+def has_line(result, formats):
+    """Whether a picture has its line, with calibrations for these formats."""
+    line = _line(line_path(result))
+    return line is not None and line["calibration"].keys() >= set(formats)
+
+
+def write_index(folder):
+    """Write the index of a dataset's folder, and the calibration files of cameras with places: one for each scene in a
+    picture's folder.
+
+    Waits for other processes that write them.
+    """
+    while True:
+        try:
+            with only_writer(folder / INDEX):
+                return _write_index(folder)
+        except Busy:
+            time.sleep(WAIT_S)
+
+
+def _write_index(folder):
+    lines = sorted(filter(None, (_finished(folder, path) for path in matching(folder, f"*/*_{LINE_END}"))),
+                   key=lambda line: (_scene_of(line), line["frame"]))
+    _write(folder / INDEX, "".join(map(_text, lines)))
+    for name in (name for name, each in FORMATS.items() if each.poses):
+        able = [line for line in lines if name in line["calibration"]]
+        for target, of_scene in groupby(able, key=lambda line: _of_scene(line, name)):
+            _write(folder / target, FORMATS[name].text([_view(line, name) for line in of_scene]))
+
+
+def _of_scene(line, name):
+    """The file with the cameras of a scene's pictures through a lens: lens/shot_Scene_nerfstudio.json."""
+    return f"{_scene_of(line)}_{name}{FORMATS[name].suffix}"
+
+
+def _finished(folder, path):
+    """The contents of a line if the files of its picture exist; else None."""
+    line = _line(path)
+    return line if line and all((folder / file).is_file() for file in line["files"].values()) else None
+
+
+def _line(path):
+    """The contents of a line; None if it is missing, damaged or a newer version's."""
+    try:
+        line = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return None
+    return line if isinstance(line, dict) and line.get("version") == VERSION else None
+
+
+def _view(line, name):
+    return View(calibration_from(line["calibration"][name]), np.array(line["pose"]), Path(line["files"]["after"]).name)
+
+
+def _channels(path):
+    """The channels of an EXR."""
+    return sorted(read_parts(path, header_only=True)[0][0]["channel names"])
+
+
+def _stem(result):
+    """The start of the names of a picture's files."""
+    return result.record.name.removesuffix(RECORD_END)
+
+
+def _scene_of(line):
+    """The start of the names of a scene's files through a lens, and their folder."""
+    return line["files"]["record"].removesuffix(f"_{RECORD_END}").rpartition("_")[0]
+
+
+def _text(line):
+    return json.dumps(json_value(line), ensure_ascii=False) + "\n"
+
+
+def _write(path, text):
+    with atomic_path(path) as temporary:
+        temporary.write_text(text, encoding="utf-8", newline="\n")

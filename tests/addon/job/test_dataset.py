@@ -1,0 +1,230 @@
+"""Datasets: one capture of each frame serves all lenses, each picture is that of a render, and the index lists them."""
+
+import json
+import subprocess
+import sys
+
+import bpy
+import numpy as np
+import pytest
+
+from lensfield import addon
+from lensfield.addon.render import one_capture
+from lensfield.addon.render.animation import Animation
+from lensfield.addon.render.dataset_index import INDEX
+from lensfield.engine import Options
+from lensfield.engine.calibration.formats import FORMATS, calibrated_for
+from lensfield.engine.calibration.stored import calibration_from
+from lensfield.engine.calibration.views import View
+from lensfield.engine.inspection.curves import reference_nm
+from lensfield.engine.pictures.spectral_exr import read_exr, read_parts
+from lensfield.engine.plan.options import TIER_ACCURACY
+from lensfield.engine.runtime.errors import InputError
+from lensfield.engine.spectral.wavelength_choice import SpectralOptions
+from noise import assert_means
+from refusals import refused
+from small_scenes import WAVELENGTHS_NM, material, wall
+from snapshot import differences, snapshot
+from waiting import LAST_RESORT_S
+
+SHARP, FAST, ANAMORPHIC = "tessar-50mm", "angenieux-50mm", "cooke-42mm-2x"
+FOLDERS = [f"{lens}_f{f_number}" for lens in (FAST, SHARP) for f_number in ("5.6", "8")]
+QUICK = {"wavelengths_nm": WAVELENGTHS_NM, "spectral": SpectralOptions("preview"),
+         "options": Options(accuracy=TIER_ACCURACY["preview"])}
+TRUTH = "depth,index"
+
+
+@pytest.fixture
+def ball(scene, tmp_path):
+    """A saved scene in which a small glowing square moves in front of a large one, seen by a camera that is off its
+    axis, in a unit of 10 cm; the camera focuses on the large square."""
+    scene.unit_settings.scale_length = 0.1
+    wall(scene, material("Far", "ShaderNodeEmission", (0.7, 0.3, 0.2))[0], 40.0, 100.0).pass_index = 3
+    near = wall(scene, material("Near", "ShaderNodeEmission", (0.2, 0.5, 2.0))[0], 10.0, 1.5)
+    near.name, near.pass_index = "Near", 7
+    for frame, x in ((1, 0.9), (2, -0.4)):
+        near.location.x, near.location.y = x, 0.6
+        near.keyframe_insert("location", frame=frame)
+    scene.camera.data.shift_x, scene.camera.data.lens = 0.05, 40
+    dof = scene.camera.data.dof
+    dof.use_dof, dof.focus_distance = True, 40.0
+    scene.frame_start, scene.frame_end = 1, 2
+    scene.frame_set(1)
+    scene.render.image_settings.file_format = "OPEN_EXR"  # a factory scene has no colour space until then
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "ball.blend"))
+    return scene
+
+
+@pytest.fixture
+def captures(monkeypatch):
+    """A list of the frames that are captured."""
+    frames, capture = [], one_capture.capture
+
+    def counted(scene, job, *arguments):
+        frames.append(job.frame)
+        return (yield from capture(scene, job, *arguments))
+
+    monkeypatch.setattr(one_capture, "capture", counted)
+    return frames
+
+
+def dataset(scene, folder, lenses=(SHARP, FAST), f_numbers=(5.6, 8), frames=(1, 2), **given):
+    return addon.Dataset(scene, lenses, f_numbers, frames, output_folder=folder, **QUICK | given)
+
+
+def rendered(*arguments, **given):
+    planned = dataset(*arguments, **given)
+    return [result for turn in planned.turns for result in planned.render(turn)]
+
+
+def lines(folder):
+    return [json.loads(line) for line in (folder / INDEX).read_text(encoding="utf-8").splitlines()]
+
+
+def stamps(folder):
+    return {path: path.stat().st_mtime_ns for path in folder.rglob("*_lens_image.exr")}
+
+
+def test_one_capture_of_each_frame_serves_all_lenses(ball, captures, tmp_path):
+    folder, before = tmp_path / "set", snapshot()
+    results = rendered(ball, folder, truth=TRUTH, formats=["opencv", "nerfstudio"])
+    assert not differences(before, snapshot())
+    assert captures == [1, 2] and len(results) == 8
+    assert sorted(path.name for path in folder.iterdir()) == sorted([*FOLDERS, INDEX])
+    index = lines(folder)
+    assert [(line["files"]["lens_image"], line["frame"]) for line in index] == [
+        (f"{name}/ball_Scene_{frame:04d}_lens_image.exr", frame) for name in FOLDERS for frame in (1, 2)]
+    assert [(line["lens"], line["f_number"]) for line in index[::2]] == [
+        (FAST, 5.6), (FAST, 8), (SHARP, 5.6), (SHARP, 8)]
+    for line in index:
+        assert all((folder / file).is_file() for file in line["files"].values())
+        assert line["size_px"] == [48, 36] and line["wavelengths_nm"] == list(WAVELENGTHS_NM)
+        assert line["truth"] == TRUTH.split(",") and "ViewLayer.Depth.Z" in line["truth_channels"]
+        assert line["focus_mm"] == pytest.approx(4000)
+        assert (line["samples"], line["seed"]) == (ball.cycles.samples, ball.cycles.seed)
+    kept = stamps(folder), (folder / INDEX).read_bytes()
+    assert not rendered(ball, folder, truth=TRUTH, formats=["opencv", "nerfstudio"])
+    assert (stamps(folder), (folder / INDEX).read_bytes()) == kept
+
+
+def test_each_picture_and_its_truth_are_those_of_a_render(ball, tmp_path):
+    ball.cycles.samples = 256
+    rendered(ball, tmp_path / "set", truth=TRUTH, frames=[2])
+    alone = addon.render_through_lens(ball, frame=2, lens=FAST, f_number=5.6, view="camera", truth=TRUTH,
+                                      output_folder=tmp_path / "alone", **QUICK)
+    folder = tmp_path / "set" / FOLDERS[0]
+    pixels, expected = (read_exr(path / alone.irradiance.name).cube.reshape(3, 3, 12, 4, 12).transpose(0, 1, 3, 2, 4)
+                        for path in (folder, alone.irradiance.parent))
+    assert_means(pixels, expected, rtol=0.01, noise=0.03)
+    ours, theirs = (read_parts(path / alone.truth.name)[0][1] for path in (folder, alone.truth.parent))
+    assert ours.keys() == theirs.keys()
+    for channel in ours:  # the middles of pixels are at the same places in all captures of the camera's view
+        np.testing.assert_allclose(ours[channel], theirs[channel], rtol=1e-4)
+
+
+def test_calibrations_agree_with_the_camera_of_each_frame(ball, tmp_path):
+    """Also after a later run has added a format."""
+    rendered(ball, tmp_path / "set", [SHARP], [8], formats=["opencv"])
+    kept = stamps(tmp_path / "set")
+    rendered(ball, tmp_path / "set", [SHARP], [8], formats=["nerfstudio"])
+    assert stamps(tmp_path / "set") == kept
+    folder = tmp_path / "set" / f"{SHARP}_f8"
+    camera = addon.frame_camera(ball, 2, lens=SHARP, f_number=8.0, view="camera", **QUICK)
+    expected = calibrated_for("opencv", camera.lens, camera.grid, reference_nm(camera.lens))
+    line = lines(tmp_path / "set")[1]
+    assert calibration_from(line["calibration"]["opencv"]) == expected
+    assert (folder / "ball_Scene_0002_opencv.yml").read_text() == FORMATS["opencv"].text([View(expected)])
+    cameras = json.loads((folder / "ball_Scene_nerfstudio.json").read_text())
+    assert [frame["file_path"] for frame in cameras["frames"]] == [f"ball_Scene_{frame:04d}_after.png"
+                                                                   for frame in (1, 2)]
+    np.testing.assert_allclose(cameras["frames"][1]["transform_matrix"], camera.pose)
+    np.testing.assert_allclose(line["pose"], camera.pose)
+
+
+def test_a_stopped_run_resumes(ball, captures, tmp_path, monkeypatch):
+    """After the third picture; and where a picture is finished but not its line in the index."""
+    folder, count, render = tmp_path / "set", 0, Animation.render
+
+    def stopping(animation, *arguments):
+        nonlocal count
+        count += 1
+        if count == 4:
+            raise KeyboardInterrupt
+        return render(animation, *arguments)
+
+    monkeypatch.setattr(Animation, "render", stopping)
+    with pytest.raises(KeyboardInterrupt):
+        rendered(ball, folder)
+    monkeypatch.undo()
+    kept = stamps(folder)
+    assert len(kept) == 3
+    next(folder.rglob("*_picture.json")).unlink()
+    assert len(rendered(ball, folder)) == 5
+    assert stamps(folder).items() >= kept.items() and len(lines(folder)) == 8
+    (folder / INDEX).unlink()
+    assert not rendered(ball, folder) and len(lines(folder)) == 8
+    assert [path.name for path in folder.iterdir() if path.name.startswith(".")] == []
+
+
+def test_runs_of_other_frames_and_lenses_share_the_index(ball, captures, tmp_path):
+    rendered(ball, tmp_path, [SHARP], [8], frames=[2])
+    rendered(ball, tmp_path, [FAST], [8], frames=[1])
+    assert [(line["lens"], line["frame"]) for line in lines(tmp_path)] == [(FAST, 1), (SHARP, 2)]
+    rendered(ball, tmp_path, [SHARP, FAST], [8])
+    assert captures == [2, 1, 1, 2] and len(lines(tmp_path)) == 4
+    assert len(rendered(ball, tmp_path, [SHARP], [8], frames=[1], truth="index")) == 1  # other settings
+    assert [line["truth"] for line in lines(tmp_path)] == [[], [], ["index"], []]
+
+
+def test_one_capture_serves_all_frames_of_a_focus_pull(ball, captures, tmp_path):
+    ball.objects["Near"].animation_data_clear()
+    dof = ball.camera.data.dof
+    for frame, distance in ((1, 10.0), (2, 40.0)):
+        dof.focus_distance, dof.aperture_fstop = distance, 4.0 * frame
+        dof.keyframe_insert("focus_distance", frame=frame)
+        dof.keyframe_insert("aperture_fstop", frame=frame)
+    rendered(ball, tmp_path, [FAST], ())
+    index = lines(tmp_path)
+    assert len(captures) == 1 and [line["files"]["record"].split("/")[0] for line in index] == [FAST] * 2
+    np.testing.assert_allclose([line["focus_mm"] for line in index], [1000, 4000])
+    np.testing.assert_allclose([line["f_number"] for line in index], [4, 8])
+
+
+def test_lenses_of_each_squeeze_have_a_capture(ball, captures, tmp_path):
+    results = rendered(ball, tmp_path, [SHARP, ANAMORPHIC], [8], frames=[1])
+    assert captures == [1, 1] and len(results) == 2
+    squeezed, plain = lines(tmp_path)
+    assert (plain["size_px"], plain["squeeze"]) == ([48, 36], 1)
+    assert (squeezed["size_px"], squeezed["squeeze"]) == ([24, 36], pytest.approx(1.98, abs=0.01))
+
+
+@pytest.mark.parametrize("given, field, match", [
+    ({"lenses": ["tessar-50mm"], "f_numbers": [2]}, "f-number", "tessar-50mm has f/5.5 to f/22"),
+    ({"lenses": ["no-lens"]}, "lens", None),
+    ({"lenses": [SHARP, SHARP]}, "lens", "a second folder tessar-50mm_f5.6"),
+    ({"depth": "traced"}, "depth", "a traced lens captures no light for other lenses"),
+    ({"lenses": [ANAMORPHIC], "f_numbers": [8], "formats": ["lensfun"]}, "calibration", "is anamorphic"),
+    ({"truth": "flow", "frames": [1]}, "motion", None)])
+def test_bad_input_is_refused_before_the_render(ball, captures, tmp_path, given, field, match):
+    if given.get("truth"):
+        ball.frame_end = 1
+        ball.objects["Near"].animation_data_clear()
+    with refused(InputError, field=field, match=match):
+        dataset(ball, tmp_path / "set", **given)
+    assert not captures and not (tmp_path / "set" / INDEX).exists()
+
+
+def test_processes_share_the_captures(ball, tmp_path):
+    ball.cycles.samples = 64
+    blend, folder = tmp_path / "ball.blend", tmp_path / "set"
+    bpy.ops.wm.save_as_mainfile(filepath=str(blend))
+    command = [sys.executable, "-c", "from lensfield.cli import console; console()", "dataset", str(blend), "--lens",
+               f"{SHARP},{FAST}", "--f-number", "5.6,8", "--frames", "scene", "--wavelengths", "450,550,650",
+               "--tier", "preview", "--output", str(folder), "--wait"]
+    processes = [subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+                 for _ in range(2)]
+    outputs = [process.communicate(timeout=LAST_RESORT_S) for process in processes]
+    assert not any(process.returncode for process in processes), outputs
+    pictures = [line for output, _ in outputs for line in output.splitlines() if line.endswith("_lens_image.exr")]
+    assert len(pictures) == len(set(pictures)) == len(lines(folder)) == 8
+    assert not (folder / ".lensfield").exists()
