@@ -40,6 +40,10 @@ TRUTH = {"depth": ("Depth", "Depth along the optical axis, and distance along th
          "flow": ("Flow", "Motion since the frame before and until the next one"),
          "index": ("Index", "Pass indices of objects and materials"),
          "cryptomatte": ("Cryptomatte", "Mattes of objects, materials and assets, by their names")}
+FLARE, BOKEH = "flare", "bokeh"
+PAIRS = {FLARE: "the same light with and without stray light",
+         BOKEH: "the same light at the highest f-number and at the others"}
+"""Kinds of pairs of pictures in a dataset."""
 RING_FIELDS = "focus", "f_number", "focused_wide_open", "tilt_deg", "copy", "copy_grade", "coating"
 CAMERA_FIELDS = "camera", "iso", "shutter_s", "noise", "develop", "dng"
 EXPOSED_FIELDS = "camera", "iso", "shutter_s", "develop"

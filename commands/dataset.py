@@ -5,6 +5,7 @@ from pathlib import Path
 from lensfield.engine import InputError
 from lensfield.engine.calibration.formats import FORMATS
 
+from ..request import PAIRS
 from .arguments import add_accuracy, add_iris, add_rings, add_stray, add_untrusted, check_outputs
 from .blend import import_addon
 from .compare import RINGS, add_lenses, given_f_numbers, given_lenses
@@ -31,6 +32,9 @@ def add_options(dataset):
     dataset.add_argument("--calibration", metavar="PROGRAM,...", default=DEFAULT_FORMAT,
                          help="calibration files, as of lensfield lens calibration --for, or none: "
                               f"{', '.join(FORMATS)} (default: {DEFAULT_FORMAT})")
+    dataset.add_argument("--pairs", choices=PAIRS, default="",
+                         help="also write pairs of pictures, in the folders that public loaders read: "
+                              + "; ".join(f"{name}: {text}" for name, text in PAIRS.items()))
     add_frame_options(dataset)
     dataset.add_argument("--wait", action="store_true",
                          help="end only when all pictures are finished, including those of other processes")
@@ -62,8 +66,8 @@ def _write(options):
         with progress(options, write) as on_progress:
             dataset = addon.Dataset(
                 scene, lenses, f_numbers, [scene.frame_current] if options.frames is None else frames,
-                formats=formats, overwrite=options.overwrite, any_build=options.any_build, wait=options.wait,
-                progress=on_progress, **given | {"output_folder": folder})
+                formats=formats, pairs=options.pairs, overwrite=options.overwrite, any_build=options.any_build,
+                wait=options.wait, progress=on_progress, **given | {"output_folder": folder})
         say(*dataset.beforehand)
         for turn in dataset.turns:
             with progress(options, write) as on_progress:

@@ -372,7 +372,7 @@ def _capture_steps(scene, job, result):
 
 def _write_sheet(comparison, results):
     """Write the sheet, with the same exposure for all pictures; returns the boxes of the cells."""
-    pictures = {name: _rec709(result.lens_image) for name, result in results.items()}
+    pictures = {name: rec709(result.lens_image) for name, result in results.items()}
     exposure = auto_exposure(np.concatenate([picture.reshape(-1, 1, 3) for picture in pictures.values()]))
     look = look_for(_first_request(comparison))
     pixels = {name: _unsqueezed(pixels_of(picture, exposure, look), comparison.size_px)
@@ -397,7 +397,8 @@ def _first_request(comparison):
     return with_stored_look(RenderRequest(**fields), capture.radiance)
 
 
-def _rec709(path):
+def rec709(path):
+    """The colours of a lens image: array (row, column, 3)."""
     _, planes = read_parts(path)[0]
     return np.stack([planes[channel] for channel in "RGB"], axis=-1, dtype=np.float32)
 

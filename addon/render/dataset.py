@@ -17,6 +17,7 @@ from lensfield.engine.runtime.errors import InputError
 from lensfield.engine.runtime.files import check_target
 from lensfield.engine.runtime.locks import Busy, only_writer
 
+from ...request import BOKEH, FLARE
 from ..capture.scene_plan import check_job
 from ..job.job import job_of
 from ..job.result import stem_of
@@ -32,6 +33,7 @@ from .animation import WAIT_S, Animation, frames_of, named_frame
 from .cameras import FrameCamera, frame_camera
 from .comparison import capture_name, lens_stem, squeezed_frame
 from .dataset_index import INDEX, calibrations, forget_line, has_line, write_index, write_line
+from .dataset_pairs import check_pairs, write_bokeh, write_flare
 from .one_capture import OneCapture, end_jobs, shared_job
 from .render import baking, job_of_frame
 
@@ -66,6 +68,14 @@ class Series:
         """Of its folder."""
         return self.given["output_folder"].name
 
+    def result_of(self, frame):
+        """The Result that names a frame's files."""
+        return self.animation.result_of(frame)
+
+    def has_finished(self, frame):
+        """Whether a frame's picture exists."""
+        return frame in self.animation.results or frame in self.animation.earlier
+
 
 class Dataset:
     """Frames of a scene through several lenses, rendered frame by frame unless they are finished.
@@ -84,6 +94,8 @@ class Dataset:
         For the index and, in a folder for each lens and f-number, the pictures.
     formats : sequence of str
         Of calibrations, as `lensfield lens calibration` writes them.
+    pairs : str
+        Of pictures: one of PAIRS, or "".
     overwrite, any_build, wait : bool
         As for `Animation`.
     progress : callable (fraction, label), optional
@@ -104,15 +116,16 @@ class Dataset:
         Among others, a lens does not exist, does not have an f-number, or a format cannot describe it.
     """
 
-    def __init__(self, scene, lenses, f_numbers=(), frames=None, *, output_folder, formats=(), overwrite=False,
-                 any_build=False, wait=False, progress=None, **given):
-        self._scene, self._folder, self._formats, self._wait = scene, Path(output_folder), tuple(formats), wait
+    def __init__(self, scene, lenses, f_numbers=(), frames=None, *, output_folder, formats=(), pairs="",
+                 overwrite=False, any_build=False, wait=False, progress=None, **given):
+        self._scene, self._folder, self._wait = scene, Path(output_folder), wait
+        self._formats, self._pairs = tuple(formats), pairs
         self._frames = list(frames_of(scene) if frames is None else frames)
         self._one, self._captured, self._fractions, self.elsewhere = None, None, {}, []
         if (given.get("depth") or scene.lensfield.value_of("depth")) == TRACED:
             raise InputError("options", "depth", TRACED,
                              "expected auto or off: a traced lens captures no light for other lenses")
-        requested = _requested(lenses, f_numbers)
+        requested, self._f_numbers = _requested(lenses, f_numbers), tuple(f_numbers)
         with squeezed_frame(scene, 1.0):
             check_scene(scene, frames=self._frames, output_folder=self._folder, view=CAMERA_VIEW)
         check_target(self._folder / INDEX)
@@ -131,7 +144,9 @@ class Dataset:
         squeeze = squeeze_of(lens)
         with squeezed_frame(self._scene, squeeze):
             with named_frame(self._frames[0]):
-                check_job(self._scene, job_of_frame(self._scene, self._frames[0], baking=baking(progress), **given))
+                job = job_of_frame(self._scene, self._frames[0], baking=baking(progress), **given)
+                check_pairs(self._pairs, job, self._f_numbers)
+                check_job(self._scene, job)
                 calibrations(frame_camera(self._scene, self._frames[0], **given), self._formats)
             animation = Animation(self._scene, self._frames, overwrite=overwrite, any_build=any_build, **given)
         return Series(lens, f_number, squeeze, given, animation)
@@ -140,9 +155,11 @@ class Dataset:
     def turns(self):
         """(squeeze, frame) in rendering order: those with pending pictures, then again those that another process was
         capturing, in case it was stopped; with `wait`, repeatedly until none is left."""
-        self._describe_finished()
-        yield from [(squeeze, frame) for squeeze in sorted({each.squeeze for each in self.series})
-                    for frame in self._frames if self._pending((squeeze, frame))]
+        turns = [(squeeze, frame) for squeeze in sorted({each.squeeze for each in self.series})
+                 for frame in self._frames]
+        for turn in turns:
+            self._describe(turn)
+        yield from filter(self._pending, turns)
         yield from list(self.elsewhere)
         while self._wait and self.elsewhere:
             time.sleep(WAIT_S)
@@ -170,10 +187,10 @@ class Dataset:
         _, frame = turn
         series, results = self._pending(turn), []
         for each in series:
-            forget_line(each.animation.result_of(frame))
+            forget_line(each.result_of(frame))
             each.animation.share(lambda: self._capture(turn))
             results.append(each.animation.render(frame, self._progress(each, progress)))
-            self._describe(each, frame)
+        self._describe(turn)
         if any(frame in each.animation.elsewhere for each in series):  # a render of this picture alone
             self.elsewhere.append(turn)
         if self._one and not self._still and all(results):
@@ -212,24 +229,39 @@ class Dataset:
                 self._one, self._captured = OneCapture(shared_job(self._scene, jobs)), (squeeze, frames)
         return self._one
 
-    def _describe_finished(self):
-        """Write the missing lines of finished pictures."""
-        for each in self.series:
-            with squeezed_frame(self._scene, each.squeeze):
-                for frame in each.animation.earlier:
-                    if not has_line(each.animation.result_of(frame), self._formats):
-                        self._describe(each, frame)
-
-    def _describe(self, series, frame):
-        """Write the line of a picture if it is finished."""
-        if frame not in series.animation.results.keys() | series.animation.earlier.keys():
+    def _describe(self, turn):
+        """Write the pairs and the lines that finished pictures of a turn lack."""
+        squeeze, frame = turn
+        lacking = [each for each in self.series if each.squeeze == squeeze and each.has_finished(frame)
+                   and not has_line(each.result_of(frame), self._formats, self._pairs)]
+        if not lacking:
             return
-        scene, result = self._scene, series.animation.result_of(frame)
-        with Journal() as journal:
+        scene = self._scene
+        with squeezed_frame(scene, squeeze), Journal() as journal:
             go_to_frame(scene, frame, journal)
-            job = job_of(scene, **series.given)
-            camera = FrameCamera(job.lens, frame_grid(scene, job.lens), camera_pose(scene), result.after.name)
-            write_line(result, camera, _facts(scene, series, job), self._formats)
+            pairs = self._written_pairs(lacking, frame)
+            for each in lacking:
+                job, result = self._job(each), each.result_of(frame)
+                camera = FrameCamera(job.lens, frame_grid(scene, job.lens), camera_pose(scene), result.after.name)
+                write_line(result, camera, _facts(scene, each, job), self._formats, pairs.get(each.name, {}))
+
+    def _written_pairs(self, series, frame):
+        """Write the pairs of finished pictures of a frame: {name of a Series: {kind: {name of a file: its path}}}."""
+        if self._pairs == FLARE:
+            return {each.name: {FLARE: write_flare(each.result_of(frame), self._folder, self._job(each))}
+                    for each in series}
+        written = {}
+        for lens in dict.fromkeys(each.lens for each in series) if self._pairs == BOKEH else ():
+            of_lens = sorted((each for each in self.series if each.lens == lens), key=lambda each: -each.f_number)
+            if all(each.has_finished(frame) for each in of_lens):
+                results = {each.f_number: each.result_of(frame) for each in of_lens}
+                files = write_bokeh(lens_stem(lens), results, self._folder, self._job(of_lens[0]))
+                written |= {each.name: {BOKEH: files} for each in of_lens}
+        return written
+
+    def _job(self, series):
+        """The Job of a Series at the current frame."""
+        return job_of(self._scene, **series.given)
 
     @property
     def beforehand(self):

@@ -44,9 +44,9 @@ def calibrations(camera, formats):
         raise InputError("options", "calibration", error.value, error.remedy) from None
 
 
-def write_line(result, camera, facts, formats):
+def write_line(result, camera, facts, formats, pairs):
     """Write the line of a finished picture, and the calibration files that are for one camera. Calibrations for other
-    formats in an existing line remain.
+    formats and pairs of other kinds in an existing line remain.
 
     Parameters
     ----------
@@ -57,19 +57,27 @@ def write_line(result, camera, facts, formats):
         Of the line.
     formats : sequence of str
         Of calibrations.
+    pairs : dict of str: dict of str: Path
+        Files of pairs by kind and name.
     """
-    earlier = _line(line_path(result)) or {"calibration": {}}
+    folder = result.record.parents[1]
+    earlier = _line(line_path(result)) or {"calibration": {}, "pairs": {}}
     files, fits = _files(result), calibrations(camera, dict.fromkeys((*earlier["calibration"], *formats)))
     for name, calibration in fits.items():
         if not FORMATS[name].poses:
             files[name] = result.record.with_name(f"{_stem(result)}{name}{FORMATS[name].suffix}")
             _write(files[name], FORMATS[name].text([View(calibration)]))
     line = {"software": software(), "format": FORMAT, "version": VERSION, **facts, "frame": result.frame,
-            "files": {name: f"{path.parent.name}/{path.name}" for name, path in files.items()},
+            "files": _relative(files, folder),
+            "pairs": earlier["pairs"] | {kind: _relative(paths, folder) for kind, paths in pairs.items()},
             "truth_channels": _channels(result.truth) if "truth" in files else [],
             "size_px": camera.grid.shape_px[::-1], "pose": camera.pose,
             "calibration": {name: calibration_values(fit) for name, fit in fits.items()}}
     _write(line_path(result), _text(line))
+
+
+def _relative(paths, folder):
+    return {name: path.relative_to(folder).as_posix() for name, path in paths.items()}
 
 
 def _files(result):
@@ -87,10 +95,10 @@ def forget_line(result):
     discard(line_path(result))
 
 
-def has_line(result, formats):
-    """Whether a picture has its line, with calibrations for these formats."""
+def has_line(result, formats, pairs):
+    """Whether a picture has its line, with calibrations for these formats, and with pairs of a kind, if any."""
     line = _line(line_path(result))
-    return line is not None and line["calibration"].keys() >= set(formats)
+    return line is not None and line["calibration"].keys() >= set(formats) and (not pairs or pairs in line["pairs"])
 
 
 def write_index(folder):

@@ -7,20 +7,24 @@ import sys
 import bpy
 import numpy as np
 import pytest
+from PIL import Image
 
 from lensfield import addon
 from lensfield.addon.render import one_capture
 from lensfield.addon.render.animation import Animation
 from lensfield.addon.render.dataset_index import INDEX
+from lensfield.addon.render.dataset_pairs import exact_sum
 from lensfield.engine import Options
 from lensfield.engine.calibration.formats import FORMATS, calibrated_for
 from lensfield.engine.calibration.stored import calibration_from
 from lensfield.engine.calibration.views import View
 from lensfield.engine.inspection.curves import reference_nm
+from lensfield.engine.pictures.preview import to_rec709
 from lensfield.engine.pictures.spectral_exr import read_exr, read_parts
 from lensfield.engine.plan.options import TIER_ACCURACY
 from lensfield.engine.runtime.errors import InputError
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
+from lensfield.engine.stray.options import StrayOptions
 from noise import assert_means
 from refusals import refused
 from small_scenes import WAVELENGTHS_NM, material, wall
@@ -142,7 +146,7 @@ def test_calibrations_agree_with_the_camera_of_each_frame(ball, tmp_path):
 
 
 def test_a_stopped_run_resumes(ball, captures, tmp_path, monkeypatch):
-    """After the third picture; and where a picture is finished but not its line in the index."""
+    """After the third picture, before the lines of its frame; and without the index."""
     folder, count, render = tmp_path / "set", 0, Animation.render
 
     def stopping(animation, *arguments):
@@ -157,8 +161,7 @@ def test_a_stopped_run_resumes(ball, captures, tmp_path, monkeypatch):
         rendered(ball, folder)
     monkeypatch.undo()
     kept = stamps(folder)
-    assert len(kept) == 3
-    next(folder.rglob("*_picture.json")).unlink()
+    assert len(kept) == 3 and not list(folder.rglob("*_picture.json"))
     assert len(rendered(ball, folder)) == 5
     assert stamps(folder).items() >= kept.items() and len(lines(folder)) == 8
     (folder / INDEX).unlink()
@@ -228,3 +231,62 @@ def test_processes_share_the_captures(ball, tmp_path):
     pictures = [line for output, _ in outputs for line in output.splitlines() if line.endswith("_lens_image.exr")]
     assert len(pictures) == len(set(pictures)) == len(lines(folder)) == 8
     assert not (folder / ".lensfield").exists()
+
+
+def planes(path):
+    return np.stack([read_parts(path)[0][1][channel] for channel in "RGB"], axis=-1)
+
+
+def test_pairs_of_flare_add_up_to_the_last_bit(ball, captures, tmp_path):
+    """Of any exposure, and also if they are requested after the pictures."""
+    ball.cycles.film_exposure = 3.7
+    given = {"stray": StrayOptions("veil", cleanliness="hazy"), "frames": [1], "look": "standard"}
+    rendered(ball, tmp_path, [SHARP], [8], **given)
+    assert not rendered(ball, tmp_path, [SHARP], [8], **given, pairs="flare") and captures == [1]
+    line, = lines(tmp_path)
+    files = {name: tmp_path / path for name, path in line["pairs"]["flare"].items()}
+    flared, clean, flare = (planes(files[f"linear_{name}"]) for name in ("input", "gt", "flare"))
+    assert {picture.dtype for picture in (flared, clean, flare)} == {np.dtype(np.float32)}
+    assert np.array_equal(clean + flare, flared) and flare.min() > 0 and clean.max() > 100 * flare.mean()
+    picture = to_rec709(read_exr(tmp_path / line["files"]["irradiance"]))
+    np.testing.assert_allclose(flared, picture, rtol=0, atol=np.finfo(np.float32).eps * picture.max())
+    pngs = [np.asarray(Image.open(files[name])) for name in ("input", "gt", "flare")]
+    assert {png.shape for png in pngs} == {(36, 48, 3)} and np.all(pngs[0] >= pngs[1])
+    assert [path.relative_to(tmp_path).parts[:2] for path in files.values()][::2] == [
+        ("pairs", "input"), ("pairs", "gt"), ("pairs", "flare")]
+
+
+def test_sums_are_exact_for_all_magnitudes():
+    random = np.random.default_rng(3)
+    flare = np.float32(10) ** random.uniform(-9, 3, (200, 300)).astype(np.float32)
+    given = flare * random.uniform(1, 1e6, flare.shape).astype(np.float32)
+    flared, clean, same = exact_sum(given, flare)
+    assert np.array_equal(clean + same, flared) and np.array_equal(same, flare)
+    np.testing.assert_allclose(flared, given, rtol=1.2e-7)
+
+
+def test_pairs_of_bokeh_have_the_layout_of_realbokeh(ball, captures, tmp_path):
+    """One sharp picture, and the blurred ones, equally bright; and metadata with paths from the split's folder."""
+    rendered(ball, tmp_path, [FAST], [1.4, 4, 16], frames=[2], pairs="bokeh", look="standard")
+    assert captures == [2]
+    split = tmp_path / "pairs" / "train"
+    metadata = json.loads((split / "metadata" / f"{FAST}_ball_Scene_0002.json").read_text())
+    assert (metadata["source_av"], metadata["target_avs"]) == (16, [4, 1.4])
+    sharp, *blurred = (np.asarray(Image.open(split / name), float)
+                       for name in (metadata["source_image"], *metadata["target_images"]))
+    for picture in blurred:
+        assert picture.shape == (36, 48, 3)
+        middle = slice(14, 28), slice(16, 32)  # without vignetting
+        np.testing.assert_allclose(np.median(picture[middle]), np.median(sharp[middle]), rtol=0.03)
+    edges = [np.abs(np.diff(picture, axis=1)).max() for picture in (sharp, *blurred)]
+    assert edges[0] > edges[2]
+    assert all("bokeh" in line["pairs"] for line in lines(tmp_path))
+
+
+@pytest.mark.parametrize("given, field", [
+    ({"pairs": "flare", "stray": StrayOptions("off")}, "stray"),
+    ({"pairs": "flare", "stray": StrayOptions("veil"), "files": "pictures"}, "files"),
+    ({"pairs": "bokeh", "f_numbers": [8]}, "f-number"), ({"pairs": "bokeh", "depth": "off"}, "depth")])
+def test_impossible_pairs_are_refused(ball, tmp_path, given, field):
+    with refused(InputError, field=field):
+        dataset(ball, tmp_path, [SHARP], **{"f_numbers": [5.6, 8]} | given)
