@@ -37,7 +37,7 @@ def add_options(dataset):
                               + "; ".join(f"{name}: {text}" for name, text in PAIRS.items()))
     add_frame_options(dataset)
     dataset.add_argument("--wait", action="store_true",
-                         help="end only when all pictures are finished, including those of other processes")
+                         help="end only when all pictures are finished, including pictures of other processes")
     add_capture_options(dataset, OF_LENSES)
     add_accuracy(dataset, of_scene=True)
     add_rings(dataset, camera=True, fields=RINGS)

@@ -100,6 +100,11 @@ class Result:
                              f"expected a name such as shot_Scene_0001_{FRAME_FILES[name]}")
         return result
 
+    @property
+    def stem(self):
+        """The start of the names of the frame's files."""
+        return self.record.name.removesuffix(f"_{RECORD_END}")
+
     def written_by(self, request):
         """The files of the frame that a RenderRequest writes, except its record: list of Path."""
         absent = {"record", *(name for name in SPECTRAL_FILES if not request.writes(name)),

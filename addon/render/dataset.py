@@ -130,7 +130,7 @@ class Dataset:
             check_scene(scene, frames=self._frames, output_folder=self._folder, view=CAMERA_VIEW)
         check_target(self._folder / INDEX)
         given = given | {"view": CAMERA_VIEW, "state": given.get("state") or fingerprint_anew(scene)}
-        self._still = not moving(scene, self._frames)
+        self._one_for_all = not moving(scene, self._frames)
         self.series = []
         for number, (name, (lens, f_number)) in enumerate(requested.items(), 1):
             if progress:
@@ -193,7 +193,7 @@ class Dataset:
         self._describe(turn)
         if any(frame in each.animation.elsewhere for each in series):  # a render of this picture alone
             self.elsewhere.append(turn)
-        if self._one and not self._still and all(results):
+        if self._one and not self._one_for_all and all(results):
             self._one.remove_passes(self._scene)
         return list(filter(None, results))
 
@@ -212,7 +212,7 @@ class Dataset:
         return [each for each in self.series if each.squeeze == squeeze and frame in each.animation.pending]
 
     def _lock(self, turn):
-        """The file that stands for a turn's capture in locks."""
+        """The path that the lock of a turn's capture is named after."""
         squeeze, frame = turn
         return self._folder / f"{stem_of(self._scene)}_{frame:04d}_{capture_name(squeeze)}"
 
@@ -220,7 +220,7 @@ class Dataset:
         """The OneCapture for the lenses of a turn's squeeze: of its frame, or of all frames if only focus and f-stop
         change."""
         squeeze, frame = turn
-        frames = self._frames if self._still else [frame]
+        frames = self._frames if self._one_for_all else [frame]
         if self._captured != (squeeze, frames):
             jobs = [job for each in self.series if each.squeeze == squeeze
                     for job in end_jobs(self._scene, frames, **each.given)]
@@ -270,7 +270,7 @@ class Dataset:
             (each.animation.frames, each.animation.pending) for each in self.series), strict=True))
         finished = f"{count - pending} of {count} pictures are finished: {pending} to render"
         squeezes = len({each.squeeze for each in self.series})
-        captured = "one capture serves all frames and lenses" if self._still else "each frame is captured once"
+        captured = "one capture serves all frames and lenses" if self._one_for_all else "each frame is captured once"
         return [finished, captured + (f" for each of {squeezes} squeezes" if squeezes > 1 else "")]
 
     @property

@@ -64,8 +64,8 @@ def write_line(result, camera, facts, formats, pairs):
     earlier = _line(line_path(result)) or {"calibration": {}, "pairs": {}}
     files, fits = _files(result), calibrations(camera, dict.fromkeys((*earlier["calibration"], *formats)))
     for name, calibration in fits.items():
+        files[name] = _calibration_path(result, name)
         if not FORMATS[name].poses:
-            files[name] = result.record.with_name(f"{_stem(result)}{name}{FORMATS[name].suffix}")
             _write(files[name], FORMATS[name].text([View(calibration)]))
     line = {"software": software(), "format": FORMAT, "version": VERSION, **facts, "frame": result.frame,
             "files": _relative(files, folder),
@@ -87,7 +87,14 @@ def _files(result):
 
 def line_path(result):
     """The file with the line of a picture."""
-    return result.record.with_name(f"{_stem(result)}{LINE_END}")
+    return result.record.with_name(f"{result.stem}_{LINE_END}")
+
+
+def _calibration_path(result, name):
+    """The file with a picture's camera for a program: of the picture, or of all pictures of the scene through a lens if
+    the file states their places."""
+    stem = result.stem.rpartition("_")[0] if FORMATS[name].poses else result.stem
+    return result.record.with_name(f"{stem}_{name}{FORMATS[name].suffix}")
 
 
 def forget_line(result):
@@ -121,23 +128,18 @@ def _write_index(folder):
     _write(folder / INDEX, "".join(map(_text, lines)))
     for name in (name for name, each in FORMATS.items() if each.poses):
         able = [line for line in lines if name in line["calibration"]]
-        for target, of_scene in groupby(able, key=lambda line: _of_scene(line, name)):
-            _write(folder / target, FORMATS[name].text([_view(line, name) for line in of_scene]))
-
-
-def _of_scene(line, name):
-    """The file with the cameras of a scene's pictures through a lens: lens/shot_Scene_nerfstudio.json."""
-    return f"{_scene_of(line)}_{name}{FORMATS[name].suffix}"
+        for file, of_scene in groupby(able, key=lambda line: line["files"][name]):
+            _write(folder / file, FORMATS[name].text([_view(line, name) for line in of_scene]))
 
 
 def _finished(folder, path):
-    """The contents of a line if the files of its picture exist; else None."""
+    """The contents of a line if its picture is finished: it has a record, which a render removes first; else None."""
     line = _line(path)
-    return line if line and all((folder / file).is_file() for file in line["files"].values()) else None
+    return line if line and (folder / line["files"]["record"]).is_file() else None
 
 
 def _line(path):
-    """The contents of a line; None if it is missing, damaged or a newer version's."""
+    """The contents of a line; None if it is missing, damaged or of another version."""
     try:
         line = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
@@ -152,11 +154,6 @@ def _view(line, name):
 def _channels(path):
     """The channels of an EXR."""
     return sorted(read_parts(path, header_only=True)[0][0]["channel names"])
-
-
-def _stem(result):
-    """The start of the names of a picture's files."""
-    return result.record.name.removesuffix(RECORD_END)
 
 
 def _scene_of(line):

@@ -15,7 +15,6 @@ from lensfield.engine.runtime.errors import InputError
 from lensfield.engine.runtime.files import atomic_path
 
 from ...request import BOKEH, FLARE, IRRADIANCE
-from ..job.result import FRAME_FILES
 from ..job.shown import look_for, write_shown
 from .comparison import rec709
 
@@ -63,7 +62,7 @@ def write_flare(result, folder, job):
     dict of str: Path
         The files.
     """
-    name = f"{result.irradiance.parent.name}_{_stem(result)}"
+    name = f"{result.record.parent.name}_{result.stem}"
     flared, stray = to_rec709(read_exr(result.irradiance)), read_stray(result.irradiance)
     flare = np.zeros_like(flared) if stray is None else to_rec709(stray)
     exposure, look, paths = auto_exposure(flared), look_for(job), {}
@@ -104,13 +103,13 @@ def write_bokeh(lens, results, folder, job):
     """
     split = folder / FOLDER / SPLIT
     sharp, *blurred = (rec709(result.lens_image) for result in results.values())
-    source, *targets = (f"{kind}/{result.lens_image.parent.name}_{_stem(result)}.png" for kind, result in zip(
+    source, *targets = (f"{kind}/{result.record.parent.name}_{result.stem}.png" for kind, result in zip(
         (SHARP, *[BLURRED] * len(blurred)), results.values(), strict=True))
     exposure, look = auto_exposure(sharp), look_for(job)
     for picture, path in zip((sharp, *blurred), (source, *targets), strict=True):
         write_shown(picture, split / path, exposure, look)
     source_av, *target_avs = results
-    identity = f"{lens}_{_stem(next(iter(results.values())))}"
+    identity = f"{lens}_{next(iter(results.values())).stem}"
     metadata = split / METADATA / f"{identity}.json"
     values = {"software": software(), "id": identity, "source_image": source, "source_av": source_av,
               "target_images": targets, "target_avs": target_avs}
@@ -118,8 +117,3 @@ def write_bokeh(lens, results, folder, job):
         temporary.write_text(json.dumps(values, indent=2) + "\n", encoding="utf-8")
     return {"metadata": metadata, **{f"f{f_number:g}": split / path for f_number, path in zip(
         results, (source, *targets), strict=True)}}
-
-
-def _stem(result):
-    """The name of a picture in file names."""
-    return result.lens_image.name.removesuffix(f"_{FRAME_FILES['lens_image']}")

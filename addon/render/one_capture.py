@@ -1,5 +1,5 @@
 """One capture for several pictures: the scene is rendered once, and each picture puts that radiance through its own
-lens. They are frames of which only focus and f-stop change, or lenses that show one frame in the camera's view."""
+lens. The pictures are frames between which only focus and f-stop change, or one frame through several lenses."""
 
 from dataclasses import replace
 

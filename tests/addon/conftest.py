@@ -8,6 +8,7 @@ import pytest
 from bpy.app.handlers import persistent
 
 from lensfield import addon
+from lensfield.addon.render import one_capture
 from lensfield.addon.scene import depth
 from lensfield.addon.ui.preview import focus_overlay, state
 from lensfield.engine.runtime import child
@@ -104,3 +105,16 @@ def scene():
     background = next(node for node in world.node_tree.nodes if node.bl_idname == "ShaderNodeBackground")
     background.inputs["Color"].default_value = (0, 0, 0, 1)
     return scene
+
+
+@pytest.fixture
+def captures(monkeypatch):
+    """A list of the frames for which `OneCapture` creates a capture."""
+    frames, capture = [], one_capture.capture
+
+    def counted(scene, job, *arguments):
+        frames.append(job.frame)
+        return (yield from capture(scene, job, *arguments))
+
+    monkeypatch.setattr(one_capture, "capture", counted)
+    return frames

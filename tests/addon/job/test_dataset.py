@@ -1,4 +1,4 @@
-"""Datasets: one capture of each frame serves all lenses, each picture is that of a render, and the index lists them."""
+"""Datasets: one capture of each frame serves all lenses, each picture equals a render, and the index lists them."""
 
 import json
 import subprocess
@@ -10,7 +10,6 @@ import pytest
 from PIL import Image
 
 from lensfield import addon
-from lensfield.addon.render import one_capture
 from lensfield.addon.render.animation import Animation
 from lensfield.addon.render.dataset_index import INDEX
 from lensfield.addon.render.dataset_pairs import exact_sum
@@ -40,8 +39,8 @@ TRUTH = "depth,index"
 
 @pytest.fixture
 def ball(scene, tmp_path):
-    """A saved scene in which a small glowing square moves in front of a large one, seen by a camera that is off its
-    axis, in a unit of 10 cm; the camera focuses on the large square."""
+    """A saved scene in units of 10 cm: a small glowing square moves in front of a large one. The camera is shifted, and
+    focuses on the large square."""
     scene.unit_settings.scale_length = 0.1
     wall(scene, material("Far", "ShaderNodeEmission", (0.7, 0.3, 0.2))[0], 40.0, 100.0).pass_index = 3
     near = wall(scene, material("Near", "ShaderNodeEmission", (0.2, 0.5, 2.0))[0], 10.0, 1.5)
@@ -57,19 +56,6 @@ def ball(scene, tmp_path):
     scene.render.image_settings.file_format = "OPEN_EXR"  # a factory scene has no colour space until then
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "ball.blend"))
     return scene
-
-
-@pytest.fixture
-def captures(monkeypatch):
-    """A list of the frames that are captured."""
-    frames, capture = [], one_capture.capture
-
-    def counted(scene, job, *arguments):
-        frames.append(job.frame)
-        return (yield from capture(scene, job, *arguments))
-
-    monkeypatch.setattr(one_capture, "capture", counted)
-    return frames
 
 
 def dataset(scene, folder, lenses=(SHARP, FAST), f_numbers=(5.6, 8), frames=(1, 2), **given):
@@ -106,9 +92,9 @@ def test_one_capture_of_each_frame_serves_all_lenses(ball, captures, tmp_path):
         assert line["truth"] == TRUTH.split(",") and "ViewLayer.Depth.Z" in line["truth_channels"]
         assert line["focus_mm"] == pytest.approx(4000)
         assert (line["samples"], line["seed"]) == (ball.cycles.samples, ball.cycles.seed)
-    kept = stamps(folder), (folder / INDEX).read_bytes()
+    first = stamps(folder), (folder / INDEX).read_bytes()
     assert not rendered(ball, folder, truth=TRUTH, formats=["opencv", "nerfstudio"])
-    assert (stamps(folder), (folder / INDEX).read_bytes()) == kept
+    assert (stamps(folder), (folder / INDEX).read_bytes()) == first
 
 
 def test_each_picture_and_its_truth_are_those_of_a_render(ball, tmp_path):
@@ -129,9 +115,9 @@ def test_each_picture_and_its_truth_are_those_of_a_render(ball, tmp_path):
 def test_calibrations_agree_with_the_camera_of_each_frame(ball, tmp_path):
     """Also after a later run has added a format."""
     rendered(ball, tmp_path / "set", [SHARP], [8], formats=["opencv"])
-    kept = stamps(tmp_path / "set")
+    earlier = stamps(tmp_path / "set")
     rendered(ball, tmp_path / "set", [SHARP], [8], formats=["nerfstudio"])
-    assert stamps(tmp_path / "set") == kept
+    assert stamps(tmp_path / "set") == earlier
     folder = tmp_path / "set" / f"{SHARP}_f8"
     camera = addon.frame_camera(ball, 2, lens=SHARP, f_number=8.0, view="camera", **QUICK)
     expected = calibrated_for("opencv", camera.lens, camera.grid, reference_nm(camera.lens))
@@ -160,10 +146,10 @@ def test_a_stopped_run_resumes(ball, captures, tmp_path, monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         rendered(ball, folder)
     monkeypatch.undo()
-    kept = stamps(folder)
-    assert len(kept) == 3 and not list(folder.rglob("*_picture.json"))
+    earlier = stamps(folder)
+    assert len(earlier) == 3 and not list(folder.rglob("*_picture.json"))
     assert len(rendered(ball, folder)) == 5
-    assert stamps(folder).items() >= kept.items() and len(lines(folder)) == 8
+    assert stamps(folder).items() >= earlier.items() and len(lines(folder)) == 8
     (folder / INDEX).unlink()
     assert not rendered(ball, folder) and len(lines(folder)) == 8
     assert [path.name for path in folder.iterdir() if path.name.startswith(".")] == []

@@ -13,7 +13,6 @@ import pytest
 from lensfield import addon
 from lensfield.addon.capture import slabs
 from lensfield.addon.job.result import FRAME_FILES
-from lensfield.addon.render import one_capture
 from lensfield.addon.render.one_capture import OneCapture
 from lensfield.addon.render.render import job_of_frame
 from lensfield.engine.pictures.spectral_exr import read_exr
@@ -63,19 +62,6 @@ def cut(monkeypatch):
     plan = slabs.plan_slabs
     monkeypatch.setattr(slabs, "plan_slabs", lambda *arguments, **named: replace(
         plan(*arguments, **named), needed=True, borders_mm=CUT_MM, margins_px=(MARGIN_PX,) * 2))
-
-
-@pytest.fixture
-def captures(monkeypatch):
-    """A list of the frames for which `OneCapture` creates a capture."""
-    frames, capture = [], one_capture.capture
-
-    def counted(scene, job, *arguments):
-        frames.append(job.frame)
-        return (yield from capture(scene, job, *arguments))
-
-    monkeypatch.setattr(one_capture, "capture", counted)
-    return frames
 
 
 def irradiance(result):
