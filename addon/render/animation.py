@@ -218,10 +218,11 @@ class Animation:
     def beforehand(self):
         """How many frames are finished and how many are pending, before the render: list of lines."""
         finished = f"{len(self.earlier)} of {len(self.frames)} frames are finished: {len(self.pending)} to render"
-        return [*self._other_builds, *[finished] * bool(self.earlier), *filter(None, [self.plan])]
+        return [*self.other_builds, *[finished] * bool(self.earlier), *filter(None, [self.plan])]
 
     @property
-    def _other_builds(self):
+    def other_builds(self):
+        """A line about the finished frames from other builds, if any: list."""
         return other_builds_line(map(self.builds.get, self.frames), self._any_build, "rendered")
 
     @property
@@ -230,7 +231,7 @@ class Animation:
         seconds, frames = sum(self.report.stages.values()), len(self.results)
         rendered = f"{frames} frame{'s' * (frames != 1)} in {seconds:.1f} s" if frames else "nothing to render"
         earlier = f"; {len(self.earlier)} already finished" if self.earlier else ""
-        lines = [f"{rendered}{earlier}, in {self._folder}", *filter(None, [self.plan]), *self._other_builds,
+        lines = [f"{rendered}{earlier}, in {self._folder}", *filter(None, [self.plan]), *self.other_builds,
                  *self._unlike_depth]
         if self.elsewhere:
             lines.append(f"left to other processes: {len(self.elsewhere)} of the frames, from frame "

@@ -202,7 +202,8 @@ class Dataset:
         def on_progress(fraction, label):
             self._fractions[series.name] = fraction
             if progress:
-                progress(sum(self._fractions.values()) / len(self.series), f"{series.name}: {label}")
+                count = sum(bool(each.animation.pending) for each in self.series)
+                progress(sum(self._fractions.values()) / count, f"{series.name}: {label}")
 
         return on_progress
 
@@ -271,7 +272,8 @@ class Dataset:
         finished = f"{count - pending} of {count} pictures are finished: {pending} to render"
         squeezes = len({each.squeeze for each in self.series})
         captured = "one capture serves all frames and lenses" if self._one_for_all else "each frame is captured once"
-        return [finished, captured + (f" for each of {squeezes} squeezes" if squeezes > 1 else "")]
+        return [*(f"{each.name}: {line}" for each in self.series for line in each.animation.other_builds),
+                finished, captured + (f" for each of {squeezes} squeezes" if squeezes > 1 else "")]
 
     @property
     def summary(self):
