@@ -5,7 +5,7 @@ from argparse import ArgumentParser
 import pytest
 
 from lensfield.cli import main
-from lensfield.commands import compare, lint, preview, render
+from lensfield.commands import compare, dataset, lint, preview, render
 from lensfield.commands.compare import _lenses
 from lensfield.commands.prescription_file import NAMES
 
@@ -26,7 +26,8 @@ def test_an_option_of_renders_is_refused_for_a_radiance_file(tmp_path, monkeypat
     assert not list(tmp_path.iterdir())
 
 
-OF_FRAMES = {"--frames", "--overwrite", "--any-build", "--wait", "--scheduler", "--frames-per-task", "--blender"}
+OF_FARMS = {"--scheduler", "--frames-per-task", "--blender"}
+OF_FRAMES = {"--frames", "--overwrite", "--any-build", "--wait", *OF_FARMS}
 OF_FOLLOWERS = {"--picture", "--scene-state", "--scene-source", "--view-settings", "--progress", "--end-with-stdin",
                 "--blend-folder", "--session"}
 OF_CAMERA = {"--camera", "--iso", "--shutter", *(f"--{no}{each}" for no in ("", "no-")
@@ -35,7 +36,8 @@ OF_READING = {f"--{name.replace('_', '-')}" for name in NAMES}
 
 
 @pytest.mark.parametrize("command, lacking", [
-    (compare, OF_FRAMES | OF_CAMERA | OF_READING | {"--view", "--truth"}), (preview, OF_FRAMES | OF_FOLLOWERS),
+    (compare, OF_FRAMES | OF_CAMERA | OF_READING | {"--view", "--truth"}),
+    (dataset, OF_FARMS | OF_READING | {"--view", "--report"}), (preview, OF_FRAMES | OF_FOLLOWERS),
     (lint, OF_FRAMES | OF_FOLLOWERS)])
 def test_commands_take_the_options_of_renders(command, lacking):
     """As the guide for scripts promises."""

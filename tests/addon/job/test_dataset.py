@@ -97,12 +97,13 @@ def test_one_capture_of_each_frame_serves_all_lenses(ball, captures, tmp_path):
     assert (stamps(folder), (folder / INDEX).read_bytes()) == first
 
 
-def test_each_picture_and_its_truth_are_those_of_a_render(ball, tmp_path):
+@pytest.mark.parametrize("lens", [FAST, SHARP])
+def test_each_picture_and_its_truth_are_those_of_a_render(ball, tmp_path, lens):
     ball.cycles.samples = 256
     rendered(ball, tmp_path / "set", truth=TRUTH, frames=[2])
-    alone = addon.render_through_lens(ball, frame=2, lens=FAST, f_number=5.6, view="camera", truth=TRUTH,
+    alone = addon.render_through_lens(ball, frame=2, lens=lens, f_number=5.6, view="camera", truth=TRUTH,
                                       output_folder=tmp_path / "alone", **QUICK)
-    folder = tmp_path / "set" / FOLDERS[0]
+    folder = tmp_path / "set" / f"{lens}_f5.6"
     pixels, expected = (read_exr(path / alone.irradiance.name).cube.reshape(3, 3, 12, 4, 12).transpose(0, 1, 3, 2, 4)
                         for path in (folder, alone.irradiance.parent))
     assert_means(pixels, expected, rtol=0.01, noise=0.03)
@@ -180,11 +181,15 @@ def test_one_capture_serves_all_frames_of_a_focus_pull(ball, captures, tmp_path)
 
 
 def test_lenses_of_each_squeeze_have_a_capture(ball, captures, tmp_path):
-    results = rendered(ball, tmp_path, [SHARP, ANAMORPHIC], [8], frames=[1])
+    results = rendered(ball, tmp_path, [SHARP, ANAMORPHIC], [8], frames=[1], truth=TRUTH, formats=["opencv"])
     assert captures == [1, 1] and len(results) == 2
     squeezed, plain = lines(tmp_path)
     assert (plain["size_px"], plain["squeeze"]) == ([48, 36], 1)
     assert (squeezed["size_px"], squeezed["squeeze"]) == ([24, 36], pytest.approx(1.98, abs=0.01))
+    across, down = squeezed["calibration"]["opencv"]["focal_px"]
+    assert down / across == pytest.approx(squeezed["squeeze"], rel=0.03)
+    indices = read_parts(tmp_path / squeezed["files"]["truth"])[0][1]["ViewLayer.Object Index.X"]
+    assert indices.shape == (36, 24) and set(np.unique(indices)) == {3, 7}
 
 
 @pytest.mark.parametrize("given, field, match", [
