@@ -39,6 +39,7 @@ TRUTH = {"depth": ("Depth", "Depth along the optical axis, and distance along th
          "uv": ("UV", "UV coordinates"),
          "flow": ("Flow", "Motion since the frame before and until the next one"),
          "index": ("Index", "Pass indices of objects and materials"),
+         "object": ("Object", "Object, for annotations (lensfield coco)"),
          "cryptomatte": ("Cryptomatte", "Mattes of objects, materials and assets, by their names")}
 FLARE, BOKEH = "flare", "bokeh"
 PAIRS = {FLARE: "the same light with and without stray light",

@@ -11,6 +11,7 @@ COMMANDS = {
     "dataset": "render frames of a .blend through several lenses, with calibrations, ground truth and an index",
     "filter": "put an EXR or a sequence of them through a lens: spectral radiance, or any renderer's RGB",
     "develop": "take a picture of a lens image with a camera: a DNG, a PNG, linear EXRs",
+    "coco": "write boxes and masks of the objects in renders, in the layout of COCO",
     "tradeoff": "measure error against time and memory: a table and a plot",
     "lens": "list, inspect, check, plot, bake and convert lenses",
     "camera": "list and inspect cameras",

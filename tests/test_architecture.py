@@ -12,7 +12,7 @@ import pytest
 import lensfield.engine
 from places import ROOT
 
-ENGINE_LIBRARIES = {"numpy", "scipy", "OpenEXR", "PIL", "yaml", "rawpy", "wgpu", "lensfunpy"}
+ENGINE_LIBRARIES = {"numpy", "scipy", "OpenEXR", "PIL", "yaml", "rawpy", "wgpu", "lensfunpy", "pycocotools"}
 
 FLOORS = {
     # engine: foundations
@@ -40,7 +40,7 @@ FLOORS = {
     "engine.sensor": {"engine.image", "engine.kernels", "engine.runtime", "engine.spectral"},
     "engine.pictures": {"engine.field", "engine.image", "engine.lens", "engine.runtime", "engine.sensor",
                         "engine.spectral"},
-    "engine.truth": {"engine.field", "engine.image", "engine.lens"},
+    "engine.truth": {"engine.field", "engine.image", "engine.lens", "engine.runtime"},
     "engine.library": {"engine.bake", "engine.field", "engine.lens", "engine.lens_files",
                        "engine.prescription", "engine.rays", "engine.runtime", "engine.sensor"},
     "engine.simulation": {"engine.blur", "engine.depth", "engine.field", "engine.image", "engine.kernels",

@@ -5,13 +5,23 @@ capture hide what another slab shows. So a render of its own takes the first sam
 It sees everything at once, traces no light further, and is as fast as one sample. Cryptomatte takes a few more.
 """
 
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
 
 from lensfield.engine import InputError
 from lensfield.engine.depth.depth_range import planar_depth_mm
-from lensfield.engine.truth.captured_truth import CRYPTOMATTE, DEPTH, NORMAL, UV, VECTOR, CapturedTruth
+from lensfield.engine.truth.captured_truth import (
+    CRYPTOMATTE,
+    DEPTH,
+    NORMAL,
+    OBJECT,
+    UV,
+    VECTOR,
+    CapturedTruth,
+    ShownObject,
+)
 from lensfield.engine.truth.cryptomatte import renamed
 
 from ..job.steps import RenderPass
@@ -26,14 +36,18 @@ from ..scene.units import M_TO_MM, depth_pass_m, metres_per_unit
 from ..scene.volumes import hide_volumes
 from .slabs import LOOK
 
+FIRST_OBJECT = f"{CRYPTOMATTE}Object00.r"
+"""The object of a pass with one sample."""
 DATA = {"depth": {"z": f"{DEPTH}.Z"}, "position": {"z": f"{DEPTH}.Z"}, "normal": {"normal": f"{NORMAL}.XYZ"},
         "uv": {"uv": f"{UV}.UVA"}, "flow": {"vector": f"{VECTOR}.XYZW", "z": f"{DEPTH}.Z"},
-        "index": dict(zip(("object_index", "material_index"), (f"{name}.X" for name in INDICES), strict=True))}
+        "index": dict(zip(("object_index", "material_index"), (f"{name}.X" for name in INDICES), strict=True)),
+        "object": {"cryptomatte_object": FIRST_OBJECT}}
 """Blender's passes of one sample, and their channels, for each kind of truth."""
 MATTES = {"cryptomatte": {f"cryptomatte_{kind.lower()}": f"{CRYPTOMATTE}{kind}"
                           for kind in ("Object", "Material", "Asset")}}
 MATTE_SAMPLES = 16
 ID_CHANNELS = "rb"
+CATEGORY = "category_id"  # BlenderProc's custom property
 WITHOUT_MATERIAL = "default_surface"  # Cycles' name of the material of objects without one
 
 
@@ -46,6 +60,8 @@ def check_truth(scene, job):
     if "flow" in _products(job) and not moving(scene, frames):
         raise SceneError(f"scene {scene.name!r}", "motion", "none",
                          "flow would be 0 everywhere: animate an object or the camera, or leave flow out of truth")
+    if "object" in _products(job):
+        _objects(scene)
 
 
 def _products(job):
@@ -76,8 +92,10 @@ def truth_steps(ready, fraction):
         if channel.startswith(f"{CRYPTOMATTE}Material") and channel[-1] in ID_CHANNELS:
             planes[channel] = renamed(planes[channel], ready.substitution.materials)
     names = _names(scene, ready.substitution.materials) if "cryptomatte" in products else {}
+    objects = _objects(scene) if "object" in products else {}
     neighbours = _neighbours(scene, job.frame + job.subframe) if "flow" in products else None
-    return CapturedTruth(grid, planes, rendered_layer(scene).name, products, camera_pose(scene)[:3], neighbours, names)
+    return CapturedTruth(grid, planes, rendered_layer(scene).name, products, camera_pose(scene)[:3], neighbours, names,
+                         objects)
 
 
 def _neighbours(scene, frame):
@@ -104,7 +122,7 @@ def _planes_steps(ready, passes, samples, fraction):
             journal.set(layer, f"use_pass_{name}", True)
         show_slab(scene, ready.complete, ready.capture_px, journal)
         show_samples(scene, 0, samples, False, journal)
-        channels = {f"{layer.name}.{channel}": channel
+        channels = {f"{layer.name}.{channel}": OBJECT if name == FIRST_OBJECT else channel
                     for name in passes.values() for channel in _channels(name, layer.pass_cryptomatte_depth)}
         planes = yield from ready.passes.planes(RenderPass(scene, "Rendering ground truth", fraction, 0.0), ready.path,
                                                 channels, "ground truth", samples)
@@ -114,6 +132,8 @@ def _planes_steps(ready, passes, samples, fraction):
 
 def _channels(name, levels):
     """The channels of a pass."""
+    if name == FIRST_OBJECT:
+        return [name]
     if name.startswith(CRYPTOMATTE):  # two levels in each
         return [f"{name}{number:02}.{channel}" for number in range(-(-levels // 2)) for channel in "rgba"]
     name, channels = name.split(".")
@@ -136,6 +156,24 @@ def _names(scene, materials):
         painted |= {materials.get(material.name, material.name) for material in instance.materials}
     return {f"{CRYPTOMATTE}{kind}": frozenset(names)
             for kind, names in (("Object", objects), ("Material", painted), ("Asset", assets))}
+
+
+def _objects(scene):
+    """The ShownObject of each name; raises a SceneError for a category that is not a number."""
+    shown = Counter(each.obj for each in rendered_instances(scene) if each.obj.type in SHADED_TYPES)
+    objects = {}
+    for obj, instances in shown.items():
+        known = objects.get(obj.name, ShownObject(0, 0))  # linked objects may share a name
+        objects[obj.name] = ShownObject(_category(obj), known.instances + instances)
+    return objects
+
+
+def _category(obj):
+    """The category of an object's annotations: its custom property, if it has one, or its pass index."""
+    category = obj.get(CATEGORY, obj.pass_index)
+    if not isinstance(category, int) or category < 0:
+        raise SceneError(f"object {obj.name!r}", CATEGORY, category, "expected a whole number; 0 for no annotation")
+    return int(category)
 
 
 def _root(obj):

@@ -7,19 +7,19 @@ from pathlib import Path
 import bpy
 
 from lensfield.engine import Report
-from lensfield.engine.pictures.frame_record import RECORD_END
+from lensfield.engine.pictures.frame_record import PICTURE_END, RECORD_END, TRUTH_END
 from lensfield.engine.runtime.errors import InputError
 from lensfield.engine.runtime.files import discard
 
 from ...request import SPECTRAL_FILES
 
 FRAME_FILES = {"radiance": "radiance.exr", "irradiance": "irradiance.exr", "lens_image": "lens_image.exr",
-               "stray": "stray_light.exr", "depth": "depth.exr", "before": "before.png", "after": "after.png",
+               "stray": "stray_light.exr", "depth": "depth.exr", "before": "before.png", "after": PICTURE_END,
                "record": RECORD_END}
 UNSAVED = "unsaved"  # in the place of the name of a .blend
 MOST_NAME_BYTES = 120  # of a .blend's name in file names, which systems limit to 255 bytes
-RAW_END, TRUTH_END = "raw.dng", "truth.exr"
-"""Of files that a frame has only on request: the former if it also has a camera."""
+RAW_END = "raw.dng"
+"""Of a file that a frame has only on request, and if it has a camera."""
 PINHOLE_FILES = "radiance", "before"
 """The FRAME_FILES that a traced lens does not write: they show the view of a pinhole."""
 LENS_FILES = {name: f"{name}.exr" for name in ("relative_illumination", "stmap_distort", "stmap_undistort")}

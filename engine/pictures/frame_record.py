@@ -16,7 +16,8 @@ from ..runtime.versions import check_version
 from .spectral_exr import read_parts
 
 FORMAT, VERSION = "lensfield-record", 1
-RECORD_END = "report.json"  # of the name of a rendered frame's record
+RECORD_END, PICTURE_END, TRUTH_END = "report.json", "after.png", "truth.exr"
+"""Ends of the names of a rendered frame's record, picture and ground truth."""
 SIGNATURES = {".png": b"\x89PNG\r\n\x1a\n", ".dng": b"II*\0"}
 
 

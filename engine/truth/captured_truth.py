@@ -9,7 +9,25 @@ from ..image.pixel_grid import PixelGrid
 
 DEPTH, NORMAL, UV, VECTOR, CRYPTOMATTE = "Depth", "Normal", "UV", "Vector", "Crypto"
 """Blender's names of passes, and the start of its names of Cryptomatte layers."""
+OBJECT = "Object.X"
+"""The channel of objects: the Cryptomatte id of each object's name, 0 for the background."""
 BACKGROUND_M = 1e10
+
+
+@dataclass(frozen=True)
+class ShownObject:
+    """What annotations state of an object.
+
+    Attributes
+    ----------
+    category_id : int
+        0 for an object that is not annotated.
+    instances : int
+        How often the scene shows objects of this name.
+    """
+
+    category_id: int
+    instances: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +52,8 @@ class CapturedTruth:
         motion.
     names : mapping of str to collection of str
         Names in each Cryptomatte layer, such as CryptoObject.
+    objects : mapping of str to ShownObject
+        By name, if the objects are requested.
     """
 
     grid: PixelGrid
@@ -43,3 +63,4 @@ class CapturedTruth:
     to_world: np.ndarray
     neighbours: np.ndarray | None = None
     names: Mapping[str, frozenset[str]] = field(default_factory=dict)
+    objects: Mapping[str, ShownObject] = field(default_factory=dict)

@@ -8,6 +8,7 @@ from ..field.chief_rays import ChiefRays
 from ..image.pixel_grid import PixelGrid
 from ..lens.lens import Lens
 from .captured_truth import BACKGROUND_M, DEPTH, NORMAL, UV, VECTOR, CapturedTruth
+from .coco import OBJECTS, objects_text
 from .cryptomatte import attributes_of
 
 FORWARDS = 1, 1, -1  # signs between directions towards the scene and the camera's axes, whose z is backwards
@@ -46,9 +47,10 @@ def truth_through_lens(truth: CapturedTruth, lens: Lens, frame: PixelGrid,
 
 
 def file_attributes(truth: CapturedTruth) -> dict[str, str]:
-    """Attributes of the header of a file with ground truth: the names in its Cryptomatte layers."""
-    return {name: text for layer, names in truth.names.items()
-            for name, text in attributes_of(f"{truth.layer}.{layer}", names).items()}
+    """Attributes of the header of a file with ground truth: the names in its Cryptomatte layers, and its objects."""
+    mattes = {name: text for layer, names in truth.names.items()
+              for name, text in attributes_of(f"{truth.layer}.{layer}", names).items()}
+    return mattes | ({OBJECTS: objects_text(truth.objects)} if truth.objects else {})
 
 
 def _nearest(planes, rays, _):
