@@ -31,6 +31,8 @@ from lensfield.engine.inspection.curves import reference_nm
 from lensfield.engine.pictures.spectral_exr import read_parts
 from lensfield.engine.prescription.system import system_of
 from lensfield.engine.rays.trace import trace_both_ways
+from lensfield.engine.truth.captured_truth import OBJECT, ShownObject
+from lensfield.engine.truth.coco import annotations_of
 from lensfield.engine.truth.cryptomatte import id_of
 from lensfield.request import TRUTH
 
@@ -254,6 +256,10 @@ class Balls:
         return [place(scene, f"Ball {number}", mesh, centre_m, radius_m / UNIT_M * np.eye(3), number)
                 for number, (centre_m, radius_m) in enumerate(zip(self.centres_m, self.radii_m, strict=True), 1)]
 
+    def only(self, number):
+        """The ball with this number, from 1, alone."""
+        return Balls(self.centres_m[number - 1:number], self.radii_m[number - 1:number])
+
     def met(self, rays):
         along = rays @ self.centres_m.T
         root = along**2 - np.sum(self.centres_m**2, axis=1) + self.radii_m**2
@@ -414,17 +420,55 @@ def instance_figures(bench):
     balls = Balls(centres_m, 0.06 * distance_m * bench.lens.sensor_mm[1] / bench.lens.capture_focal_length_mm)
     scene = bench.scene()
     objects = balls.add(scene)
-    compared = Comparison(bench, bench.render(scene, "depth,normal,index,cryptomatte"), balls.met, 0.99)
+    compared = Comparison(bench, bench.render(scene, "depth,normal,index,object,cryptomatte"), balls.met, 0.99)
     names = np.array([0, *(id_of(obj.name) for obj in objects)], np.float32)
     wrong, away = compared.ids(compared.channels["Object Index.X"], compared.hits.what)
     yield "200 balls: pixels with another ball's index", wrong, 0.1
     yield "the same, away from edges", away, 0.0
+    yield from box_figures(compared, balls, [obj.name for obj in objects])
     wrong, away = compared.ids(compared.channels["CryptoObject00.r"], names[compared.hits.what])
     yield "200 balls: pixels with another ball first in Cryptomatte", wrong, 0.1
     yield "the same, away from edges", away, 1e-3
     along_axis, *_ = compared.depth()
     yield "200 balls: depth along the axis, relative, in 99 % of the pixels", along_axis, 0.01
     yield "200 balls: normal, in degrees, in 99 % of the pixels", compared.normal_deg(), 10.0
+
+
+def box_figures(compared, balls, names):
+    """Boxes of annotations, compared with those of the pixels whose chief rays meet each ball."""
+    numbers = {name: number for number, name in enumerate(names, 1)}
+    objects = {name: ShownObject(number, 1) for name, number in numbers.items()}
+    shown = {each["category_id"]: each["bbox"]
+             for each in annotations_of(compared.channels[OBJECT], objects, numbers)}
+    known = compared.bench.known
+    missed_px, complete = [], []
+    for number in range(1, len(names) + 1):
+        inside = (compared.hits.what == number) & known
+        alone = balls.only(number).met(compared.bench.rays).what > 0
+        if inside.any():
+            missed_px.append(np.abs(edges(shown[number]) - edges(box_of(inside))).max() if number in shown else np.inf)
+            complete.append(np.array_equal(inside, alone) and known[around(box_of(inside))].all())
+    print(f"{np.sum(complete)} of {len(complete)} balls in full view")
+    yield "200 balls: edges of the boxes of those in full view, in pixels", max(np.array(missed_px)[complete]), 1.0
+    yield "boxes more than a pixel off, of all", np.mean(np.array(missed_px) > 1), 0.1
+
+
+def box_of(mask):
+    """Left, top, width and height of some pixels."""
+    rows, columns = np.nonzero(mask)
+    return columns.min(), rows.min(), np.ptp(columns) + 1, np.ptp(rows) + 1
+
+
+def around(box):
+    """The pixels of a box, and those next to it."""
+    left, top, width, height = box
+    return slice(max(top - 1, 0), top + height + 1), slice(max(left - 1, 0), left + width + 1)
+
+
+def edges(box):
+    """Left, top, right and lower edge of a box."""
+    left, top, width, height = box
+    return np.array([left, top, left + width, top + height])
 
 
 def cost():
