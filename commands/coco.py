@@ -83,14 +83,14 @@ def _coco(options):
 
 def _truths(folders):
     """The files with ground truth in folders, in the order of their names and frames."""
-    found = {}
+    places = {}
     for folder in folders:
         paths = list(folder.rglob(f"*_{TRUTH_END}")) if folder.is_dir() else []
         matches = {path: FRAME.fullmatch(path.name) for path in paths}
         if not any(matches.values()):
-            raise InputError(folder, "ground truth", "none" if folder.is_dir() else absence(folder), RENDER)
-        found |= {path: (str(path.parent), match[1], int(match[2])) for path, match in matches.items() if match}
-    return sorted(found, key=found.get)
+            raise InputError(folder, "ground truth", "missing" if folder.is_dir() else absence(folder), RENDER)
+        places |= {path: (str(path.parent), match[1], int(match[2])) for path, match in matches.items() if match}
+    return sorted(places, key=places.get)
 
 
 def _frame(truth):
@@ -98,7 +98,7 @@ def _frame(truth):
     (header, _), *_ = read_parts(truth, header_only=True)
     channels = [name for name in header["channel names"] if name == OBJECT or name.endswith(f".{OBJECT}")]
     if len(channels) != 1:
-        raise ImageError(truth, "channel", f"no {OBJECT}", RENDER)
+        raise ImageError(truth, f"channel {OBJECT}", "missing", RENDER)
     try:
         objects = objects_from(str(header.get(OBJECTS, "{}")))
     except ValueError:

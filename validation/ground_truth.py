@@ -435,7 +435,7 @@ def instance_figures(bench):
 
 
 def box_figures(compared, balls, names):
-    """Boxes of annotations, compared with those of the pixels whose chief rays meet each ball."""
+    """Boxes of annotations, compared with boxes around the pixels whose chief rays meet each ball."""
     numbers = {name: number for number, name in enumerate(names, 1)}
     objects = {name: ShownObject(number, 1) for name, number in numbers.items()}
     shown = {each["category_id"]: each["bbox"]
@@ -449,7 +449,7 @@ def box_figures(compared, balls, names):
             missed_px.append(np.abs(edges(shown[number]) - edges(box_of(inside))).max() if number in shown else np.inf)
             complete.append(np.array_equal(inside, alone) and known[around(box_of(inside))].all())
     print(f"{np.sum(complete)} of {len(complete)} balls in full view")
-    yield "200 balls: edges of the boxes of those in full view, in pixels", max(np.array(missed_px)[complete]), 1.0
+    yield "200 balls: edges of the boxes of balls in full view, in pixels", max(np.array(missed_px)[complete]), 1.0
     yield "boxes more than a pixel off, of all", np.mean(np.array(missed_px) > 1), 0.1
 
 

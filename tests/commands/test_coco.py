@@ -58,7 +58,7 @@ def test_frames_of_all_folders_are_in_their_order(tmp_path, capsys):
 
 
 @pytest.mark.parametrize("given, arguments, line", [
-    ({"channel": "Layer.Depth.Z"}, (), "shot_0001_truth.exr: channel is no Object.X: render with --truth object"),
+    ({"channel": "Layer.Depth.Z"}, (), "shot_0001_truth.exr: channel Object.X is missing: render with --truth object"),
     ({"text": "[1"}, (), "shot_0001_truth.exr: lensfield:objects is damaged: render with --truth object again"),
     ({"text": '{"Cube": [1]}'}, (), "lensfield:objects is damaged: render with --truth object again"),
     ({"text": '{"Cube": [1, "2"]}'}, (), "lensfield:objects is damaged: render with --truth object again"),
@@ -77,7 +77,7 @@ def test_bad_input_is_one_line(tmp_path, capsys, given, arguments, line):
 
 
 def test_missing_and_damaged_pictures_are_reported(tmp_path, capsys):
-    assert "ground truth is none: render with --truth object" in run(tmp_path, capsys)[1]
+    assert "ground truth is missing: render with --truth object" in run(tmp_path, capsys)[1]
     assert "ground truth is missing: render with --truth object" in run(tmp_path, capsys, tmp_path / "absent")[1]
     frame(tmp_path, "shot_0001")
     picture = tmp_path / "shot_0001_after.png"
