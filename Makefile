@@ -45,6 +45,8 @@
 #                  pycolmap, in .venv-opencv; half an hour); the orbit's pictures are kept in build/orbit
 # make validate-truth  compare depth, normals, UV, flow, ids and mattes of renders through three lenses with rays traced
 #                  through the lenses' surfaces, and write the table of docs/truth.md (five minutes)
+# make validate-blenderproc  render 20 frames through a lens by BlenderProc, and by Lensfield, and compare the
+#                  annotations (ten minutes)
 # make scenes      render two hundred ordinary scenes through a nearly perfect lens and by Cycles alone, and five of them
 #                  by every command: all must agree (an hour); SCENES="hdri lamps" selects scenes or themes; the table,
 #                  pictures and .blend files are in build/scenes. make test renders two, chosen by SEED
@@ -65,6 +67,8 @@
 # make test-plate PLATE=FOLDER  compare docs/photographs.md with a new run of make validate-plate
 # make test-calibration  compare calibrations with OpenCV and OpenTrackIO's schema, in .venv-opencv, and with Lensfun,
 #                  in .venv-photographs
+# make test-blenderproc  run BlenderProc with Blender's Python wheel in .venv-blenderproc (1.7 GB), and compare its
+#                  pictures through lenses with their STMaps
 # make test-farm   run the tests of Open Job Description and Dask, in .venv-farm
 # make lenses      bake the library's lens packages again from their prescriptions (seconds)
 # make lens-rims   fit the rims of the library's lenses to photographs in Lensfun's database, and give similar lenses
@@ -131,6 +135,7 @@ FARM = .venv-farm
 SENSOR = .venv-sensor
 PHOTOGRAPHS = .venv-photographs
 OPENCV = .venv-opencv
+BLENDERPROC = .venv-blenderproc
 RAW_SCENE = build/raw-scene
 TABLES = .venv-tables
 LINT = .venv-lint
@@ -138,7 +143,7 @@ SITE = .venv-site
 RELEASE = .venv-release
 LOCK = packaging/lock-5.0.1.txt
 
-.PHONY: demo kernels test heavy fuzz long-runs kill-test test-kernels test-engine test-blender ui-test bench bench-device bench-all validate validate-sensor validate-raw validate-photographs validate-plate validate-truth validate-calibration scenes wheels release test-bake test-sensor test-photographs test-plate test-calibration test-farm lens-rims stop-places glasses lenses lens-pictures hero platform-pictures camera-pictures cameras tables bench-tables \
+.PHONY: demo kernels test heavy fuzz long-runs kill-test test-kernels test-engine test-blender ui-test bench bench-device bench-all validate validate-sensor validate-raw validate-photographs validate-plate validate-truth validate-calibration validate-blenderproc scenes wheels release test-bake test-sensor test-photographs test-plate test-blenderproc test-calibration test-farm lens-rims stop-places glasses lenses lens-pictures hero platform-pictures camera-pictures cameras tables bench-tables \
         test-numpy ci site lint lock
 
 demo: $(READY) kernels
@@ -239,6 +244,15 @@ validate-calibration: $(OPENCV)/.ready kernels
 	$(OPENCV)/bin/python -W ignore validation/chessboards.py docs/calibration.md
 	$(OPENCV)/bin/python -W ignore validation/orbit.py build/orbit docs/calibration.md
 
+validate-blenderproc: $(READY) $(BLENDERPROC)/.ready kernels
+	$(BLENDERPROC)/4.2/python/bin/blenderproc run --custom-blender-path $(BLENDERPROC) sample_scenes/blenderproc_frames.py \
+	    build/blenderproc
+	$(VENV)/bin/lensfield render build/blenderproc/scene.blend --lens nikkor-28mm --focus 2m --f-number 4 --view lens \
+	    --frames 0-19 --truth object --tier preview --samples 16 --files pictures --output build/blenderproc/lens
+	$(VENV)/bin/lensfield coco build/blenderproc/lens -o build/blenderproc/lens/annotations.json
+	$(VENV)/bin/python validation/blenderproc_frames.py build/blenderproc/coco_annotations.json \
+	    build/blenderproc/lens/annotations.json
+
 validate-raw: $(SENSOR)/.ready $(RAW_SCENE)/evening_chess_Scene_0001_irradiance.exr
 	$(SENSOR)/bin/python validation/raw_scene.py $(RAW_SCENE)/evening_chess_Scene_0001_irradiance.exr $(RAW_SCENE) docs/camera.md
 
@@ -285,6 +299,9 @@ test-photographs: $(PHOTOGRAPHS)/.ready kernels
 
 test-plate: $(OPENCV)/.ready kernels
 	$(OPENCV)/bin/python -m pytest -q tests/addon/job/test_plate.py
+
+test-blenderproc: $(BLENDERPROC)/.ready kernels
+	$(BLENDERPROC)/4.2/python/bin/python -m pytest -q tests/engine/field/test_blenderproc.py
 
 test-calibration: $(OPENCV)/.ready $(PHOTOGRAPHS)/.ready kernels
 	$(OPENCV)/bin/python -m pytest -q tests/engine/calibration tests/addon/job/test_chessboards.py
@@ -353,6 +370,12 @@ $(PHOTOGRAPHS)/.ready: pyproject.toml packaging/environment.sh
 
 $(OPENCV)/.ready: pyproject.toml packaging/environment.sh $(LOCK)
 	packaging/environment.sh $(OPENCV) 5.0.1 opencv,colmap,schemas
+
+$(BLENDERPROC)/.ready: pyproject.toml packaging/environment.sh
+	mkdir -p $(BLENDERPROC)
+	packaging/environment.sh $(BLENDERPROC)/4.2/python 4.2.23 blenderproc
+	ln -sf ../packaging/blenderproc/blender $(BLENDERPROC)/blender
+	touch $(BLENDERPROC)/.ready
 
 $(FARM)/.ready: pyproject.toml packaging/environment.sh $(LOCK)
 	packaging/environment.sh $(FARM) 5.0.1 farm,openjd

@@ -21,7 +21,7 @@ photographs) version=3.11 module=lensfunpy packages= extras=lensfun,test ;;
 lint) version=3.11 module=mypy packages= extras=lint ;;
 release) version=3.11 module=build packages= extras=release ;;
 site) version=3.11 module=sphinx packages= extras=site ;;
-4.5.* | 5.0.*) version=3.11 module=bpy packages="bpy==$2 numpy>=1.26,<2" extras=gpu,test${3:+,$3} ;;
+4.2.* | 4.5.* | 5.0.*) version=3.11 module=bpy packages="bpy==$2 numpy>=1.26,<2" extras=gpu,test${3:+,$3} ;;
 *) version=3.13 module=bpy packages="bpy==$2 numpy>=2.2,<3" extras=gpu,test${3:+,$3} ;;
 esac
 

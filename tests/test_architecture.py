@@ -54,6 +54,8 @@ FLOORS = {
                           "engine.spectral", "engine.stray"},
     "engine": {"engine.image", "engine.lens", "engine.library", "engine.plan", "engine.prescription", "engine.rays",
                "engine.runtime", "engine.simulation", "engine.stray"},
+    # for scripts of BlenderProc
+    "blenderproc": {"engine"},
     # the request for a render
     "request": {"engine"},
     # Blender's side
@@ -86,6 +88,7 @@ def module_name(path):
 MODULES = {module_name(path): path for top in ("engine", "addon", "commands")
            for path in sorted((ROOT / top).rglob("*.py"))} | {
                "cli": ROOT / "cli.py", "request": ROOT / "request.py", "restart": ROOT / "restart.py",
+               "blenderproc": ROOT / "blenderproc.py",
                "": ROOT / "__init__.py"}
 
 

@@ -31,6 +31,12 @@ def distort_map(lens: Lens, frame: PixelGrid, wavelength_nm: float) -> np.ndarra
     return _map(frame, field_map(lens).at_wavelength(wavelength_nm).source_mm)
 
 
+def pinhole_px(lens: Lens, frame: PixelGrid, wavelength_nm: float) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns, as indices in the frame, of each pixel's light in the pinhole picture: two arrays
+    (row, column). Arguments as for `distort_map`."""
+    return _places_px(frame, field_map(lens).at_wavelength(wavelength_nm).source_mm)
+
+
 def undistort_map(lens: Lens, frame: PixelGrid, wavelength_nm: float) -> np.ndarray:
     """Map that warps the lens picture to a pinhole picture: the inverse of `distort_map`, with the same arguments."""
     return _map(frame, field_map(lens).at_wavelength(wavelength_nm).landing_mm)
@@ -47,10 +53,13 @@ def map_overscan_px(distort: np.ndarray) -> tuple[float, float, float, float]:
 
 def _map(frame, source_mm):
     """The map with the positions `source_mm(x_mm, y_mm)`."""
-    x_mm, y_mm = frame.axes_mm()
-    x_mm, y_mm = source_mm(x_mm[None, :], y_mm[:, None])
-    (rows, columns), (row, column) = frame.shape_px, frame.centre_px
-    s = (column + x_mm / (frame.pitch_um * 1e-3) + 0.5) / columns
-    t = 1 - (row - y_mm / (frame.pitch_um * 1e-3) + 0.5) / rows
+    (rows, columns), (row, column) = frame.shape_px, _places_px(frame, source_mm)
+    s, t = (column + 0.5) / columns, 1 - (row + 0.5) / rows
     inside = (np.abs(s - 0.5) <= 0.5) & (np.abs(t - 0.5) <= 0.5)
     return np.stack([s, t, inside], axis=-1).astype(np.float32)
+
+
+def _places_px(frame, source_mm):
+    """Rows and columns of the positions `source_mm(x_mm, y_mm)` of the frame's pixels."""
+    x_mm, y_mm = frame.axes_mm()
+    return frame.index_of(*source_mm(x_mm[None, :], y_mm[:, None]))

@@ -7,7 +7,7 @@ from scipy.ndimage import map_coordinates
 from lenses import make_lens
 from lensfield.cli import main
 from lensfield.engine import LensError, SpectralImage, simulate
-from lensfield.engine.field.stmap import distort_map, map_overscan_px, undistort_map
+from lensfield.engine.field.stmap import distort_map, map_overscan_px, pinhole_px, undistort_map
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.pictures.spectral_exr import read_parts
 from refusals import refused
@@ -49,6 +49,14 @@ def test_distortion_is_centred_on_the_axis():
     for right, up in ((0, 0), (13, 9)):
         place = [(22.5 + right / 0.8) / 70, 1 - (61.5 - up / 0.8) / 90, 1]
         np.testing.assert_allclose(stmap[61 - up, 22 + right], place, atol=1e-6)
+
+
+def test_places_in_pixels_are_those_of_the_map():
+    lens = make_lens(real_height_mm=lambda nm, p: 0.8 * p)
+    frame = PixelGrid((90, 70), 10.0, centre_px=(61.0, 22.0))
+    row, column = pinhole_px(lens, frame, 550.0)
+    assert (row[61 - 9, 22 + 13], column[61 - 9, 22 + 13]) == pytest.approx((61 - 9 / 0.8, 22 + 13 / 0.8))
+    np.testing.assert_allclose([row, column], places_px(distort_map(lens, frame, 550.0)), atol=1e-4)
 
 
 def test_overscan_reaches_to_the_light_of_the_edges():
