@@ -120,6 +120,8 @@ def _planes_steps(ready, passes, samples, fraction):
             journal.set(scene.cycles, name, value)
         for name in passes:
             journal.set(layer, f"use_pass_{name}", True)
+        if any(name.startswith("cryptomatte") for name in passes):
+            journal.set(scene.render, "use_persistent_data", False)  # with it, Cycles damages memory in a later render
         show_slab(scene, ready.complete, ready.capture_px, journal)
         show_samples(scene, 0, samples, False, journal)
         channels = {f"{layer.name}.{channel}": OBJECT if name == FIRST_OBJECT else channel

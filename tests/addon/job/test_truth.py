@@ -92,6 +92,23 @@ def test_cryptomatte_has_the_users_names(painted, tmp_path):
     assert all(name.startswith("ViewLayer.Crypto") for name in channels)
 
 
+@pytest.mark.parametrize("truth", ["object", "cryptomatte"])
+def test_mattes_are_rendered_without_persistent_data(painted, tmp_path, truth):
+    """After Cryptomatte with it, Blender 5.0 damages memory in later renders, and ends after a few frames."""
+    painted.render.use_persistent_data = True
+    states = []
+
+    def note(scene, *_):
+        states.append((scene.view_layers[0].use_pass_cryptomatte_object, scene.render.use_persistent_data))
+
+    bpy.app.handlers.render_init.append(note)
+    try:
+        render(painted, tmp_path, truth=truth)
+    finally:
+        bpy.app.handlers.render_init.remove(note)
+    assert set(states) == {(True, False), (False, True)} and painted.render.use_persistent_data
+
+
 def test_a_decoder_reads_the_mattes(painted, tmp_path):
     cryptomatte_api = pytest.importorskip("cryptomatte_api", reason="cryptomatte-api is not installed")
     result = render(painted, tmp_path, truth="cryptomatte,index")
