@@ -140,7 +140,7 @@ def _listed(options, categories, names):
     if options.category == BY_OBJECT:
         named = {number: name for name, number in categories[0].items()}
     else:
-        numbers = {number for of_frame in categories for number in of_frame.values()}
+        numbers = {number for of_frame in categories for number in of_frame.values()} | names.keys()
         named = {number: names.get(number, str(number)) for number in sorted(numbers)}
     return [{"id": number, "name": name, "supercategory": ""} for number, name in named.items()]
 
@@ -165,7 +165,7 @@ def _size(picture):
 
 
 def _write(path, images, annotations, categories):
-    contents = {"info": {"description": f"Written by {software()}"}, "licenses": [], "images": images,
+    contents = {"info": {"description": software()}, "licenses": [], "images": images,
                 "annotations": annotations, "categories": categories}
     with atomic_path(path, overwrite=True) as temporary:
         temporary.write_text(json.dumps(contents) + "\n", encoding="utf-8")

@@ -26,10 +26,9 @@ def objects_text(objects: Mapping[str, ShownObject]) -> str:
 
 def objects_from(text: str) -> dict[str, ShownObject]:
     """The objects in the text of an attribute; raises a ValueError for another text."""
-    contents = json.loads(text)
     try:
-        objects = {name: ShownObject(*facts) for name, facts in contents.items()}
-    except (AttributeError, TypeError):
+        objects = {name: ShownObject(*facts) for name, facts in json.loads(text).items()}
+    except (AttributeError, TypeError, RecursionError):
         raise ValueError("not objects") from None
     if not all(type(number) is int for each in objects.values() for number in (each.category_id, each.instances)):
         raise ValueError("not whole numbers")

@@ -60,6 +60,7 @@ def test_frames_of_all_folders_are_in_their_order(tmp_path, capsys):
 @pytest.mark.parametrize("given, arguments, line", [
     ({"channel": "Layer.Depth.Z"}, (), "shot_0001_truth.exr: channel Object.X is missing: render with --truth object"),
     ({"text": "[1"}, (), "shot_0001_truth.exr: lensfield:objects is damaged: render with --truth object again"),
+    ({"text": 9999 * "["}, (), "lensfield:objects is damaged: render with --truth object again"),
     ({"text": '{"Cube": [1]}'}, (), "lensfield:objects is damaged: render with --truth object again"),
     ({"text": '{"Cube": [1, "2"]}'}, (), "lensfield:objects is damaged: render with --truth object again"),
     ({"objects": {"Sphere": ShownObject(1, 1)}}, (), "shot_0001_truth.exr: objects is 1 without a name: render the "
@@ -74,6 +75,12 @@ def test_bad_input_is_one_line(tmp_path, capsys, given, arguments, line):
     frame(tmp_path, "shot_0001", **given)
     status, printed, _ = run(tmp_path, capsys, tmp_path, *arguments)
     assert status == 1 and printed.endswith(line)
+
+
+def test_named_categories_are_listed_also_without_objects(tmp_path, capsys):
+    frame(tmp_path, "shot_0001")
+    _, _, coco = run(tmp_path, capsys, tmp_path, "--names", "1=chair, 2=cube")
+    assert {each["id"]: each["name"] for each in coco["categories"]} == {1: "chair", 2: "cube"}
 
 
 def test_missing_and_damaged_pictures_are_reported(tmp_path, capsys):
