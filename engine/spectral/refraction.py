@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import yaml
 
 from ..runtime.errors import InputError
 from ..runtime.inputs import check_input, read_limited, reading
 from ..runtime.values import Value
+from ..runtime.yaml_text import parse_yaml
 from .dispersion import FORMULAS, dispersion
 from .spectra import BAND_NM, Wavelengths
 
@@ -175,21 +175,9 @@ def _refraction_of(path, document):
 def _parse(path):
     text = read_limited(path, "refraction", MOST_BYTES, "expected one material of refractiveindex.info")
     try:
-        return yaml.load(text, Loader=_Loader)
-    except (yaml.YAMLError, RecursionError, ValueError):
+        return parse_yaml(text, MOST_NODES)
+    except ValueError:
         raise InputError(path, "refraction", "not YAML", "expected a file of refractiveindex.info") from None
-
-
-class _Loader(yaml.BaseLoader):
-    """Loader for text, lists and mappings, with a limit on nodes: otherwise a small file could take minutes."""
-
-    nodes = 0
-
-    def compose_node(self, parent, index):
-        self.nodes += 1
-        if self.nodes > MOST_NODES:
-            raise yaml.YAMLError("too many nodes")
-        return super().compose_node(parent, index)
 
 
 def _curves(path, entry):
