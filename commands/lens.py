@@ -36,7 +36,7 @@ from lensfield.engine.runtime.files import atomic_path
 from lensfield.engine.runtime.values import json_value
 from lensfield.engine.spectral.spectra import parse_wavelengths
 
-from . import bake, calibration, fit
+from . import bake, calibration, fit, measured
 from .arguments import (
     LENSES,
     add_iris,
@@ -78,6 +78,7 @@ def add_options(command):
     _add_stmap(lens)
     calibration.add(lens)
     _add_import(lens)
+    measured.add(lens)
     bake.add(lens)
     fit.add(lens)
     _add_export_macro(lens)

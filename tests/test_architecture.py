@@ -43,6 +43,8 @@ FLOORS = {
     "engine.truth": {"engine.field", "engine.image", "engine.lens", "engine.runtime"},
     "engine.library": {"engine.bake", "engine.field", "engine.lens", "engine.lens_files",
                        "engine.prescription", "engine.rays", "engine.runtime", "engine.sensor"},
+    "engine.measured": {"engine.calibration", "engine.field", "engine.lens", "engine.library", "engine.pictures",
+                        "engine.rays", "engine.runtime"},
     "engine.simulation": {"engine.blur", "engine.depth", "engine.field", "engine.image", "engine.kernels",
                           "engine.lens", "engine.library", "engine.pictures", "engine.plan", "engine.runtime",
                           "engine.sensor", "engine.spectral", "engine.stray"},

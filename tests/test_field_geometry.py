@@ -10,7 +10,7 @@ from test_architecture import MODULES, imports
 GEOMETRY = re.compile("height_mm|heights_mm|azimuth|hypot", re.IGNORECASE)
 BEHIND_THE_FIELD_MAP = "engine.field.radial", "engine.field.grid"
 TABLES_OVER_HEIGHTS = ("engine.prescription", "engine.lens", "engine.lens_files", "engine.rays", "engine.bake",
-                       "engine.inspection", "engine.fitting")
+                       "engine.inspection", "engine.fitting", "engine.measured")
 """Modules that make, read, check or fit the data of rotationally symmetric lenses, which are tables over heights."""
 COMPILED = "engine.kernels"
 """The loops, which the radial field calls."""

@@ -2,7 +2,7 @@
 
 Lensfun's radius is in half short sides of the frame, which ends at the middles of the outermost pixels. Its models
 poly3 and ptlens leave the radius 1 where it is, so the undistorted picture has another size than on the axis. The
-undistorted picture of a fisheye is the ideal one of its type.
+undistorted picture of a fisheye is the ideal one of its type. `real-focal-length` is the focal length on the axis.
 """
 
 from collections.abc import Sequence
@@ -49,7 +49,8 @@ def lensfun_text(views: Sequence[View]) -> str:
         f"    <cropfactor>{FULL_FRAME_MM / np.hypot(long, short) / pitch_mm:.6f}</cropfactor>",
         f"    <aspect-ratio>{long / short:.6f}</aspect-ratio>", f"    <type>{kind or 'rectilinear'}</type>",
         "    <calibration>",
-        f'      <distortion model="{model}" focal={focal} {words}/>', "    </calibration>",
+        f'      <distortion model="{model}" focal={focal} {words}/>',
+        f"      <real-focal-length focal={focal} real-focal={focal}/>", "    </calibration>",
         "  </lens>", "</lensdatabase>", ""])
 
 

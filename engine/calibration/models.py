@@ -103,11 +103,11 @@ def _kannala_brandt(x, y, z, k1, k2, k3, k4):
     """Kannala and Brandt, IEEE PAMI 28 (2006), as OpenCV's fisheye camera: an odd polynomial of the angle."""
     angle = np.arctan2(np.hypot(x, y), z)
     square = angle**2
-    return _at_radius(x, y, z, angle * (1 + square * (k1 + square * (k2 + square * (k3 + square * k4)))))
+    return at_radius(x, y, z, angle * (1 + square * (k1 + square * (k2 + square * (k3 + square * k4)))))
 
 
-def _at_radius(x, y, z, distorted):
-    """Places at these radii, in the azimuths of the directions."""
+def at_radius(x: np.ndarray, y: np.ndarray, z: np.ndarray, distorted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Places at these radii, in the azimuths of the directions: arrays of one shape."""
     radius = np.hypot(x, y)
     scale = np.where(radius > 0, distorted / np.where(radius > 0, radius, 1), 1 / np.abs(z))
     return scale * x, scale * y
@@ -117,7 +117,7 @@ def _fisheye_poly5(projection):
     """Lensfun's poly5 of a fisheye: a polynomial of the radius in the ideal picture of its kind."""
     def placed(x, y, z, k1, k2):
         ideal = projection(np.arctan2(np.hypot(x, y), z))
-        return _at_radius(x, y, z, ideal * (1 + ideal**2 * (k1 + ideal**2 * k2)))
+        return at_radius(x, y, z, ideal * (1 + ideal**2 * (k1 + ideal**2 * k2)))
 
     return placed
 

@@ -169,7 +169,8 @@ def package_path(name_or_path: str | PathLike[str]) -> Path | None:
         raise LensError(path, "lens data", "in another program's format", IMPORT_FIRST)
     if path.suffix.lower() != ".npz" and not has_rings(path):
         raise LensError(path, "kind of file", path.suffix or "without a suffix",
-                        f"expected a .npz lens package or a prescription ({', '.join(SUFFIXES)}); {IMPORT_FIRST}")
+                        f"expected a .npz lens package or a prescription ({', '.join(SUFFIXES)}); {IMPORT_FIRST}, and "
+                        "`lensfield lens measured` a calibration")
     return None if has_rings(path) else path
 
 

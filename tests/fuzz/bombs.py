@@ -23,9 +23,11 @@ from lens_texts import prescriptions
 from lenses import gaussian_psf, make_lens
 from lensfield.engine.lens_files import import_lens
 from lensfield.engine.lens_files.package import package_bytes
+from lensfield.engine.measured.files import read_measured
 from lensfield.engine.prescription.readers import ReadingOptions, read_prescription
 from lensfield.engine.spectral.refraction import load_refraction
 from lensfield.engine.spectral.spectra import load_spectrum, parse_wavelengths
+from measured_files import OPTIONS
 from rgb_files import colours, window
 
 MOST_UNITS = 1000
@@ -57,6 +59,10 @@ def bombs(folder):
     yield ".spd of one line", written("lamp.spd", "1" * 10**7), spectrum
     yield ".spd of 25 MB", written("lamp.spd", "400 1\n" * 2**21 * 2), spectrum
     yield ".yml nested 100,000 deep", written("glass.yml", "[" * 10**5), lambda path: load_refraction(str(path))
+    for what, text in measured_texts():
+        yield what, written(what.split()[0], text), measured
+    colours(folder / "distort.exr", (0.5, 0.5, 0), (8, 8), displayWindow=window(0, 0, 10000, 10000))
+    yield "STMap of 8 x 8 in a display window of 10,000 x 10,000", folder / "distort.exr", measured
     for what, text in (("a million digits", "1" * 10**6), ("a path in nobody's home", "~nobody-at-all/x.spd")):
         yield f"{what} as a spectrum", written("line.txt", text), lambda path: load_spectrum(path.read_text())
         yield f"{what} as wavelengths", written("line.txt", text), lambda path: parse_wavelengths(path.read_text())
@@ -70,6 +76,20 @@ def packages():
     yield "lens package with 275 MB of PSFs", with_member(psf, "psf_amplitude.npy", (2, 11, 2500, 2500), 275_000_000)
     header = np.load(io.BytesIO(members["header.npy"])).item().replace('"efl_mm": ', '"efl_mm": ' + "[" * 10**5)
     yield "lens package with a header nested 100,000 deep", packed(members | {"header.npy": npy(np.array(header))})
+
+
+def measured_texts():
+    """Files of measured lenses: nested deeply, with aliases or entities that expand, and with many entries."""
+    aliases = "\n".join(f"a{number}: &a{number} [{', '.join(9 * [f'*a{number - 1}'])}]" for number in range(1, 12))
+    yield "aliases.yml with 9^11 aliases", f"a0: &a0 x\n{aliases}\nwidth: 9\nheight: 9\ncamera_matrix: *a11\n"
+    yield "deep.yml nested 100,000 deep", "[" * 10**5
+    yield "deep.json nested 100,000 deep", '{"a":' * 10**5
+    yield "deep.xml nested 100,000 deep", "<a>" * 10**5 + "</a>" * 10**5
+    entities = "".join(f'<!ENTITY e{number} "{9 * f"&e{number - 1};"}">' for number in range(1, 12))
+    yield ("entities.xml with 9^11 entities",
+           f'<!DOCTYPE a [<!ENTITY e0 "x">{entities}]><lensdatabase>&e11;</lensdatabase>')
+    yield "lenses.xml of 30,000 lenses", f"<lensdatabase>{30_000 * '<lens><model>A</model></lens>'}</lensdatabase>"
+    yield "cameras.txt of 200,000 cameras", "".join(f"{number} PINHOLE 9 9 1 1 1 1\n" for number in range(200_000))
 
 
 def with_member(members, name, shape, size):
@@ -95,6 +115,10 @@ def mat_bytes():
 
 def prescription(path):
     return read_prescription(path, ReadingOptions(FIELD))
+
+
+def measured(path):
+    return read_measured(path, OPTIONS)
 
 
 def spectrum(path):

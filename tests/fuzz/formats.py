@@ -20,6 +20,7 @@ from lensfield.engine.inspection.info import lens_info, lens_text
 from lensfield.engine.lens_files import import_lens
 from lensfield.engine.lens_files.package import package_bytes, read_package
 from lensfield.engine.library.bodies import CAMERAS
+from lensfield.engine.measured.files import read_measured
 from lensfield.engine.pictures.spectral_exr import write_exr
 from lensfield.engine.prescription.readers import ReadingOptions, read_prescription
 from lensfield.engine.prescription.readers.toml import write_prescription
@@ -28,6 +29,7 @@ from lensfield.engine.sensor.film import read_film
 from lensfield.engine.spectral import refraction, spectra
 from lensfield.engine.spectral.refraction import load_refraction
 from lensfield.engine.spectral.spectra import load_spectrum, parse_wavelengths
+from measured_files import OPTIONS, PLACES_PX, measured_files
 from places import DATA, SHARED_DATA
 from rgb_files import window
 from vendor_files import EXPORTS, exported_lens
@@ -76,6 +78,7 @@ def formats(folder: Path) -> Iterator[tuple[str, Format]]:
     """(name, Format) of all kinds; valid files are written to a folder."""
     yield "lens package", Format(_packages(), read_full_package, damaged_package)
     yield from _imports(folder)
+    yield from _measured(folder)
     yield from _prescriptions()
     for name, sounds in _pictures(folder).items():
         yield name, Format(sounds, read_as_filter_does, chatters=True)
@@ -116,6 +119,19 @@ def read_full_package(path):
 def _imports(folder):
     for name, write in EXPORTS.items():
         yield name, Format([_of_folder(write(folder / name, exported_lens()))], import_lens)
+
+
+# Lenses as measured
+
+def _measured(folder):
+    for name, (file, contents) in measured_files(folder).items():
+        yield f"measured: {name}", Format([_one(file, contents)], partial(_read_measured, name),
+                                          chatters=file.endswith(".exr"))
+
+
+def _read_measured(name, path):
+    """Read the camera, and where light at a few places comes from; a lens would take longer than any file."""
+    return read_measured(path, OPTIONS, name).straight(PLACES_PX)
 
 
 # Prescriptions
