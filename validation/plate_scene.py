@@ -49,10 +49,6 @@ def place_camera(scene, calibration):
     to_world[:3, 3] = calibration.place
     for each in (scene.camera, sun):
         each.matrix_world = Matrix(to_world)
-    (columns, rows), (column, row) = calibration.size_px, calibration.principal_px
-    camera = scene.camera.data
-    camera.sensor_fit = "HORIZONTAL"
-    camera.shift_x, camera.shift_y = ((columns - 1) / 2 - column) / columns, (row - (rows - 1) / 2) / columns
 
 
 def load_plate(model):
