@@ -36,6 +36,7 @@ from .ui import (
     lint_panel,
     old_files,
     open_lens,
+    open_measured,
     operators,
     panels,
     plan_line,
@@ -57,9 +58,9 @@ __all__ = ["Animation", "Dataset", "RenderRequest", "apply_lens", "camera_settin
            "render_comparison", "render_dataset", "render_through_lens", "set_blend_folder", "source_digest",
            "take_session", "unregister"]
 
-_MODULES = (properties, preferences, favourites, fixes, operators, open_lens, fit_lens, animation, another_lens,
-            comparison, preview_panel, live, quick_look, lens_assets, compositor_panel, camera_presets, click_focus,
-            panels, lint_panel, spectra_panels, trust_panel)
+_MODULES = (properties, preferences, favourites, fixes, operators, open_lens, open_measured, fit_lens, animation,
+            another_lens, comparison, preview_panel, live, quick_look, lens_assets, compositor_panel, camera_presets,
+            click_focus, panels, lint_panel, spectra_panels, trust_panel)
 _CLASSES = [cls for module in _MODULES for cls in module.classes]
 for _operator in (cls for cls in _CLASSES if issubclass(cls, bpy.types.Operator)):
     _operator.bl_description = " ".join(_operator.__doc__.split())  # tooltips show line breaks

@@ -50,6 +50,8 @@ class LensFacts:
         As in `Lens`.
     photographs : Agreement or None
         How closely it agrees with photographs, with their light at its settings; None if it was not compared.
+    source : str
+        Of a package: where its figures come from.
     """
 
     rings: Rings
@@ -64,6 +66,7 @@ class LensFacts:
     radial: bool
     squeeze: float
     photographs: Agreement | None = None
+    source: str = ""
 
     @property
     def last_mm(self):
@@ -173,7 +176,8 @@ def facts_of(lens):
     else:
         fields = tuple(_pairs(*half_angles_rad(lens, path)) for path in paths(lens)[:3])
     return LensFacts(AT_REST, lens.efl_mm, lens.capture_focal_length_mm, lens.sensor_mm, lens.f_number_effective,
-                     lens.object_distance_mm + lens.entrance_pupil_mm, None, (), fields, radial, lens.squeeze)
+                     lens.object_distance_mm + lens.entrance_pupil_mm, None, (), fields, radial, lens.squeeze,
+                     source=lens.source)
 
 
 def _pairs(*columns):

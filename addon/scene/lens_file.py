@@ -9,7 +9,8 @@ from pathlib import Path
 
 import bpy
 
-from lensfield.engine import LensError
+from lensfield.engine import Lens, LensError
+from lensfield.engine.lens_files.package import package_bytes
 from lensfield.engine.prescription.prescription import Prescription
 from lensfield.engine.prescription.readers import AS_IT_IS, ReadingOptions, read_prescription
 from lensfield.engine.prescription.readers.toml import write_prescription
@@ -57,13 +58,17 @@ def stored_lens(prescription: Prescription, name: str) -> str:
     InputError
         The file cannot be written.
     """
-    return _setting(_written(prescription, name))
+    return _setting(_written(write_prescription(prescription).encode(), name, ".toml"))
 
 
-def _written(prescription, name):
-    """The file of a prescription: an existing one with the same contents, or a new one."""
-    contents = write_prescription(prescription).encode()
-    paths = (_folder() / f"{name}{f'-{number}' * (number > 1)}.toml" for number in count(1))
+def stored_package(lens: Lens, name: str) -> str:
+    """As `stored_lens`, for a lens package."""
+    return _setting(_written(package_bytes(lens), name, ".npz"))
+
+
+def _written(contents, name, suffix):
+    """A file with these contents: an existing one, or a new one."""
+    paths = (_folder() / f"{name}{f'-{number}' * (number > 1)}{suffix}" for number in count(1))
     path = next(path for path in paths
                 if not os.path.lexists(path) or (path.is_file() and path.read_bytes() == contents))
     if not path.exists():

@@ -52,6 +52,7 @@ from .fixes import draw_refusal
 from .lint_panel import draw_check
 from .live.live import draw_live, draw_live_status
 from .live.quick_look import draw_quick_look
+from .open_measured import draw_open_measured
 from .plan_line import plan_text
 from .preview.preview_panel import draw_preview, draw_preview_status
 from .sheets import drawn_sheet, stored_sheet
@@ -122,8 +123,9 @@ def _draw_lens(layout, scene, camera):
     settings = camera.lensfield
     if settings.lens == FROM_FILE:
         layout.prop(settings, "lens_file")
+        column = layout.column(align=True)
+        draw_open_measured(column)
         if settings.lens_file:
-            column = layout.column(align=True)
             options = column.operator("lensfield.open_lens", text="Lens File Options", icon="OPTIONS")
             options.filepath = settings.lens_name_or_path()
             draw_fit(column)
@@ -140,6 +142,8 @@ def _draw_lens(layout, scene, camera):
     row.label(text=_figures(*facts) if facts else "")
     if agreement_of(scene):
         row.operator("lensfield.show_sheet", text="", icon=MARK, emboss=False)
+    if facts and facts[0].source:
+        draw_wrapped(layout.column(align=True), facts[0].source, "INFO")
     if facts and facts[0].squeeze != 1:
         layout.label(text=f"{facts[0].squeeze:.2f}\u00d7 anamorphic squeeze")
     draw_compare(layout)

@@ -118,3 +118,11 @@ def captures(monkeypatch):
 
     monkeypatch.setattr(one_capture, "capture", counted)
     return frames
+
+
+@pytest.fixture
+def saved(scene, tmp_path):
+    """A scene of a saved .blend, in a folder of its own."""
+    (tmp_path / "film").mkdir()
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "film" / "scene.blend"))
+    return bpy.context.scene

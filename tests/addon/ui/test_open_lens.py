@@ -22,14 +22,6 @@ from places import SHARED_DATA
 pytestmark = pytest.mark.one_blender
 
 
-@pytest.fixture
-def saved(scene, tmp_path):
-    """A scene of a saved .blend, in a folder of its own."""
-    (tmp_path / "film").mkdir()
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "film" / "scene.blend"))
-    return bpy.context.scene
-
-
 def write(tmp_path, name, text):
     (tmp_path / name).write_text(text)
     return str(tmp_path / name)
