@@ -46,7 +46,8 @@ CONTENTS = {
     "Reference": ["docs/guide/artist-reference", "docs/guide/spectra", "docs/camera", "docs/anamorphic",
                   "docs/photographs"],
     "Methods and accuracy": ["docs/depth", "docs/traced_lens", "docs/stray_light", "docs/truth", "docs/cornell_box",
-                             "docs/stmap", "docs/calibration", "docs/blenderproc", "docs/datasets", "docs/reliability"],
+                             "docs/stmap", "docs/calibration", "docs/measured", "docs/blenderproc", "docs/datasets",
+                             "docs/reliability"],
     "Developers": ["docs/api", "docs/site/api", "CONTRIBUTING", "docs/architecture", "CHANGELOG"],
 }
 """Pages in the side bar, by caption: for each kind of users, one page to begin with. Sphinx reports pages that are
