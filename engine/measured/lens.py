@@ -150,6 +150,9 @@ def _grid_lens(measured, pitch_mm, blur, facts):
     squeeze = fy / fx if abs(fy / fx - 1) > ANAMORPHIC else 1.0
     focal_mm = fy * pitch_mm * np.array([1 / squeeze, 1.0])
     columns_px, rows_px, straight, off_px = _nodes(measured)
+    if np.isinf(off_px):
+        raise LensError(measured.name, "distortion", "not one-to-one inside the frame",
+                        "calibrate with pictures that show the corners, or with a model for fisheyes")
     shape = rows_px.size, columns_px.size
     right_px, down_px = (np.array(measured.size_px) - 1) / 2
     x_mm, y_mm = (columns_px - right_px) * pitch_mm, (down_px - rows_px[::-1]) * pitch_mm

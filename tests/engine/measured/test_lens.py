@@ -107,6 +107,13 @@ def test_a_fold_ends_the_field_and_is_reported():
     assert "folds" not in lens_of(camera(), SENSOR).notes
 
 
+def test_a_calibration_that_leads_back_inside_the_frame_is_refused():
+    """A fisheye's picture by tangents: near the corners, light from farther up lands farther down."""
+    wild = camera(RADTAN, (-0.171, 0.0156, -0.0068, 0.0059), (250.0, 240.0))
+    with refused(LensError, field="distortion", match="model for fisheyes"):
+        lens_of(wild, SENSOR)
+
+
 def test_a_fisheye_of_half_the_world_is_covered_up_to_80_degrees():
     calibrated = camera(KANNALA_BRANDT, (0.01, -0.002, 0, 0), (220.0, 220.0))
     lens = lens_of(calibrated, SENSOR)
