@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -150,6 +151,7 @@ def _cast(layers, layered, lens, rays, limits, stop, times, progress):
     shares = _sharp_shares(layers, capture.shape_px)
 
     # the wavelengths, a group at a time
+    per_radiance, of_nm = None, np.float32(0)
     for first in range(0, count, TOGETHER):
         group = slice(first, min(first + TOGETHER, count))
         sharp = [_sharp(layers, shares, index, layered) for index in range(group.start, group.stop)]
@@ -165,21 +167,28 @@ def _cast(layers, layered, lens, rays, limits, stop, times, progress):
         for number, nm in enumerate(wavelengths_nm[group]):
             if times > 1:
                 sharp[number] = _sharp(layers, shares, first + number, layered, times)
+            if np.float32(nm) != of_nm:  # rays have single precision
+                per_radiance, of_nm = of_pixels.irradiance_per_radiance(nm), np.float32(nm)
             yield CastPlane(sharp[number], layered.on_sensor(blurred[number]), layered.on_sensor(clear[number]),
-                            of_pixels.irradiance_per_radiance(nm))
+                            per_radiance)
             sharp[number] = None  # to free its memory
         del blurred, clear
 
 
-@dataclass(frozen=True, eq=False)
 class _Caster:
     """What all rays have in common."""
 
-    lens: Lens
-    field: FieldMap
-    rays: LensRays
-    focal_mm: float
-    stop: Opening
+    def __init__(self, lens: Lens, field: FieldMap, rays: LensRays, focal_mm: float, stop: Opening) -> None:
+        self.lens, self.field, self.rays, self.focal_mm, self.stop = lens, field, rays, focal_mm, stop
+        self._packed: dict[tuple, Any] = {}
+
+    def _rays_of(self, sensor, wavelengths_nm, counts):
+        """The packed rays of a sensor's pixels. Calls with the same wavelengths, in single precision, share them."""
+        key = sensor, wavelengths_nm.astype(np.float32).tobytes(), counts.tobytes()
+        if key not in self._packed:
+            self._packed = {key: self.field.pixel_rays(self.rays, sensor).packed(
+                wavelengths_nm, self.focal_mm, counts.tolist(), self.stop.reach)}
+        return self._packed[key]
 
     def cast(self, layers, sensor, meetings, group, wavelengths_nm, faint, blurred, clear):
         """Write the tiles with rays; yield the completed fraction.
@@ -189,8 +198,7 @@ class _Caster:
         counts = np.unique(meetings.counts[meetings.counts > 0])
         if not counts.size:
             return
-        packed = self.field.pixel_rays(self.rays, sensor).packed(wavelengths_nm, self.focal_mm, counts.tolist(),
-                                                                 self.stop.reach)
+        packed = self._rays_of(sensor, wavelengths_nm, counts)
         yield from self._cast(packed, layers, sensor.centre_px, meetings, counts, group, faint, blurred, clear)
 
     def cast_through_parts(self, layers, sensor, meetings, group, wavelengths_nm, faint, times, blurred, clear):
