@@ -40,7 +40,11 @@ TRUTH = {"depth": ("Depth", "Depth along the optical axis, and distance along th
          "flow": ("Flow", "Motion since the frame before and until the next one"),
          "index": ("Index", "Pass indices of objects and materials"),
          "object": ("Object", "Object, for annotations (lensfield coco)"),
-         "cryptomatte": ("Cryptomatte", "Mattes of objects, materials and assets, by their names")}
+         "cryptomatte": ("Cryptomatte", "Mattes of objects, materials and assets, by their names"),
+         "coverage": ("Coverage", "The share of each pixel's light that comes from each object, through the lens's "
+                                  "blur"),
+         "material-coverage": ("Material Coverage", "The same, by materials"),
+         "collection-coverage": ("Collection Coverage", "The same, by collections")}
 FLARE, BOKEH = "flare", "bokeh"
 PAIRS = {FLARE: "the same light with and without stray light",
          BOKEH: "the same light at the highest f-number and at the others"}
@@ -202,8 +206,8 @@ class RenderRequest:
                  PICTURES: ("None", "Pictures only: another lens or camera takes a new render")})
     truth: str = setting(
         "", name="Ground Truth", metavar="LIST", panel="", several=True, unset="from the scene",
-        text="What the chief ray of each pixel meets, without blur, in a file of layers (docs/truth.md). A list such "
-             "as depth,normal,flow", choices=TRUTH)
+        text="What the chief ray of each pixel meets, without blur, and what its light is made of, in a file of layers "
+             "(docs/truth.md). A list such as depth,normal,flow", choices=TRUTH)
     look: str = setting(
         BY_SCENE, name="Look", recorded=False,
         text="Look of PNGs: the finished picture, the one without the lens, and contact sheets. EXRs are linear",

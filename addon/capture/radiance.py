@@ -69,7 +69,7 @@ def capture(scene, job, result, share, expect=lambda expected: None):
         if unfocused := unfocused_light(ready, captured):
             ready = yield from sliced_steps(planned, share, journal, emitters=ready.emitters.together(unfocused))
             lights, sampled, captured = yield from _captured_steps(ready, outside, share, journal, expect)
-        truth = yield from truth_steps(ready, share)
+        truth = yield from truth_steps(ready, [light.slab for light in lights], sampled.times, share)
     captured = replace(captured, outside=outside, truth=truth,
                        remarks=(*captured.remarks, *(uncounted if stray else ())))
     result.report.add(_facts(ready, lights, captured, sampled.text))

@@ -24,17 +24,16 @@ from lensfield.engine.truth.captured_truth import (
 )
 from lensfield.engine.truth.cryptomatte import renamed
 
-from ..job.steps import RenderPass
 from ..scene.camera import camera_pose
 from ..scene.errors import SceneError
 from ..scene.instances import SHADED_TYPES, rendered_instances
 from ..scene.motion import moving
-from ..scene.render_state import effective_samples, go_to_frame, read_again, rendered_layer, show_samples, show_slab
+from ..scene.render_state import effective_samples, go_to_frame, rendered_layer
 from ..scene.truth_outputs import INDICES
 from ..scene.undo import Journal
 from ..scene.units import M_TO_MM, depth_pass_m, metres_per_unit
-from ..scene.volumes import hide_volumes
-from .slabs import LOOK
+from .coverage import mattes_steps
+from .surface_passes import surface_planes_steps
 
 FIRST_OBJECT = f"{CRYPTOMATTE}Object00.r"
 """The object of a pass with one sample."""
@@ -68,12 +67,16 @@ def _products(job):
     return tuple(job.truth.split(",")) if job.truth else ()
 
 
-def truth_steps(ready, fraction):
+def truth_steps(ready, slabs, times, fraction):
     """Steps that render the ground truth of a capture; returns a CapturedTruth, or None if none is requested.
 
     Parameters
     ----------
     ready : Ready
+    slabs : sequence of Slab
+        Of the layers of its light.
+    times : int
+        Parts of a pixel, down and across, whose light is known.
     fraction : float
         Of the job so far.
     """
@@ -84,7 +87,9 @@ def truth_steps(ready, fraction):
     for kinds, samples in ((DATA, 1), (MATTES, min(MATTE_SAMPLES, effective_samples(scene)))):
         passes = {name: channels for product in products for name, channels in kinds.get(product, {}).items()}
         if passes:
-            planes |= yield from _planes_steps(ready, passes, samples, fraction)
+            rendered = yield from surface_planes_steps(ready, ready.complete, passes, samples, fraction)
+            planes |= {OBJECT if name == passes.get("cryptomatte_object") else name: plane
+                       for name, plane in rendered.items()}
     grid = replace(ready.capture_px.part(ready.complete.region), focal_mm=job.lens.capture_focal_length_mm)
     if (depth := planes.get(f"{DEPTH}.Z")) is not None:
         planes[f"{DEPTH}.Z"] = _planar_m(depth, ready, grid)
@@ -94,8 +99,9 @@ def truth_steps(ready, fraction):
     names = _names(scene, ready.substitution.materials) if "cryptomatte" in products else {}
     objects = _objects(scene) if "object" in products else {}
     neighbours = _neighbours(scene, job.frame + job.subframe) if "flow" in products else None
+    mattes = yield from mattes_steps(ready, slabs, times, products, fraction)
     return CapturedTruth(grid, planes, rendered_layer(scene).name, products, camera_pose(scene)[:3], neighbours, names,
-                         objects)
+                         objects, mattes)
 
 
 def _neighbours(scene, frame):
@@ -107,39 +113,6 @@ def _neighbours(scene, frame):
             scene.camera = camera  # a marker may bind another one
             axes.append(camera_pose(scene)[:3, :3])
     return np.array(axes)
-
-
-def _planes_steps(ready, passes, samples, fraction):
-    """Steps that render some of Blender's passes; returns their planes by channel."""
-    scene, layer = ready.scene, rendered_layer(ready.scene)
-    with Journal() as journal:
-        hide_volumes(scene, journal)
-        journal.set(scene.render, "use_motion_blur", False)  # with it, Cycles does not write motion
-        journal.set(layer, "samples", 0)  # no override of the scene's samples
-        for name, value in (LOOK | {"samples": samples}).items():
-            journal.set(scene.cycles, name, value)
-        for name in passes:
-            journal.set(layer, f"use_pass_{name}", True)
-        if any(name.startswith("cryptomatte") for name in passes):
-            journal.set(scene.render, "use_persistent_data", False)  # with it, Cycles damages memory in a later render
-        show_slab(scene, ready.complete, ready.capture_px, journal)
-        show_samples(scene, 0, samples, False, journal)
-        channels = {f"{layer.name}.{channel}": OBJECT if name == FIRST_OBJECT else channel
-                    for name in passes.values() for channel in _channels(name, layer.pass_cryptomatte_depth)}
-        planes = yield from ready.passes.planes(RenderPass(scene, "Rendering ground truth", fraction, 0.0), ready.path,
-                                                channels, "ground truth", samples)
-    read_again(scene)
-    return {channel: planes[name] for name, channel in channels.items()}
-
-
-def _channels(name, levels):
-    """The channels of a pass."""
-    if name == FIRST_OBJECT:
-        return [name]
-    if name.startswith(CRYPTOMATTE):  # two levels in each
-        return [f"{name}{number:02}.{channel}" for number in range(-(-levels // 2)) for channel in "rgba"]
-    name, channels = name.split(".")
-    return [f"{name}.{channel}" for channel in channels]
 
 
 def _planar_m(depth, ready, grid):

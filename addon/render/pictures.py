@@ -21,8 +21,11 @@ from lensfield.engine.runtime.build_identity import build_identity
 from lensfield.engine.runtime.errors import ImageError
 from lensfield.engine.runtime.files import file_status
 from lensfield.engine.simulation.coverage import coverage
+from lensfield.engine.simulation.surface_coverage import surface_coverage
+from lensfield.engine.truth.mattes import names_in_files
 from lensfield.engine.truth.through_lens import file_attributes, truth_through_lens
 
+from ...request import TRUTH
 from ..capture.captured import ALPHA, DEPTH
 from ..job.shown import write_shown
 
@@ -77,13 +80,25 @@ def write_pictures(captured, irradiance, after, exposure, light_exposure, look, 
     write_shown(after, result.after, exposure, look)
 
 
-def write_truth(captured, lens, frame, result):
-    """Write what the chief rays of a lens image's frame, a PixelGrid, meet."""
+def write_truth(captured, lens, frame, options, iris, result, progress):
+    """Write the ground truth of a lens image's frame, a PixelGrid: of chief rays, and coverage."""
     truth = captured.truth
     planes = truth_through_lens(truth, lens, frame, reference_nm(lens))
+    planes |= _masks(captured, lens, options, iris, progress)
     write_layers_exr({f"{truth.layer}.{channel}": captured.cut(plane) for channel, plane in planes.items()},
                      result.truth, file_attributes(truth))
     result.report.files["truth"] = str(result.truth)
+
+
+def _masks(captured, lens, options, iris, progress):
+    """The masks of all requested kinds of coverage, by channel."""
+    masks, kinds = {}, captured.truth.mattes
+    for number, (kind, mattes) in enumerate(kinds.items()):
+        covered = surface_coverage(mattes.shares, captured.radiance, lens, options, reference_nm(lens),
+                                   layers=captured.layers, iris=iris,
+                                   progress=lambda part, number=number: progress((number + part) / len(kinds)))
+        masks |= {f"{TRUTH[kind][0]} {name}": mask for name, mask in mattes.masks(covered).items()}
+    return {f"{name}.X": mask for name, mask in zip(names_in_files(masks), masks.values(), strict=True)}
 
 
 def write_film_pictures(film, irradiance, picture, exposure, _, look, attributes, lens, result):

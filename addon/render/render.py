@@ -187,7 +187,8 @@ def lens_steps(captured, lens, request, iris, result, fraction, attributes=None)
                         f"Through {lens.name}", fraction, WRITING - fraction)
     irradiance, stray = (image and replace(image, cube=captured.cut(image.cube)) for image in images)
     if captured.truth:
-        yield Work(_timed(report, "ground truth", lambda _: write_truth(captured, lens, irradiance.grid, result)),
+        yield Work(_timed(report, "ground truth", lambda on_progress: write_truth(
+            captured, lens, irradiance.grid, request.options, iris, result, on_progress)),
                    "Writing ground truth", WRITING)
     else:
         result.remove("truth")

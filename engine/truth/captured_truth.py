@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..image.pixel_grid import PixelGrid
+from .mattes import Mattes
 
 DEPTH, NORMAL, UV, VECTOR, CRYPTOMATTE = "Depth", "Normal", "UV", "Vector", "Crypto"
 """Blender's names of passes, and the start of its names of Cryptomatte layers."""
@@ -54,6 +55,8 @@ class CapturedTruth:
         Names in each Cryptomatte layer, such as CryptoObject.
     objects : mapping of str to ShownObject
         By name, if the objects are requested.
+    mattes : mapping of str to Mattes
+        For each requested kind of coverage what the surfaces belong to, in the layers of the capture's light.
     """
 
     grid: PixelGrid
@@ -64,3 +67,4 @@ class CapturedTruth:
     neighbours: np.ndarray | None = None
     names: Mapping[str, frozenset[str]] = field(default_factory=dict)
     objects: Mapping[str, ShownObject] = field(default_factory=dict)
+    mattes: Mapping[str, Mattes] = field(default_factory=dict)

@@ -65,7 +65,7 @@ def job(folder):
                output_folder=folder, denoise="off", frame=1, clamp=True)
 
 
-@pytest.mark.parametrize("truth", ["", "depth,position,normal,uv,flow,index,cryptomatte"])
+@pytest.mark.parametrize("truth", ["", "depth,position,normal,uv,flow,index,cryptomatte,coverage"])
 def test_scene_is_the_same_after_success(rich_scene, tmp_path, truth):
     rich_scene.camera.keyframe_insert("location", frame=1)
     rich_scene.camera.location.x += 1
