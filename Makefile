@@ -43,8 +43,8 @@
 # make validate-calibration  take pictures of chessboards through four lenses, which OpenCV calibrates, and reconstruct
 #                  an orbit around the sample scene with COLMAP; write the tables of docs/calibration.md (with OpenCV and
 #                  pycolmap, in .venv-opencv; half an hour); the orbit's pictures are kept in build/orbit
-# make validate-truth  compare depth, normals, UV, flow, ids and mattes of renders through three lenses with rays traced
-#                  through the lenses' surfaces, and write the table of docs/truth.md (five minutes)
+# make validate-truth  compare depth, normals, UV, flow, ids, mattes and coverage of renders through three lenses with
+#                  rays traced through the lenses' surfaces, and write the tables of docs/truth.md (ten minutes)
 # make validate-blenderproc  render 20 frames through a lens by BlenderProc, and by Lensfield, and compare the
 #                  annotations (ten minutes)
 # make scenes      render two hundred ordinary scenes through a nearly perfect lens and by Cycles alone, and five of them
@@ -236,6 +236,7 @@ validate-photographs: $(PHOTOGRAPHS)/.ready kernels
 
 validate-truth: $(READY) kernels
 	$(VENV)/bin/python -W ignore validation/ground_truth.py docs/truth.md
+	$(VENV)/bin/python -W ignore validation/coverage_truth.py docs/truth.md
 
 validate-plate: $(OPENCV)/.ready kernels
 	$(OPENCV)/bin/python -W ignore validation/plate_photographs.py "$(PLATE)" docs/photographs.md docs/plate.jpg
