@@ -118,6 +118,13 @@ surfaces:
   79.6836   2.95207564   1.62041 60.32  15.0     1
   -18.39533 42.2077801   1.00000 0.00   15.0     1
 """
+CALIBRATION = """image_width: 640
+image_height: 480
+camera_name: webcam
+camera_matrix: {rows: 3, cols: 3, data: [438.8, 0.0, 305.6, 0.0, 437.3, 243.7, 0.0, 0.0, 1.0]}
+distortion_model: plumb_bob
+distortion_coefficients: {rows: 1, cols: 5, data: [-0.362, 0.1105, 0.001, 0.0005, 0.0]}
+"""
 
 
 def install():
@@ -275,6 +282,35 @@ def own_lens():
     assert (settings.lens, settings.lens_file) == ("FILE", "//lenses/own_lens.toml")
     yield from until(lambda: lens_request().facts)
     assert abs(lens_request().facts.efl_mm - 50) < 1
+    yield from start("preview")
+    yield from until(preview_is_fresh)
+    yield DRAW_S
+    shoot("preview")
+    yield from start("preview")
+
+
+def open_calibration():
+    """A calibration of another program, from the file browser, becomes the camera's lens. The panel says what was
+    measured, and the preview shows it."""
+    yield from open_sample()
+    scene, panel = bpy.context.scene, region(area("VIEW_3D"), "UI")
+    settings, path = scene.camera.data.lensfield, FOLDER / "webcam.yaml"
+    path.write_text(CALIBRATION)
+    settings.lens = "FILE"
+    yield DRAW_S
+    yield from click("lensfield.open_measured", panel)
+    yield from until(lambda: area("FILE_BROWSER", newest_window()))
+    yield DRAW_S
+    shoot("browser")
+    with over("FILE_BROWSER", newest_window()):
+        parameters = bpy.context.space_data.params
+        parameters.directory, parameters.filename = os.fsencode(FOLDER), path.name
+        bpy.context.space_data.active_operator.sensor_mm = 4.8, 3.6
+        bpy.ops.file.execute()
+    yield from until(lambda: settings.lens_file == "//lenses/webcam.npz")
+    yield from until(lambda: lens_request().facts)
+    yield DRAW_S
+    shoot("opened")
     yield from start("preview")
     yield from until(preview_is_fresh)
     yield DRAW_S
