@@ -13,9 +13,9 @@ from lensfield.engine.runtime.errors import listed
 from lensfield.engine.spectral.wavelength_choice import REFERENCE, STANDARD_COLOUR_ERROR
 
 from ..scene import devices
-from ..scene.camera import matching_focal_length_mm, pixel_aspect
+from ..scene.camera import frame_px, matching_focal_length_mm, pixel_aspect
 from ..scene.compositor import unreplaced_passes
-from ..scene.instances import rendered_blocks
+from ..scene.instances import SHADED_TYPES, rendered_blocks, rendered_instances
 from ..scene.motion import sees_camera, view_animated
 from ..scene.render_state import effective_samples
 from ..shading.lobes import MIRRORED, REFRACTED
@@ -34,6 +34,7 @@ UNLAYERED = {  # its name, its part of the picture, and the effect on that part
     MIRRORED: ("Mirrors", "is reflected in them", "is blurred as if on their surface"),
     VOLUME: ("Volumes", "contains their light", "is blurred like the surface behind them")}
 ROUND_BLUR = "a package without rays; out-of-focus light becomes round discs, by pupil and focal length"
+MASK_BYTES, LARGE_MASKS_GB = 4, 2
 PANES = "hide thin panes, including their tint, from the camera (Object > Visibility > Ray Visibility > Camera)"
 
 
@@ -63,7 +64,7 @@ class Remark:
 def scene_remarks(scene, job):
     """Remarks on the scene at its current frame, with the job's view layer as the only one on: list of Remark."""
     return [*_of_engine(scene, job), *_of_device(scene, job), *_of_traced_lens(scene, job), *_of_reference(scene, job),
-            *_of_camera(scene, job), *_of_pixels(scene), *_left_out(scene, job)]
+            *_of_camera(scene, job), *_of_pixels(scene), *_of_masks(scene, job), *_left_out(scene, job)]
 
 
 def depth_remarks(job, slabs):
@@ -212,6 +213,18 @@ def _of_pixels(scene):
     if cycles.pixel_filter_type not in (kind, "BOX") or cycles.filter_width not in (width_px, 1.0):
         yield Remark("Pixel Filter", f"{cycles.filter_width:.3g} px",
                      "ignored; each pixel averages the light over its own square")
+
+
+def _of_masks(scene, job):
+    """Masks of many objects, which are in memory at once."""
+    if "coverage" not in job.truth.split(","):
+        return
+    objects = len({instance.obj for instance in rendered_instances(scene) if instance.obj.type in SHADED_TYPES})
+    rows, columns = frame_px(scene)
+    size_gb = objects * rows * columns * MASK_BYTES / 1e9
+    if size_gb > LARGE_MASKS_GB:
+        yield Remark("Ground Truth", "Coverage", f"the masks of {objects} objects take up to {size_gb:.1f} GB of memory",
+                     "choose Collection Coverage or Material Coverage")
 
 
 def _left_out(scene, job):

@@ -299,3 +299,15 @@ def test_the_share_outside_the_depth_range_is_predicted(scene, tmp_path, lens):
     exact = result.report.scene.depth.outside_fraction
     share = float(remarks[0].split("about ")[1].split("%")[0]) / 100 if remarks else 0.0
     assert 0.01 < exact and share == pytest.approx(exact, abs=0.06)  # a row of rays
+
+
+def test_the_memory_of_many_masks_is_stated_before_the_render(scene):
+    """40 objects of 4 bytes for each of 16 megapixels."""
+    paint, _ = material("Paint", "ShaderNodeEmission")
+    one = wall(scene, paint)
+    for _ in range(39):
+        scene.collection.objects.link(one.copy())
+    scene.render.resolution_x, scene.render.resolution_y = 4000, 4000
+    for truth, expected in (("coverage", True), ("collection-coverage", False), ("", False)):
+        words = [str(remark) for remark in preflight(scene, lens="edmund-54852", truth=truth).remarks]
+        assert any("the masks of 40 objects take up to 2.6 GB" in each for each in words) == expected
