@@ -185,8 +185,8 @@ ci-4.5.15: CI_TESTS = tests/addon/scene tests/addon/shading $(STATE) -m 'not one
 ci-5.1.2: CI_TESTS = tests/addon/shading/test_lint.py $(STATE) -m 'not one_blender'
 # those of other platforms only with their compilers, which need administrator rights or a network to install
 ci-wheels: $(RELEASE)/.ready
-	if command -v x86_64-w64-mingw32-gcc && command -v aarch64-linux-gnu-gcc && command -v ld.lld; then $(MAKE) wheels; \
-	    else $(MAKE) wheels PLATFORMS=linux-x64; fi
+	if command -v x86_64-w64-mingw32-gcc && command -v aarch64-linux-gnu-gcc && command -v clang && command -v ld.lld; \
+	    then $(MAKE) wheels; else $(MAKE) wheels PLATFORMS=linux-x64; fi
 
 ci-%: kernels
 	$(MAKE) test-blender BPY=$* TESTS="$(CI_TESTS)"

@@ -93,21 +93,22 @@ def _materials(ready):
 
 def _collections(ready):
     """An object's owner is the first collection in the Outliner that contains it directly. The mask of a collection
-    includes the collections in it, except the scene's: all masks at the top level add up to all surfaces."""
+    includes the collections in it, except the scene's, and those that are in an earlier one, too: all masks at the top
+    level add up to all surfaces. Names of linked collections include their file, as another may have the same."""
     root, home, members = ready.scene.collection, {}, {}
 
     def visit(collection, above):
-        if collection.name not in members:
-            for name in (*above, collection.name):
-                members.setdefault(name, []).append(collection.name)
+        if collection.name_full not in members:
+            for name in (*above, collection.name_full):
+                members.setdefault(name, []).append(collection.name_full)
             for obj in collection.objects:
-                home.setdefault(obj.name, collection.name)
+                home.setdefault(obj.name, collection.name_full)
             for child in collection.children:
-                visit(child, (*above, collection.name) if collection != root else ())
+                visit(child, (*above, collection.name_full) if collection != root else ())
 
     visit(root, ())
-    for obj in _shown(ready.scene):  # instances show objects that are not in the scene
-        others = [collection.name for collection in obj.users_collection] or [root.name]
+    for obj in sorted(_shown(ready.scene), key=lambda obj: obj.name_full):  # instances show objects outside the scene
+        others = [collection.name_full for collection in obj.users_collection] or [root.name_full]
         owner = home.setdefault(obj.name, others[0])
         members.setdefault(owner, [owner])
     return home, members

@@ -223,7 +223,8 @@ def _of_masks(scene, job):
     rows, columns = frame_px(scene)
     size_gb = objects * rows * columns * MASK_BYTES / 1e9
     if size_gb > LARGE_MASKS_GB:
-        yield Remark("Ground Truth", "Coverage", f"the masks of {objects} objects take up to {size_gb:.1f} GB of memory",
+        yield Remark("Ground Truth", "Coverage",
+                     f"the masks of {objects} objects take up to {size_gb:.1f} GB of memory",
                      "choose Collection Coverage or Material Coverage")
 
 

@@ -92,13 +92,14 @@ def write_truth(captured, lens, frame, options, iris, result, progress):
 
 def _masks(captured, lens, options, iris, progress):
     """The masks of all requested kinds of coverage, by channel."""
-    masks, kinds = {}, captured.truth.mattes
+    masks, kinds = [], captured.truth.mattes
     for number, (kind, mattes) in enumerate(kinds.items()):
         covered = surface_coverage(mattes.shares, captured.radiance, lens, options, reference_nm(lens),
                                    layers=captured.layers, iris=iris,
                                    progress=lambda part, number=number: progress((number + part) / len(kinds)))
-        masks |= {f"{TRUTH[kind][0]} {name}": mask for name, mask in mattes.masks(covered).items()}
-    return {f"{name}.X": mask for name, mask in zip(names_in_files(masks), masks.values(), strict=True)}
+        masks += [(f"{TRUTH[kind][0]} {name}", mask) for name, mask in mattes.masks(covered)]
+    names = names_in_files([name for name, _ in masks])
+    return {f"{name}.X": mask for name, (_, mask) in zip(names, masks, strict=True)}
 
 
 def write_film_pictures(film, irradiance, picture, exposure, _, look, attributes, lens, result):

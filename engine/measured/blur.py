@@ -12,7 +12,6 @@ from .diffraction import perfect_psfs
 
 WAVELENGTHS_NM = (400.0, 430.0, 465.0, 500.0, 540.0, 575.0, 610.0, 655.0, 700.0)
 REFERENCE_NM = 540.0
-MOST_F_NUMBER = 256.0
 SYMMETRIC = "expected a rotationally symmetric lens for the blur of a measured one"
 
 
@@ -81,11 +80,6 @@ class Diffraction:
         Of the lens focused at infinity.
     magnification : float
         Of its image: the f-number in image space is 1 - magnification times as high.
-
-    Raises
-    ------
-    LensError
-        The f-number is not above 0 and at most MOST_F_NUMBER.
     """
 
     turns, last_mm = False, np.inf
@@ -94,8 +88,6 @@ class Diffraction:
     transmittance = np.ones(len(WAVELENGTHS_NM))
 
     def __init__(self, f_number: float, magnification: float = 0.0) -> None:
-        if not 0.5 <= f_number <= MOST_F_NUMBER:
-            raise LensError("measured lens", "f-number", f_number, f"expected 0.5 to {MOST_F_NUMBER:g}")
         self.words = f"blur by diffraction at f/{f_number:.3g}"
         self.f_number_effective = f_number * (1 - magnification)
         self._psfs = perfect_psfs(self.f_number_effective, self.wavelengths_nm)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..runtime.errors import LensError
+from ..runtime.numbers import is_number
 from ..runtime.text import read_text
 from ..runtime.toml_fields import TomlTable
 from ..runtime.yaml_text import parse_yaml
@@ -68,6 +69,11 @@ def matrix(table: TomlTable, field: str, shape: tuple[int, ...] = ()) -> np.ndar
     if not np.isfinite(numbers).all() or (shape and numbers.size != np.prod(shape)):
         expected = " x ".join(map(str, shape)) if shape else "a row of"
         raise table.refusal(field, f"expected {expected} finite numbers")
+    if isinstance(value, dict):
+        rows, columns = value.get("rows"), value.get("cols")
+        if is_number(rows) and is_number(columns) and numbers.size != rows * columns:
+            raise table.error(table.path, table.place + field, f"of {numbers.size} numbers",
+                              f"expected {rows:g} x {columns:g}")
     return numbers.reshape(shape or -1)
 
 

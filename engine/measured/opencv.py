@@ -140,6 +140,9 @@ def read_nerfstudio(path: Path, options: MeasuredOptions) -> ModelledCamera:
     if kind not in ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "OPENCV_FISHEYE"):
         raise table.refusal("camera_model", "expected OPENCV, PINHOLE or OPENCV_FISHEYE")
     fisheye = kind == "OPENCV_FISHEYE"
+    for further in () if fisheye else ("k4", "k5", "k6"):
+        if table.number(further, 0.0):
+            raise table.refusal(further, "expected 0: programs disagree about its meaning")
     names = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
     model, values = (fisheye_camera if fisheye else pinhole_camera)(path, [table.number(name, 0.0) for name in names])
     fx = table.number("fl_x")
@@ -168,6 +171,8 @@ def read_gyroflow(path: Path, options: MeasuredOptions) -> ModelledCamera:
             raise table.refusal(field, "expected 1: a profile of the picture as recorded")
     if table.flag("asymmetrical"):
         raise table.refusal("asymmetrical", "expected false")
+    if table.values.get("digital_lens"):
+        raise table.refusal("digital_lens", "expected none: a profile of the optical picture")
     model = table_at(table, "fisheye_params")
     size_px = size_in(table_at(table, "calib_dimension"), ("w", "h"))
     return _camera(path, "Gyroflow", size_px, matrix(model, "camera_matrix", (3, 3)),

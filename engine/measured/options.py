@@ -8,6 +8,7 @@ from ..runtime.errors import InputError, LensError
 from ..runtime.numbers import is_positive
 
 NEEDED = "measured lens"
+LEAST_F_NUMBER, MOST_F_NUMBER = 0.5, 256.0
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ class MeasuredOptions:
     Raises
     ------
     InputError
-        A number is not positive, or the overscan is below 1.
+        A number is not positive, or outside its range.
     """
 
     which: str | None = None
@@ -45,9 +46,11 @@ class MeasuredOptions:
     overscan: float = 1.0
 
     def __post_init__(self) -> None:
-        for option, value in (("--focal-length", self.focal_mm), ("--f-number", self.f_number)):
-            if value is not None and not is_positive(value):
-                raise InputError("options", option, value, "expected a positive number")
+        if self.focal_mm is not None and not is_positive(self.focal_mm):
+            raise InputError("options", "--focal-length", self.focal_mm, "expected a positive number")
+        if not LEAST_F_NUMBER <= self.f_number <= MOST_F_NUMBER:
+            raise InputError("options", "--f-number", self.f_number,
+                             f"expected {LEAST_F_NUMBER:g} to {MOST_F_NUMBER:g}")
         if not self.focus_mm > 0:
             raise InputError("options", "--focus", self.focus_mm, "expected a positive distance")
         if not 1 <= self.overscan <= 10:

@@ -54,16 +54,17 @@ class Mattes:
         return cls(owners, tuple(_sparse(rows[np.searchsorted(shown, ids)] if shown.size else ids, shares, len(owners))
                                  for ids, shares in layers), members)
 
-    def masks(self, coverage: np.ndarray) -> dict[str, np.ndarray]:
-        """The masks that are not 0 everywhere, and the background's mask, by name: arrays (row, column).
+    def masks(self, coverage: np.ndarray) -> list[tuple[str, np.ndarray]]:
+        """The background's mask, and those that are not 0 everywhere: names and arrays (row, column). An owner may have
+        the background's name.
 
         `coverage` is an array (owner + 1, row, column); the last is the background.
         """
         members = self.members or {owner: (owner,) for owner in self.owners}
         row_of = {owner: row for row, owner in enumerate(self.owners) if coverage[row].any()}
         rows = {name: [row_of[owner] for owner in owners if owner in row_of] for name, owners in members.items()}
-        return {name: coverage[of_mask].sum(axis=0) for name, of_mask in rows.items() if of_mask} | {
-            BACKGROUND: coverage[-1]}
+        return [(BACKGROUND, coverage[-1]),
+                *((name, coverage[of_mask].sum(axis=0)) for name, of_mask in rows.items() if of_mask)]
 
 
 def _sparse(rows, shares, count):

@@ -18,7 +18,7 @@ from lensfield.engine.measured.diffraction import perfect_psfs
 from lensfield.engine.measured.files import lens_of
 from lensfield.engine.measured.lens import measured_lens
 from lensfield.engine.measured.options import MeasuredOptions
-from lensfield.engine.runtime.errors import LensError
+from lensfield.engine.runtime.errors import InputError, LensError
 from measuring import off_px
 from refusals import refused
 
@@ -158,5 +158,5 @@ def test_packages_keep_measured_lenses(tmp_path):
 def test_frames_without_a_size_are_refused():
     with refused(LensError, field="sensor"):
         lens_of(camera(), replace(SENSOR, sensor_mm=(0.0, 10.0)))
-    with refused(LensError, field="f-number"):
-        lens_of(camera(), replace(SENSOR, f_number=0.1))
+    with refused(InputError, field="--f-number"):
+        replace(SENSOR, f_number=0.3)

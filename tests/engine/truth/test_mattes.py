@@ -51,10 +51,12 @@ def test_masks_add_up_their_members_and_are_not_black():
     coverage = np.zeros((4, 1, 2), np.float32)
     coverage[:2, 0, 0] = 0.25, 0.5
     coverage[3] = 1 - coverage.sum(axis=0)
-    masks = mattes.masks(coverage)
-    assert list(masks) == ["Clothes", "Hats", "Background"]
+    masks = dict(mattes.masks(coverage))
+    assert list(masks) == ["Background", "Clothes", "Hats"]
     assert masks["Clothes"].tolist() == [[0.75, 0]] and masks["Background"].tolist() == [[0.25, 1]]
-    assert list(Mattes(("Coat", "Hat", "Tree"), ()).masks(coverage)) == ["Coat", "Hat", "Background"]
+    names = [name for name, _ in Mattes(("Background", "Hat", "Tree"), ()).masks(coverage)]
+    assert names == ["Background", "Background", "Hat"], "an object may have any name"
+    assert names_in_files(names) == ["Background", "Background_002", "Hat"]
 
 
 @pytest.mark.parametrize("names, expected", [
