@@ -1,4 +1,4 @@
-"""Blender's passes of the surfaces in a capture, by few samples, which go no further."""
+"""Blender's passes of the surfaces in a capture, with few samples and without bounces."""
 
 from ..job.steps import RenderPass
 from ..scene.render_state import read_again, rendered_layer, show_samples, show_slab

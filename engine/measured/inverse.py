@@ -37,7 +37,7 @@ class Straight(NamedTuple):
 
 def straight_places(model: Model, coefficients: tuple[float, ...], places: np.ndarray,
                     steps: int = STEPS) -> Straight:
-    """Where light comes from that a model puts at places on the plane at unit distance: array (place, 2).
+    """The directions of the light that a model places on the plane at unit distance.
 
     Parameters
     ----------

@@ -219,7 +219,7 @@ def _slopes(splines, columns, rows):
 
 
 def _folded(splines, columns, rows):
-    """Whether splines lead back where they have been, near a fold of the distortion that is close to the frame."""
+    """Whether splines are not one-to-one, near a fold of the distortion that is close to the frame."""
     finer = (np.interp(np.arange(CHECKED * (line.size - 1) + 1) / CHECKED, np.arange(line.size), line)
              for line in (columns, rows))
     (a, b), (c, d) = _slopes(splines, *finer)
