@@ -88,7 +88,9 @@ def _truths(folders):
         paths = list(folder.rglob(f"*_{TRUTH_END}")) if folder.is_dir() else []
         matches = {path: FRAME.fullmatch(path.name) for path in paths}
         if not any(matches.values()):
-            raise InputError(folder, "ground truth", "missing" if folder.is_dir() else absence(folder), RENDER)
+            if not folder.is_dir():
+                raise InputError(folder, "folder", absence(folder), "expected a folder of renders with --truth object")
+            raise InputError(folder, "ground truth", "missing", RENDER)
         places |= {path: (str(path.parent), match[1], int(match[2])) for path, match in matches.items() if match}
     return sorted(places, key=places.get)
 

@@ -39,7 +39,7 @@ class _Subcommand(argparse.ArgumentParser):
     """The parser of a subcommand. It imports the subcommand's module and adds its options when it is first used."""
 
     def __init__(self, module=None, **settings):
-        super().__init__(**settings)
+        super().__init__(**settings, allow_abbrev=False)  # a new option must not change a script's meaning
         self._module = module
 
     def parse_known_args(self, args=None, namespace=None):

@@ -68,6 +68,7 @@ class ScenePreview:
         self.scene = scene
         self._job = job_of_frame(scene, scene.frame_float, SKETCHED, **given, state="preview")
         self._folder = Path(self._job.output_folder)
+        self._folder.mkdir(parents=True, exist_ok=True)  # for scratch files, too
         self._result = Result.of(scene, self._folder, self._job.frame)
         self._request = _lens_request(scene, self._job, **given)  # by the camera, before a stand-in takes its place
         self._capture = growing_capture(scene, self._job)

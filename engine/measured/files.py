@@ -39,12 +39,16 @@ class Kind(NamedTuple):
     ----------
     title : str
     read : function (path, options) -> Measured
+    takes : tuple of str
+        Names of the options that not all kinds take.
     """
 
     title: str
     read: Callable[[Path, MeasuredOptions], Measured]
+    takes: tuple[str, ...] = ()
 
 
+OF_STMAPS = "focal_mm", "overscan"
 KINDS = {
     "opencv": Kind("OpenCV's FileStorage, in YAML, XML or JSON", read_opencv),
     "opencv-fisheye": Kind("the same, of cv2.fisheye", read_opencv_fisheye),
@@ -53,9 +57,9 @@ KINDS = {
     "kalibr": Kind("Kalibr's camchain.yaml", read_kalibr),
     "ros": Kind("ROS's camera_info", read_ros),
     "gyroflow": Kind("Gyroflow's lens profile", read_gyroflow),
-    "lensfun": Kind("Lensfun's database", read_lensfun),
-    "stmap-distort": Kind("an STMap that distorts a picture, in EXR", read_distort),
-    "stmap-undistort": Kind("an STMap that undistorts a picture, in EXR", read_undistort)}
+    "lensfun": Kind("Lensfun's database", read_lensfun, ("focal_mm",)),
+    "stmap-distort": Kind("an STMap that distorts a picture, in EXR", read_distort, OF_STMAPS),
+    "stmap-undistort": Kind("an STMap that undistorts a picture, in EXR", read_undistort, OF_STMAPS)}
 
 
 def read_measured(path: Path, options: MeasuredOptions, kind: str | None = None) -> Measured:
@@ -73,12 +77,16 @@ def read_measured(path: Path, options: MeasuredOptions, kind: str | None = None)
     ------
     LensError
         The file is missing or damaged, is of no known kind, or lacks something that the options do not state either.
+    InputError
+        This kind of file does not take one of the options.
     """
     if not path.is_dir():
         check_input(path, "file", f"expected one of {', '.join(KINDS)}", error=LensError)
     with reading(path):
+        kind = kind or kind_of(path)
+        options.check_taken(KINDS[kind].takes, kind)
         try:
-            return KINDS[kind or kind_of(path)].read(path, options)
+            return KINDS[kind].read(path, options)
         except (OverflowError, ArithmeticError) as error:
             raise LensError(path, "file", "damaged", str(error)) from None
 

@@ -56,6 +56,12 @@ class MeasuredOptions:
         if not 1 <= self.overscan <= 10:
             raise InputError("options", "--overscan", self.overscan, "expected 1 to 10")
 
+    def check_taken(self, takes: tuple[str, ...], kind: str) -> None:
+        """Raise an InputError for a focal length or an overscan that a kind of file does not take."""
+        for field, option, default in (("focal_mm", "--focal-length", None), ("overscan", "--overscan", 1.0)):
+            if getattr(self, field) != default and field not in takes:
+                raise InputError("options", option, getattr(self, field), f"leave it out: --as {kind} does not take it")
+
     def chosen(self, path: object, names: list[str], what: str) -> str:
         """The name among a file's that `which` states; the only one by default.
 

@@ -29,7 +29,7 @@ from lensfield.engine.sensor.film import read_film
 from lensfield.engine.spectral import refraction, spectra
 from lensfield.engine.spectral.refraction import load_refraction
 from lensfield.engine.spectral.spectra import load_spectrum, parse_wavelengths
-from measured_files import OPTIONS, PLACES_PX, measured_files
+from measured_files import PLACES_PX, measured_files, options_for
 from places import DATA, SHARED_DATA
 from rgb_files import window
 from vendor_files import EXPORTS, exported_lens
@@ -131,7 +131,7 @@ def _measured(folder):
 
 def _read_measured(name, path):
     """Read the camera, and where light at a few places comes from; a lens would take longer than any file."""
-    return read_measured(path, OPTIONS, name).straight(PLACES_PX)
+    return read_measured(path, options_for(name), name).straight(PLACES_PX)
 
 
 # Prescriptions

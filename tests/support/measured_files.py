@@ -1,6 +1,7 @@
 """Small valid files of every kind that `read_measured` reads."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 
@@ -9,6 +10,7 @@ from lensfield.engine.calibration.formats import FORMATS
 from lensfield.engine.calibration.models import DOUBLE_SPHERE, KANNALA_BRANDT, RADTAN, RATIONAL
 from lensfield.engine.calibration.views import View
 from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.measured.files import KINDS
 from lensfield.engine.measured.options import MeasuredOptions
 from lensfield.engine.pictures.spectral_exr import write_rgb_exr
 
@@ -43,6 +45,11 @@ OPENCV_XML = """<?xml version="1.0"?>
 <data>-0.2 0.05 1e-3 -2e-3 0.01</data></Distortion_Coefficients>
 </opencv_storage>
 """
+
+
+def options_for(kind):
+    """OPTIONS, without those that a kind of file does not take."""
+    return OPTIONS if KINDS[kind].takes else replace(OPTIONS, focal_mm=None)
 
 
 def calibration_of(model, coefficients):

@@ -11,7 +11,18 @@ from lensfield.engine.measured.files import KINDS, kind_of, lens_of, read_measur
 from lensfield.engine.measured.options import MeasuredOptions
 from lensfield.engine.pictures.spectral_exr import write_planes_exr, write_rgb_exr
 from lensfield.engine.runtime.errors import InputError, LensError
-from measured_files import COLUMNS, LENSFUN, OPENCV_XML, OPTIONS, PLACES_PX, ROWS, as_json, foreign_map, measured_files
+from measured_files import (
+    COLUMNS,
+    LENSFUN,
+    OPENCV_XML,
+    OPTIONS,
+    PLACES_PX,
+    ROWS,
+    as_json,
+    foreign_map,
+    measured_files,
+    options_for,
+)
 from measuring import lens_directions
 from refusals import refused
 
@@ -32,7 +43,7 @@ def files(tmp_path):
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_kind_of_a_file_follows_from_its_contents(files, kind):
     assert kind_of(files[kind]) == kind.replace("opencv-fisheye", "opencv")
-    straight = read_measured(files[kind], OPTIONS, kind).straight(PLACES_PX)
+    straight = read_measured(files[kind], options_for(kind), kind).straight(PLACES_PX)
     assert np.isfinite(straight.tangents).all() and straight.end[0] >= 1
 
 
@@ -133,10 +144,10 @@ def test_damage_is_reported_in_one_line(files, kind, old, new, field):
     assert old in contents
     path.write_text(contents.replace(old, new, 1))
     if field is None:
-        read_measured(path, OPTIONS, kind)
+        read_measured(path, options_for(kind), kind)
         return
     with refused(LensError, field=field):
-        read_measured(path, OPTIONS, kind)
+        read_measured(path, options_for(kind), kind)
 
 
 def test_other_files_are_refused(tmp_path):
@@ -215,3 +226,9 @@ def test_stmaps_without_places_or_a_focal_length_are_refused(tmp_path):
 def test_impossible_options_are_refused(options, field):
     with refused(InputError, field=field):
         MeasuredOptions(**options)
+
+
+@pytest.mark.parametrize("options, field", [({"focal_mm": 35.0}, "--focal-length"), ({"overscan": 1.2}, "--overscan")])
+def test_options_that_a_kind_does_not_take_are_refused(files, options, field):
+    with refused(InputError, field=field):
+        read_measured(files["opencv"], MeasuredOptions(**options))
