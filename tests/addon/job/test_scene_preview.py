@@ -14,9 +14,9 @@ def last_picture(scene, folder, **given):
 
 
 def last_shown(scene, folder, wavelengths_nm=(550.0,), **given):
-    """R, G and B of the last picture of a scene's preview, and the facts about it."""
+    """R, G and B of the last picture of a scene's preview, in a new folder, and the facts about it."""
     preview, shown = addon.open_preview(scene, lens="zeiss-biotar-50mm", view="camera", lens_quality="preview",
-                                        wavelengths_nm=wavelengths_nm, output_folder=folder, **given), []
+                                        wavelengths_nm=wavelengths_nm, output_folder=folder / "new", **given), []
     preview.run(shown.append, lambda fraction, label: None)
     preview.close()
     with OpenEXR.File(shown[-1]["picture"], separate_channels=True) as file:
