@@ -76,6 +76,10 @@ class Series:
         """Whether a frame's picture exists."""
         return frame in self.animation.results or frame in self.animation.earlier
 
+    def is_current(self, frame):
+        """Whether a frame's picture exists, and shows the scene as it is now."""
+        return self.has_finished(frame) and frame not in self.animation.outdated
+
 
 class Dataset:
     """Frames of a scene through several lenses, rendered frame by frame unless they are finished.
@@ -231,9 +235,10 @@ class Dataset:
         return self._one
 
     def _describe(self, turn):
-        """Write the pairs and the lines that finished pictures of a turn lack."""
+        """Write the pairs and the lines that finished pictures of a turn lack, except those of another state of the
+        scene, whose camera may have been elsewhere."""
         squeeze, frame = turn
-        lacking = [each for each in self.series if each.squeeze == squeeze and each.has_finished(frame)
+        lacking = [each for each in self.series if each.squeeze == squeeze and each.is_current(frame)
                    and not has_line(each.result_of(frame), self._formats, self._pairs)]
         if not lacking:
             return
@@ -254,7 +259,7 @@ class Dataset:
         written = {}
         for lens in dict.fromkeys(each.lens for each in series) if self._pairs == BOKEH else ():
             of_lens = sorted((each for each in self.series if each.lens == lens), key=lambda each: -each.f_number)
-            if all(each.has_finished(frame) for each in of_lens):
+            if all(each.is_current(frame) for each in of_lens):
                 results = {each.f_number: each.result_of(frame) for each in of_lens}
                 files = write_bokeh(lens_stem(lens), results, self._folder, self._job(of_lens[0]))
                 written |= {each.name: {BOKEH: files} for each in of_lens}
@@ -285,7 +290,18 @@ class Dataset:
         if self.elsewhere:
             lines.append(f"left to other processes: {len(self.elsewhere)} of the captures, from frame "
                          f"{self.elsewhere[0][1]} on")
-        return lines
+        return [*lines, *self._left_out]
+
+    @property
+    def _left_out(self):
+        """A line about the pictures that cannot be described, because the scene has changed since, if any."""
+        outdated = {(each.lens, frame) for each in self.series for frame in each.animation.outdated}
+        frames = [frame for each in self.series for frame in self._frames
+                  if (each.lens, frame) in outdated and each.has_finished(frame)
+                  and not has_line(each.result_of(frame), self._formats, self._pairs)]
+        if frames:
+            yield (f"without a line in the index, a calibration or a pair: {len(frames)} of the pictures, from frame "
+                   f"{min(frames)} on, because the scene has changed: Overwrite (--overwrite) renders them again")
 
     @property
     def messages(self):

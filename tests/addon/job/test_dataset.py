@@ -274,6 +274,25 @@ def test_pairs_of_bokeh_have_the_layout_of_realbokeh(ball, captures, tmp_path):
     assert all("bokeh" in line["pairs"] for line in lines(tmp_path))
 
 
+def test_pictures_of_another_state_of_the_scene_get_no_present_pose(ball, captures, tmp_path):
+    """Neither with a further f-number, format and pairs, nor if their lines are missing; until they are overwritten."""
+    rendered(ball, tmp_path, [FAST], [5.6, 8], frames=[1], formats=["opencv"])
+    earlier = lines(tmp_path)
+    next(tmp_path.rglob("*_f8/*_picture.json")).unlink()
+    ball.camera.location.x += 0.1
+    given = {"f_numbers": [5.6, 8, 16], "frames": [1], "formats": ["opencv", "nerfstudio"], "pairs": "bokeh"}
+    later = addon.render_dataset(ball, [FAST], output_folder=tmp_path, **QUICK, **given)
+    current, kept = lines(tmp_path)
+    assert kept == earlier[0] and current["f_number"] == 16 and not current["pairs"]
+    assert current["pose"] != kept["pose"] and not (tmp_path / "pairs").exists()
+    message, = (line for line in later.messages if line.startswith("without a line"))
+    assert "3 of the pictures, from frame 1 on" in message and "--overwrite" in message
+    rendered(ball, tmp_path, [FAST], overwrite=True, **given)
+    index = lines(tmp_path)
+    assert {str(line["pose"]) for line in index} == {str(current["pose"])}
+    assert len(index) == 3 and all("bokeh" in line["pairs"] for line in index)
+
+
 @pytest.mark.parametrize("given, field", [
     ({"pairs": "flare", "stray": StrayOptions("off")}, "stray"),
     ({"pairs": "flare", "stray": StrayOptions("veil"), "files": "pictures"}, "files"),
