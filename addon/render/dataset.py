@@ -5,6 +5,7 @@ processes as animations are. A process captures a frame for all lenses, or leave
 """
 
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -77,8 +78,9 @@ class Series:
         return frame in self.animation.results or frame in self.animation.earlier
 
     def is_current(self, frame):
-        """Whether a frame's picture exists, and shows the scene as it is now."""
-        return self.has_finished(frame) and frame not in self.animation.outdated
+        """Whether a frame's picture exists, and shows the scene as it is now. A render removes the record first."""
+        return (self.has_finished(frame) and frame not in self.animation.outdated
+                and self.result_of(frame).record.is_file())
 
 
 class Dataset:
@@ -162,7 +164,7 @@ class Dataset:
         turns = [(squeeze, frame) for squeeze in sorted({each.squeeze for each in self.series})
                  for frame in self._frames]
         for turn in turns:
-            self._describe(turn)
+            self._describe_earlier(turn)
         yield from filter(self._pending, turns)
         yield from list(self.elsewhere)
         while self._wait and self.elsewhere:
@@ -234,12 +236,23 @@ class Dataset:
                 self._one, self._captured = OneCapture(shared_job(self._scene, jobs)), (squeeze, frames)
         return self._one
 
-    def _describe(self, turn):
-        """Write the pairs and the lines that finished pictures of a turn lack, except those of another state of the
-        scene, whose camera may have been elsewhere."""
+    def _describe_earlier(self, turn):
+        """Describe the pictures of a turn that were finished before this run, unless another process renders them."""
+        if self._lacking(turn):
+            with suppress(Busy), only_writer(self._lock(turn)):
+                self._describe(turn)
+
+    def _lacking(self, turn):
+        """The Series whose pictures of a turn lack a line, a calibration or a pair, except those of another state of
+        the scene, whose camera may have been elsewhere."""
         squeeze, frame = turn
-        lacking = [each for each in self.series if each.squeeze == squeeze and each.is_current(frame)
-                   and not has_line(each.result_of(frame), self._formats, self._pairs)]
+        return [each for each in self.series if each.squeeze == squeeze and each.is_current(frame)
+                and not has_line(each.result_of(frame), self._formats, self._pairs)]
+
+    def _describe(self, turn):
+        """Write the pairs and the lines that finished pictures of a turn lack."""
+        squeeze, frame = turn
+        lacking = self._lacking(turn)
         if not lacking:
             return
         scene = self._scene

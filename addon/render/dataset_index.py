@@ -144,7 +144,19 @@ def _line(path):
         line = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
         return None
-    return line if isinstance(line, dict) and line.get("version") == VERSION else None
+    return line if _is_whole(line) else None
+
+
+def _is_whole(line):
+    """Whether a line of this version has what the index and the calibration files are made of."""
+    try:
+        views = [_view(line, name) for name in line["calibration"]]
+        return (line["version"] == VERSION and isinstance(line["frame"], int) and isinstance(line["pairs"], dict)
+                and all(isinstance(file, str) for file in line["files"].values())
+                and line["files"].keys() >= {"record", *line["calibration"]}
+                and all(view.pose.shape == (4, 4) for view in views))
+    except (AttributeError, KeyError, TypeError, ValueError):
+        return False
 
 
 def _view(line, name):

@@ -11,7 +11,7 @@ from PIL import Image
 
 from lensfield import addon
 from lensfield.addon.render.animation import Animation
-from lensfield.addon.render.dataset_index import INDEX
+from lensfield.addon.render.dataset_index import INDEX, line_path
 from lensfield.addon.render.dataset_pairs import exact_sum
 from lensfield.engine import Options
 from lensfield.engine.calibration.formats import FORMATS, calibrated_for
@@ -22,6 +22,7 @@ from lensfield.engine.pictures.preview import to_rec709
 from lensfield.engine.pictures.spectral_exr import read_exr, read_parts
 from lensfield.engine.plan.options import TIER_ACCURACY
 from lensfield.engine.runtime.errors import InputError
+from lensfield.engine.runtime.locks import only_writer
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 from lensfield.engine.stray.options import StrayOptions
 from noise import assert_means
@@ -291,6 +292,31 @@ def test_pictures_of_another_state_of_the_scene_get_no_present_pose(ball, captur
     index = lines(tmp_path)
     assert {str(line["pose"]) for line in index} == {str(current["pose"])}
     assert len(index) == 3 and all("bokeh" in line["pairs"] for line in index)
+
+
+def test_earlier_pictures_that_another_process_renders_are_left_to_it(ball, captures, tmp_path):
+    result, = rendered(ball, tmp_path, [FAST], [8], frames=[1])
+    line = line_path(result)
+    line.unlink()
+    planned = dataset(ball, tmp_path, [FAST], [8], frames=[1])
+    with only_writer(planned._lock((1.0, 1))):
+        assert not list(planned.turns)
+    assert not line.exists()
+    planned = dataset(ball, tmp_path, [FAST], [8], frames=[1])
+    result.record.unlink()
+    assert not list(planned.turns) and not line.exists() and not lines(tmp_path)
+
+
+@pytest.mark.parametrize("damage", [
+    {"files": {"lens_image": "a.exr"}}, {"files": None}, {"frame": None}, {"pairs": []}, {"pose": [[1, 0], [0, 1]]},
+    {"calibration": {"opencv": {"model": "none"}}}, {"version": 0}])
+def test_damaged_lines_are_written_again(ball, captures, tmp_path, damage):
+    rendered(ball, tmp_path, [FAST], [8], frames=[1])
+    path = next(tmp_path.rglob("*_picture.json"))
+    path.write_text(json.dumps(json.loads(path.read_text()) | damage))
+    assert not rendered(ball, tmp_path, [FAST], [8], frames=[1])
+    line, = lines(tmp_path)
+    assert line["pose"] and captures == [1]
 
 
 @pytest.mark.parametrize("given, field", [
