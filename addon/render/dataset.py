@@ -7,6 +7,7 @@ processes as animations are. A process captures a frame for all lenses, or leave
 import time
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import bpy
@@ -193,8 +194,7 @@ class Dataset:
         _, frame = turn
         series, results = self._pending(turn), []
         for each in series:
-            forget_line(each.result_of(frame))
-            each.animation.share(lambda: self._capture(turn))
+            each.animation.share(partial(self._begin, each, turn))
             results.append(each.animation.render(frame, self._progress(each, progress)))
         self._describe(turn)
         if any(frame in each.animation.elsewhere for each in series):  # a render of this picture alone
@@ -202,6 +202,13 @@ class Dataset:
         if self._one and not self._one_for_all and all(results):
             self._one.remove_passes(self._scene)
         return list(filter(None, results))
+
+    def _begin(self, series, turn):
+        """The OneCapture for a picture that is about to be rendered: its line goes, under its own lock."""
+        _, frame = turn
+        one = self._capture(turn)
+        forget_line(series.result_of(frame))
+        return one
 
     def _progress(self, series, progress):
         """The progress function of a Series, as a part of the progress of all."""

@@ -307,6 +307,17 @@ def test_earlier_pictures_that_another_process_renders_are_left_to_it(ball, capt
     assert not list(planned.turns) and not line.exists() and not lines(tmp_path)
 
 
+def test_lines_of_pictures_that_another_process_has_rendered_stay(ball, captures, tmp_path):
+    """Also if this process was to render them; a render of its own replaces the line."""
+    planned = dataset(ball, tmp_path, [FAST], [8], frames=[1])
+    result, = rendered(ball, tmp_path, [FAST], [8], frames=[1])
+    line_path(result).write_text(line_path(result).read_text().replace('"lensfield-dataset"', '"other"'))
+    assert not [each for turn in planned.turns for each in planned.render(turn)]
+    assert lines(tmp_path)[0]["format"] == "other"
+    assert rendered(ball, tmp_path, [FAST], [8], frames=[1], overwrite=True)
+    assert lines(tmp_path)[0]["format"] == "lensfield-dataset"
+
+
 @pytest.mark.parametrize("damage", [
     {"files": {"lens_image": "a.exr"}}, {"files": None}, {"frame": None}, {"pairs": []}, {"pose": [[1, 0], [0, 1]]},
     {"calibration": {"opencv": {"model": "none"}}}, {"version": 0}])
