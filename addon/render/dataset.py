@@ -34,7 +34,7 @@ from ..scene.undo import Journal
 from .animation import WAIT_S, Animation, frames_of, named_frame
 from .cameras import FrameCamera, frame_camera
 from .comparison import capture_name, lens_stem, squeezed_frame
-from .dataset_index import INDEX, calibrations, forget_line, has_line, write_index, write_line
+from .dataset_index import INDEX, calibrations, forget_line, forget_pairs, has_line, write_index, write_line
 from .dataset_pairs import check_pairs, write_bokeh, write_flare
 from .one_capture import OneCapture, end_jobs, shared_job
 from .render import baking, job_of_frame
@@ -266,7 +266,7 @@ class Dataset:
         with squeezed_frame(scene, squeeze), Journal() as journal:
             go_to_frame(scene, frame, journal)
             pairs = self._written_pairs(lacking, frame)
-            for each in lacking:
+            for each in dict.fromkeys((*lacking, *(each for each in self.series if each.name in pairs))):
                 job, result = self._job(each), each.result_of(frame)
                 camera = FrameCamera(job.lens, frame_grid(scene, job.lens), camera_pose(scene), result.after.name)
                 write_line(result, camera, _facts(scene, each, job), self._formats, pairs.get(each.name, {}))
@@ -282,6 +282,7 @@ class Dataset:
             if all(each.is_current(frame) for each in of_lens):
                 results = {each.f_number: each.result_of(frame) for each in of_lens}
                 files = write_bokeh(lens_stem(lens), results, self._folder, self._job(of_lens[0]))
+                forget_pairs(BOKEH, lens, results.values())
                 written |= {each.name: {BOKEH: files} for each in of_lens}
         return written
 

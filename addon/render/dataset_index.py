@@ -102,6 +102,24 @@ def forget_line(result):
     discard(line_path(result))
 
 
+def forget_pairs(kind, lens, results):
+    """Remove the pairs of a kind from the lines of a frame's other pictures through a lens, whose pairs are replaced.
+
+    Parameters
+    ----------
+    kind : str
+    lens : str
+        As in the lines.
+    results : iterable of Result
+        The pictures of the new pairs.
+    """
+    paths = list(map(line_path, results))
+    for path in set(matching(paths[0].parents[1], f"*/{paths[0].name}")) - set(paths):
+        line = _line(path)
+        if line and line.get("lens") == lens and line["pairs"].pop(kind, None):
+            _write(path, _text(line))
+
+
 def has_line(result, formats, pairs):
     """Whether a picture has its line, with calibrations for these formats, and with pairs of a kind, if any."""
     line = _line(line_path(result))

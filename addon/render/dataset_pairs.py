@@ -3,6 +3,7 @@ data of Flare7K++; or at small and wide stops, as RealBokeh.
 """
 
 import json
+import re
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from lensfield.engine.pictures.spectral_exr import read_exr, read_stray, write_r
 from lensfield.engine.plan.options import DEFAULT_ACCURACY
 from lensfield.engine.runtime.build_identity import software
 from lensfield.engine.runtime.errors import InputError
-from lensfield.engine.runtime.files import atomic_path
+from lensfield.engine.runtime.files import atomic_path, discard, matching
 
 from ...request import BOKEH, FLARE, IRRADIANCE
 from ..job.shown import look_for, write_shown
@@ -83,7 +84,7 @@ def exact_sum(flared, flare):
 
 def write_bokeh(lens, results, folder, job):
     """Write the pictures of a frame through a lens at several f-numbers as PNGs of the same exposure, and their
-    metadata.
+    metadata, in the place of those at other f-numbers.
 
     Parameters
     ----------
@@ -115,5 +116,9 @@ def write_bokeh(lens, results, folder, job):
               "target_images": targets, "target_avs": target_avs}
     with atomic_path(metadata) as temporary:
         temporary.write_text(json.dumps(values, indent=2) + "\n", encoding="utf-8")
+    of_frame = re.compile(rf"{re.escape(lens)}_f[^_]+_{re.escape(next(iter(results.values())).stem)}\.png")
+    for path in matching(split, "*/*.png"):
+        if of_frame.fullmatch(path.name) and path.relative_to(split).as_posix() not in (source, *targets):
+            discard(path)
     return {"metadata": metadata, **{f"f{f_number:g}": split / path for f_number, path in zip(
         results, (source, *targets), strict=True)}}

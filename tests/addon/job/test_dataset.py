@@ -330,6 +330,24 @@ def test_damaged_lines_are_written_again(ball, captures, tmp_path, damage):
     assert line["pose"] and captures == [1]
 
 
+def test_pairs_of_bokeh_follow_the_f_numbers(ball, captures, tmp_path):
+    """A further f-number becomes the sharp one; f-numbers of another run take the place of the earlier ones."""
+    def pictures():
+        return {(path.parent.name, path.name.removeprefix(f"{FAST}_").removesuffix("_ball_Scene_0001.png"))
+                for path in (tmp_path / "pairs").rglob("*.png")}
+
+    for f_numbers in ([5.6, 8], [5.6, 8, 16]):
+        rendered(ball, tmp_path, [FAST], f_numbers, frames=[1], pairs="bokeh")
+    assert pictures() == {("in", "f16"), ("gt", "f8"), ("gt", "f5.6")}
+    pairs, = {json.dumps(line["pairs"]) for line in lines(tmp_path)}
+    files = json.loads(pairs)["bokeh"]
+    assert files.keys() == {"metadata", "f5.6", "f8", "f16"}
+    assert all((tmp_path / file).is_file() for file in files.values())
+    rendered(ball, tmp_path, [FAST], [4, 5.6], frames=[1], pairs="bokeh")
+    assert pictures() == {("in", "f5.6"), ("gt", "f4")}
+    assert {line["f_number"] for line in lines(tmp_path) if line["pairs"]} == {4, 5.6}
+
+
 @pytest.mark.parametrize("given, field", [
     ({"pairs": "flare", "stray": StrayOptions("off")}, "stray"),
     ({"pairs": "flare", "stray": StrayOptions("veil"), "files": "pictures"}, "files"),
