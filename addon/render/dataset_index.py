@@ -34,10 +34,13 @@ def calibrations(camera, formats):
     Raises
     ------
     InputError
-        A format cannot describe the lens.
+        A format cannot describe the lens or the camera.
     """
     try:
-        return {name: calibrated_for(name, camera.lens, camera.grid, reference_nm(camera.lens)) for name in formats}
+        fits = {name: calibrated_for(name, camera.lens, camera.grid, reference_nm(camera.lens)) for name in formats}
+        for name, fit in fits.items():
+            FORMATS[name].text([View(fit, camera.pose, camera.picture)])  # refuses what its file cannot express
+        return fits
     except InputError as error:
         if error.field != OPTION:
             raise

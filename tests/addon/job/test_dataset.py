@@ -199,6 +199,7 @@ def test_lenses_of_each_squeeze_have_a_capture(ball, captures, tmp_path):
     ({"lenses": [SHARP, SHARP]}, "lens", "a second folder tessar-50mm_f5.6"),
     ({"depth": "traced"}, "depth", "a traced lens captures no light for other lenses"),
     ({"lenses": [ANAMORPHIC], "f_numbers": [8], "formats": ["lensfun"]}, "calibration", "is anamorphic"),
+    ({"formats": ["opencv", "lensfun"]}, "calibration", "set the camera's Shift and Tilt to 0"),
     ({"truth": "flow", "frames": [1]}, "motion", None)])
 def test_bad_input_is_refused_before_the_render(ball, captures, tmp_path, given, field, match):
     if given.get("truth"):
