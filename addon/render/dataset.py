@@ -40,6 +40,9 @@ from .one_capture import OneCapture, end_jobs, shared_job
 from .render import baking, job_of_frame
 
 CLOSE = 1e-3  # relative: f-numbers that differ less are the same
+OF_LENS = {"lens": "give lenses", "f_number": "give f_numbers",
+           "view": "leave it out: every lens is scaled to the view of the scene's camera"}
+"""Fields of a RenderRequest that a dataset sets itself, and what to do instead."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,8 +111,8 @@ class Dataset:
     progress : callable (fraction, label), optional
         While the lenses are baked.
     given : by name
-        Fields of a `RenderRequest`, as in `render_through_lens`, except `view`: each lens is scaled to the view of the
-        scene's camera.
+        Fields of a `RenderRequest`, as in `render_through_lens`, except `lens`, `f_number` and `view`: each lens is
+        scaled to the view of the scene's camera.
 
     Attributes
     ----------
@@ -129,6 +132,7 @@ class Dataset:
         self._formats, self._pairs = tuple(formats), pairs
         self._frames = list(frames_of(scene) if frames is None else frames)
         self._one, self._captured, self._fractions, self.elsewhere = None, None, {}, []
+        _check_given(lenses, self._frames, given)
         if (given.get("depth") or scene.lensfield.value_of("depth")) == TRACED:
             raise InputError("options", "depth", TRACED,
                              "expected auto or off: a traced lens captures no light for other lenses")
@@ -343,6 +347,17 @@ def _facts(scene, series, job):
             "working_f_number": lens.f_number_effective,
             "focus_mm": lens.object_distance_mm + lens.entrance_pupil_mm, "wavelengths_nm": job.wavelengths_nm,
             "unit": UNITS[IRRADIANCE], "truth": job.truth.split(",") if job.truth else []}
+
+
+def _check_given(lenses, frames, given):
+    """Raise an InputError without lenses or frames, or for fields of a RenderRequest that each lens has its own of."""
+    if not lenses:
+        raise InputError("options", "lenses", "", "give one or more names or files")
+    if not frames:
+        raise InputError("options", "frames", "", "give one or more frames")
+    for name, remedy in OF_LENS.items():
+        if given.get(name) is not None:
+            raise InputError("options", name, given[name], remedy)
 
 
 def _requested(lenses, f_numbers):

@@ -196,6 +196,11 @@ def test_lenses_of_each_squeeze_have_a_capture(ball, captures, tmp_path):
 @pytest.mark.parametrize("given, field, match", [
     ({"lenses": ["tessar-50mm"], "f_numbers": [2]}, "f-number", "tessar-50mm has f/5.5 to f/22"),
     ({"lenses": ["no-lens"]}, "lens", None),
+    ({"lenses": []}, "lenses", "give one or more"),
+    ({"frames": []}, "frames", "give one or more"),
+    ({"lens": SHARP}, "lens", "give lenses"),
+    ({"f_numbers": (), "f_number": 8.0}, "f_number", "give f_numbers"),
+    ({"view": "lens"}, "view", "the view of the scene's camera"),
     ({"lenses": [SHARP, SHARP]}, "lens", "a second folder tessar-50mm_f5.6"),
     ({"depth": "traced"}, "depth", "a traced lens captures no light for other lenses"),
     ({"lenses": [ANAMORPHIC], "f_numbers": [8], "formats": ["lensfun"]}, "calibration", "is anamorphic"),
