@@ -8,6 +8,7 @@ import time
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
+from math import inf
 from pathlib import Path
 
 import bpy
@@ -40,6 +41,7 @@ from .one_capture import OneCapture, end_jobs, shared_job
 from .render import baking, job_of_frame
 
 CLOSE = 1e-3  # relative: f-numbers that differ less are the same
+INDEX_S = 5.0  # least time between two states of the index, which reads the lines of all pictures
 OF_LENS = {"lens": "give lenses", "f_number": "give f_numbers",
            "view": "leave it out: every lens is scaled to the view of the scene's camera"}
 """Fields of a RenderRequest that a dataset sets itself, and what to do instead."""
@@ -132,6 +134,7 @@ class Dataset:
         self._formats, self._pairs = tuple(formats), pairs
         self._frames = list(frames_of(scene) if frames is None else frames)
         self._one, self._captured, self._fractions, self.elsewhere = None, None, {}, []
+        self._indexed_s = -inf
         _check_given(lenses, self._frames, given)
         if (given.get("depth") or scene.lensfield.value_of("depth")) == TRACED:
             raise InputError("options", "depth", TRACED,
@@ -178,7 +181,7 @@ class Dataset:
         self._one = None  # frees much memory
         for each in self.series:
             each.animation.finish()
-        write_index(self._folder)
+        self._write_index()
 
     def render(self, turn, progress=None):
         """Render the missing pictures of a turn: list of Result, without those that another process has rendered or is
@@ -191,8 +194,13 @@ class Dataset:
         except Busy:
             self.elsewhere.append(turn)
             return []
-        write_index(self._folder)
+        if time.monotonic() - self._indexed_s > INDEX_S:
+            self._write_index()
         return results
+
+    def _write_index(self):
+        write_index(self._folder)
+        self._indexed_s = time.monotonic()
 
     def _pictures(self, turn, progress):
         _, frame = turn

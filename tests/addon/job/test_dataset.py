@@ -10,6 +10,7 @@ import pytest
 from PIL import Image
 
 from lensfield import addon
+from lensfield.addon.render import dataset as dataset_module
 from lensfield.addon.render.animation import Animation
 from lensfield.addon.render.dataset_index import INDEX, line_path
 from lensfield.addon.render.dataset_pairs import exact_sum
@@ -155,6 +156,15 @@ def test_a_stopped_run_resumes(ball, captures, tmp_path, monkeypatch):
     (folder / INDEX).unlink()
     assert not rendered(ball, folder) and len(lines(folder)) == 8
     assert [path.name for path in folder.iterdir() if path.name.startswith(".")] == []
+
+
+@pytest.mark.parametrize("least_s, count", [(0, 3), (1e9, 2)])
+def test_the_index_is_written_now_and_then_and_at_the_end(ball, captures, tmp_path, monkeypatch, least_s, count):
+    counts, write = [], dataset_module.write_index
+    monkeypatch.setattr(dataset_module, "INDEX_S", least_s)
+    monkeypatch.setattr(dataset_module, "write_index", lambda folder: counts.append(write(folder)))
+    rendered(ball, tmp_path, [SHARP], [8])
+    assert len(counts) == count and len(lines(tmp_path)) == 2
 
 
 def test_runs_of_other_frames_and_lenses_share_the_index(ball, captures, tmp_path):
