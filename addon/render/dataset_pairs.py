@@ -14,6 +14,8 @@ from lensfield.engine.plan.options import DEFAULT_ACCURACY
 from lensfield.engine.runtime.build_identity import software
 from lensfield.engine.runtime.errors import InputError
 from lensfield.engine.runtime.files import atomic_path, discard, matching
+from lensfield.engine.stray.options import GHOSTS
+from lensfield.engine.stray.stray_light import no_ghosts
 
 from ...request import BOKEH, FLARE, IRRADIANCE
 from ..job.shown import look_for, write_shown
@@ -38,6 +40,9 @@ def check_pairs(kind, job, f_numbers):
     if kind == FLARE and not job.stray.parts(job.options.accuracy or DEFAULT_ACCURACY):
         raise InputError("options", "stray", job.stray.stray_light,
                          "pairs of flare need stray light: choose its parts, such as ghosts,veil,star")
+    absent = no_ghosts(job.lens, np.array(job.wavelengths_nm)) if set(job.stray.listed) == {GHOSTS} else ""
+    if kind == FLARE and absent:
+        raise InputError("options", "stray", GHOSTS, f"{absent}; or add other parts, such as veil")
     if kind == FLARE and not job.writes(IRRADIANCE):
         raise InputError("options", "files", job.files, "pairs of flare are made from the irradiance: write it, too")
     if kind == BOKEH and len(f_numbers) < 2:

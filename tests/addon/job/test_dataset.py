@@ -366,6 +366,7 @@ def test_pairs_of_bokeh_follow_the_f_numbers(ball, captures, tmp_path):
 
 @pytest.mark.parametrize("given, field", [
     ({"pairs": "flare", "stray": StrayOptions("off")}, "stray"),
+    ({"pairs": "flare", "stray": StrayOptions("ghosts"), "coating": "ideal"}, "stray"),
     ({"pairs": "flare", "stray": StrayOptions("veil"), "files": "pictures"}, "files"),
     ({"pairs": "bokeh", "f_numbers": [8]}, "f-number"), ({"pairs": "bokeh", "depth": "off"}, "depth")])
 def test_impossible_pairs_are_refused(ball, tmp_path, given, field):
