@@ -13,6 +13,7 @@ from pathlib import Path
 
 import bpy
 
+from lensfield.engine.calibration.formats import FORMATS
 from lensfield.engine.depth.depth_range import TRACED
 from lensfield.engine.field.overscan import CAMERA_VIEW
 from lensfield.engine.image.spectral_image import IRRADIANCE, UNITS
@@ -35,7 +36,17 @@ from ..scene.undo import Journal
 from .animation import WAIT_S, Animation, frames_of, named_frame
 from .cameras import FrameCamera, frame_camera
 from .comparison import capture_name, lens_stem, squeezed_frame
-from .dataset_index import INDEX, calibrations, forget_line, forget_pairs, has_line, write_index, write_line
+from .dataset_index import (
+    INDEX,
+    calibrations,
+    forget_line,
+    forget_pairs,
+    has_line,
+    kept_lines,
+    shared_models,
+    write_index,
+    write_line,
+)
 from .dataset_pairs import check_pairs, write_bokeh, write_flare
 from .one_capture import OneCapture, end_jobs, shared_job
 from .render import baking, job_of_frame
@@ -62,6 +73,8 @@ class Series:
     given : dict
         Fields of its RenderRequest.
     animation : Animation
+    models : dict of str: str or None
+        Of calibrations in files with several cameras, by format.
     """
 
     lens: str
@@ -69,6 +82,7 @@ class Series:
     squeeze: float
     given: dict
     animation: Animation
+    models: dict
 
     @property
     def name(self):
@@ -161,9 +175,19 @@ class Dataset:
                 job = job_of_frame(self._scene, self._frames[0], baking=baking(progress), **given)
                 check_pairs(self._pairs, job, self._f_numbers)
                 check_job(self._scene, job)
-                calibrations(frame_camera(self._scene, self._frames[0], **given), self._formats)
+                calibrations(frame_camera(self._scene, self._frames[0], **given), self._formats, {})
             animation = Animation(self._scene, self._frames, overwrite=overwrite, any_build=any_build, **given)
-        return Series(lens, f_number, squeeze, given, animation)
+            models = self._models(animation, given)
+        return Series(lens, f_number, squeeze, given, animation, models)
+
+    def _models(self, animation, given):
+        """The models of calibrations in files with the cameras of several frames, by format."""
+        formats = [name for name in self._formats if FORMATS[name].poses]
+        if not formats:
+            return {}
+        cameras = (frame_camera(self._scene, frame, **given) for frame in self._frames)
+        described = set(self._frames) - set(animation.outdated)
+        return shared_models(cameras, formats, kept_lines(given["output_folder"], stem_of(self._scene), described))
 
     @property
     def turns(self):
@@ -262,11 +286,11 @@ class Dataset:
                 self._describe(turn)
 
     def _lacking(self, turn):
-        """The Series whose pictures of a turn lack a line, a calibration or a pair, except those of another state of
-        the scene, whose camera may have been elsewhere."""
+        """The Series whose pictures of a turn lack a line, a calibration or a pair, without pictures of another
+        state of the scene, whose camera may have been elsewhere."""
         squeeze, frame = turn
         return [each for each in self.series if each.squeeze == squeeze and each.is_current(frame)
-                and not has_line(each.result_of(frame), self._formats, self._pairs)]
+                and not has_line(each.result_of(frame), self._formats, self._pairs, each.models)]
 
     def _describe(self, turn):
         """Write the pairs and the lines that finished pictures of a turn lack."""
@@ -281,7 +305,8 @@ class Dataset:
             for each in dict.fromkeys((*lacking, *(each for each in self.series if each.name in pairs))):
                 job, result = self._job(each), each.result_of(frame)
                 camera = FrameCamera(job.lens, frame_grid(scene, job.lens), camera_pose(scene), result.after.name)
-                write_line(result, camera, _facts(scene, each, job), self._formats, pairs.get(each.name, {}))
+                write_line(result, camera, _facts(scene, each, job), self._formats, pairs.get(each.name, {}),
+                           each.models)
 
     def _written_pairs(self, series, frame):
         """Write the pairs of finished pictures of a frame: {name of a Series: {kind: {name of a file: its path}}}."""
@@ -331,7 +356,7 @@ class Dataset:
         outdated = {(each.lens, frame) for each in self.series for frame in each.animation.outdated}
         frames = [frame for each in self.series for frame in self._frames
                   if (each.lens, frame) in outdated and each.has_finished(frame)
-                  and not has_line(each.result_of(frame), self._formats, self._pairs)]
+                  and not has_line(each.result_of(frame), self._formats, self._pairs, each.models)]
         if frames:
             yield (f"without a line in the index, a calibration or a pair: {len(frames)} of the pictures, from frame "
                    f"{min(frames)} on, because the scene has changed: Overwrite (--overwrite) renders them again")

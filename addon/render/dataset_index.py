@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from lensfield.engine.calibration.formats import FORMATS, OPTION, calibrated_for
+from lensfield.engine.calibration.models import MODELS
 from lensfield.engine.calibration.stored import calibration_from, calibration_values
 from lensfield.engine.calibration.views import View
 from lensfield.engine.inspection.curves import reference_nm
@@ -28,8 +29,15 @@ INDEX, LINE_END = "index.jsonl", "picture.json"
 WAIT_S = 0.1  # until another process has written the index
 
 
-def calibrations(camera, formats):
+def calibrations(camera, formats, models):
     """The calibrations of a FrameCamera by format: dict of str: Calibration.
+
+    Parameters
+    ----------
+    camera : FrameCamera
+    formats : iterable of str
+    models : dict of str: str or None
+        Names of models by format; without one, the simplest that fits.
 
     Raises
     ------
@@ -37,9 +45,10 @@ def calibrations(camera, formats):
         A format cannot describe the lens or the camera.
     """
     try:
-        fits = {name: calibrated_for(name, camera.lens, camera.grid, reference_nm(camera.lens)) for name in formats}
+        fits = {name: calibrated_for(name, camera.lens, camera.grid, reference_nm(camera.lens), models.get(name))
+                for name in formats}
         for name, fit in fits.items():
-            FORMATS[name].text([View(fit, camera.pose, camera.picture)])  # refuses what its file cannot express
+            FORMATS[name].text([View(fit, camera.pose, camera.picture)])  # raises the errors of its file
         return fits
     except InputError as error:
         if error.field != OPTION:
@@ -47,7 +56,50 @@ def calibrations(camera, formats):
         raise InputError("options", "calibration", error.value, error.remedy) from None
 
 
-def write_line(result, camera, facts, formats, pairs):
+def shared_models(cameras, formats, kept):
+    """The models for formats whose file has the cameras of several frames, and states once whether they are fisheyes:
+    dict of str: name, or None for the simplest.
+
+    Parameters
+    ----------
+    cameras : iterable of FrameCamera
+    formats : sequence of str
+    kept : list of dict
+        Lines of a scene's other pictures in the same folder.
+
+    Raises
+    ------
+    InputError
+        A camera is a fisheye, but other pictures already have ordinary ones.
+    """
+    models = dict.fromkeys(formats)
+    for camera in cameras:
+        for name, fit in calibrations(camera, formats, {}).items():
+            models[name] = models[name] or _fisheye([fit.model])
+    for name in formats:
+        written = {line["frame"]: MODELS[line["calibration"][name]["model"]]
+                   for line in kept if name in line["calibration"]}
+        ordinary = [frame for frame, model in written.items() if not model.fisheye]
+        if models[name] and ordinary:
+            raise InputError("options", "calibration", name, "some of the frames are fisheyes, unlike frame "
+                             f"{ordinary[0]}, which is in the file already: render all of them together (--frames), if "
+                             "need be with --overwrite, or into another folder")
+        models[name] = models[name] or _fisheye(written.values())
+    return models
+
+
+def _fisheye(models):
+    """The name of the first model of a fisheye; None without one."""
+    return next((model.name for model in models if model.fisheye), None)
+
+
+def kept_lines(folder, stem, frames):
+    """The lines of a scene's finished pictures in a folder, without the given frames: list of dict."""
+    lines = filter(None, (_finished(folder.parent, path) for path in matching(folder, f"{stem}_*_{LINE_END}")))
+    return [line for line in lines if _scene_of(line) == f"{folder.name}/{stem}" and line["frame"] not in frames]
+
+
+def write_line(result, camera, facts, formats, pairs, models):
     """Write the line of a finished picture, and the calibration files that are for one camera. Calibrations for other
     formats and pairs of other kinds in an existing line remain.
 
@@ -62,10 +114,13 @@ def write_line(result, camera, facts, formats, pairs):
         Of calibrations.
     pairs : dict of str: dict of str: Path
         Files of pairs by kind and name.
+    models : dict of str: str or None
+        Of calibrations, as for `calibrations`.
     """
     folder = result.record.parents[1]
     earlier = _line(line_path(result)) or {"calibration": {}, "pairs": {}}
-    files, fits = _files(result), calibrations(camera, dict.fromkeys((*earlier["calibration"], *formats)))
+    files, fits = _files(result), calibrations(camera, formats, models)
+    files |= {name: folder / earlier["files"][name] for name in earlier["calibration"]}
     for name, calibration in fits.items():
         files[name] = _calibration_path(result, name)
         if not FORMATS[name].poses:
@@ -75,7 +130,7 @@ def write_line(result, camera, facts, formats, pairs):
             "pairs": earlier["pairs"] | {kind: _relative(paths, folder) for kind, paths in pairs.items()},
             "truth_channels": _channels(result.truth) if "truth" in files else [],
             "size_px": camera.grid.shape_px[::-1], "pose": camera.pose,
-            "calibration": {name: calibration_values(fit) for name, fit in fits.items()}}
+            "calibration": earlier["calibration"] | {name: calibration_values(fit) for name, fit in fits.items()}}
     _write(line_path(result), _text(line))
 
 
@@ -123,10 +178,12 @@ def forget_pairs(kind, lens, results):
             _write(path, _text(line))
 
 
-def has_line(result, formats, pairs):
-    """Whether a picture has its line, with calibrations for these formats, and with pairs of a kind, if any."""
+def has_line(result, formats, pairs, models):
+    """Whether a picture has its line, with calibrations for these formats, by these models for those that have one, and
+    with pairs of a kind, if any."""
     line = _line(line_path(result))
-    return line is not None and line["calibration"].keys() >= set(formats) and (not pairs or pairs in line["pairs"])
+    return (line is not None and line["calibration"].keys() >= set(formats) and (not pairs or pairs in line["pairs"])
+            and all(model in (None, line["calibration"][name]["model"]) for name, model in models.items()))
 
 
 def write_index(folder):

@@ -32,7 +32,7 @@ from small_scenes import WAVELENGTHS_NM, material, wall
 from snapshot import differences, snapshot
 from waiting import LAST_RESORT_S
 
-SHARP, FAST, ANAMORPHIC = "tessar-50mm", "angenieux-50mm", "cooke-42mm-2x"
+SHARP, FAST, ANAMORPHIC, FISHEYE = "tessar-50mm", "angenieux-50mm", "cooke-42mm-2x", "muller-fisheye-25mm"
 FOLDERS = [f"{lens}_f{f_number}" for lens in (FAST, SHARP) for f_number in ("5.6", "8")]
 QUICK = {"wavelengths_nm": WAVELENGTHS_NM, "spectral": SpectralOptions("preview"),
          "options": Options(accuracy=TIER_ACCURACY["preview"])}
@@ -132,6 +132,33 @@ def test_calibrations_agree_with_the_camera_of_each_frame(ball, tmp_path):
                                                                    for frame in (1, 2)]
     np.testing.assert_allclose(cameras["frames"][1]["transform_matrix"], camera.pose)
     np.testing.assert_allclose(line["pose"], camera.pose)
+
+
+def test_all_cameras_of_a_file_are_of_one_kind(ball, captures, tmp_path):
+    """Of a zoom whose frames are fisheyes or not, also in several runs; unless other frames cannot be written again."""
+    data = ball.camera.data
+    data.shift_x = 0
+    for frame, focal_mm in ((1, 60), (2, 14)):
+        data.lens = focal_mm
+        data.keyframe_insert("lens", frame=frame)
+    ball.frame_set(1)
+    given = {"formats": ["nerfstudio"], "lenses": [FISHEYE], "f_numbers": []}
+
+    def kinds(folder):
+        return [line["calibration"]["nerfstudio"]["model"] for line in lines(folder)]
+
+    rendered(ball, tmp_path / "a", **given | {"frames": [1]})
+    assert kinds(tmp_path / "a") != ["kannala-brandt"]
+    with refused(InputError, field="calibration", match="unlike frame 1"):
+        dataset(ball, tmp_path / "a", **given | {"frames": [2]})
+    for frames in ([1, 2], [1]):
+        rendered(ball, tmp_path / "a", **given | {"frames": frames})
+        assert kinds(tmp_path / "a") == 2 * ["kannala-brandt"]
+    cameras = json.loads(next(tmp_path.rglob("*_nerfstudio.json")).read_text())
+    assert cameras["camera_model"] == "OPENCV_FISHEYE" and len(cameras["frames"]) == 2
+    rendered(ball, tmp_path / "b", **given | {"frames": [2]})
+    rendered(ball, tmp_path / "b", **given | {"frames": [1]})
+    assert kinds(tmp_path / "b") == 2 * ["kannala-brandt"] and captures == [1, 2, 2, 1]
 
 
 def test_a_stopped_run_resumes(ball, captures, tmp_path, monkeypatch):
