@@ -20,7 +20,7 @@ from .surface_passes import surface_planes_steps
 
 KINDS = {"coverage": "Object", "material-coverage": "Material", "collection-coverage": "Object"}
 """Kinds of truth, and the Cryptomatte layers that they are made from."""
-SAMPLES = 16
+MATTE_SAMPLES = 16
 WITHOUT_MATERIAL = "default_surface"  # Cycles' name of the material of objects without one
 
 
@@ -61,7 +61,7 @@ def _slab_steps(ready, slab, times, kinds, fraction):
         no_ids = nothing[None].view(np.uint32)
         return dict.fromkeys(kinds, shares_of_surfaces(no_ids, nothing[None], nothing, True, times))
     passes = {f"cryptomatte_{kind.lower()}": f"{CRYPTOMATTE}{kind}" for kind in kinds}
-    samples = max(min(SAMPLES, effective_samples(ready.scene)) // times**2, 1)
+    samples = max(min(MATTE_SAMPLES, effective_samples(ready.scene)) // times**2, 1)
     planes = yield from surface_planes_steps(ready, replace(slab, transparent=True),
                                              passes | {"combined": "Combined.A"}, samples, fraction, times=times,
                                              motion_blur=True)
@@ -93,8 +93,9 @@ def _materials(ready):
 
 def _collections(ready):
     """An object's owner is the first collection in the Outliner that contains it directly. The mask of a collection
-    includes the collections in it, except the scene's, and those that are in an earlier one, too: all masks at the top
-    level add up to all surfaces. Names of linked collections include their file, as another may have the same."""
+    includes the collections in it, except for Scene Collection, and unless an earlier one contains them, too: all masks
+    at the top level add up to all surfaces. Names of linked collections include their file, because they may repeat.
+    """
     root, home, members = ready.scene.collection, {}, {}
 
     def visit(collection, above):

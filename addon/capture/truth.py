@@ -32,7 +32,7 @@ from ..scene.render_state import effective_samples, go_to_frame, rendered_layer
 from ..scene.truth_outputs import INDICES
 from ..scene.undo import Journal
 from ..scene.units import M_TO_MM, depth_pass_m, metres_per_unit
-from .coverage import WITHOUT_MATERIAL, mattes_steps
+from .coverage import MATTE_SAMPLES, WITHOUT_MATERIAL, mattes_steps
 from .surface_passes import surface_planes_steps
 
 FIRST_OBJECT = f"{CRYPTOMATTE}Object00.r"
@@ -44,7 +44,6 @@ DATA = {"depth": {"z": f"{DEPTH}.Z"}, "position": {"z": f"{DEPTH}.Z"}, "normal":
 """Blender's passes of one sample, and their channels, for each kind of truth."""
 MATTES = {"cryptomatte": {f"cryptomatte_{kind.lower()}": f"{CRYPTOMATTE}{kind}"
                           for kind in ("Object", "Material", "Asset")}}
-MATTE_SAMPLES = 16
 ID_CHANNELS = "rb"
 CATEGORY = "category_id"  # BlenderProc's custom property
 

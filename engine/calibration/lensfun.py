@@ -11,11 +11,11 @@ from xml.sax.saxutils import escape, quoteattr
 import numpy as np
 import scipy
 
+from ..lens.formats import crop_factor
 from ..runtime.errors import InputError
 from .fit import Calibration
 from .views import View, origin
 
-FULL_FRAME_MM = np.hypot(36, 24)
 LARGEST_OFFSET_PX = 0.01  # of the axis from the middle of the frame
 NAMES = {"poly3": ("k1",), "poly5": ("k1", "k2"), "ptlens": ("a", "b", "c")}
 """Of the coefficients. A model's name may have the type of a fisheye after it, as in poly5-equisolid."""
@@ -46,7 +46,7 @@ def lensfun_text(views: Sequence[View]) -> str:
         f"<!-- focal length of the undistorted picture: {size_px * pitch_mm:.8g} mm -->",
         '<lensdatabase version="1">', "  <lens>", "    <maker>Lensfield</maker>", f"    <model>{name}</model>",
         "    <mount>Generic</mount>",
-        f"    <cropfactor>{FULL_FRAME_MM / np.hypot(long, short) / pitch_mm:.6f}</cropfactor>",
+        f"    <cropfactor>{crop_factor((long * pitch_mm, short * pitch_mm)):.6f}</cropfactor>",
         f"    <aspect-ratio>{long / short:.6f}</aspect-ratio>", f"    <type>{kind or 'rectilinear'}</type>",
         "    <calibration>",
         f'      <distortion model="{model}" focal={focal} {words}/>',
