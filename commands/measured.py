@@ -19,8 +19,8 @@ def add(commands):
     measured = commands.add_parser("measured", help="convert a calibration, an STMap or an entry of Lensfun's database "
                                                     "to a lens package")
     measured.description = (
-        "Write a lens package with the distortion that another program has measured. Its blur is that of diffraction, "
-        "or of a designed lens; defocus is that of a thin lens.")
+        "Write a lens package with the distortion that another program has measured. The lens blurs by diffraction, or "
+        "as a designed lens does, and defocuses as a thin lens.")
     measured.add_argument("file", type=Path, nargs="?", metavar="FILE",
                           help="; ".join(f"{name}: {each.title}" for name, each in KINDS.items())
                           + ". Optional with --as lensfun: the installed database")
@@ -31,7 +31,7 @@ def add(commands):
                           help="selects one of several in a file: COLMAP's CAMERA_ID, Kalibr's camera, nerfstudio's "
                                "frame, or a lens as Lensfun names it")
     measured.add_argument("--sensor", metavar="WIDTHxHEIGHT",
-                          help=f"sensor size in mm, in which the picture fits, or one of {', '.join(FORMATS)} "
+                          help=f"size in mm of the sensor that the picture fits on, or one of {', '.join(FORMATS)} "
                                f"(default: as in the file, or {DEFAULT_WIDTH_MM:g} mm wide)")
     measured.add_argument("--focal-length", type=float, metavar="MM",
                           help="of an STMap, or of a zoom lens in Lensfun's database")

@@ -45,7 +45,7 @@ class LENSFIELD_OT_open_measured(bpy.types.Operator):
         description="Which one, if the file contains several: a camera, a frame's picture, or a lens's maker and model")
     sensor_mm: FloatVectorProperty(
         name="Sensor (mm)", size=2, min=0, max=1000, precision=2, options={"SKIP_SAVE"},
-        description=f"Width and height of a sensor, in which the picture fits. 0: as in the file, or "
+        description=f"Width and height of the sensor that the picture fits on. 0: as in the file, or "
                     f"{DEFAULT_WIDTH_MM:g} mm wide")
     focal_mm: FloatProperty(
         name="Focal Length (mm)", min=0, max=10_000, precision=2, options={"SKIP_SAVE"},
