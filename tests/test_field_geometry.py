@@ -35,7 +35,6 @@ OTHER_GEOMETRY = {
     "engine.stray.cells": "the transform of a disc",
     "engine.stray.veil": "the marginal ray at surfaces, and distances from scattered light",
     "engine.calibration.fit": "distances between pixels, and the largest angle from the axis",
-    "engine.calibration.lensfun": "the diagonals of formats",
     "engine.calibration.models": "the radius in other programs' models",
     "engine.calibration.rays": "the farthest pixel from the axis, and its distortion",
     "engine.spectral.colour_difference": "chroma",

@@ -3,7 +3,8 @@
 Three wavelengths are rendered in several combinations: together; each in another channel, with other wavelengths; and
 each alone, with three identical channels, which cannot mix. The planes must be the same, pixel by pixel. If a shader
 chooses randomly between lobes, or between channels as volumes and subsurface scattering do, all channels together
-determine the choice: then the noise differs, and only means over the picture must be the same.
+determine the choice: then the noise differs, and only means over the picture must be the same, within one per cent.
+Cycles' Filter Glossy depends on that choice, and its sampling of principled hair is approximate.
 
 Exceptions, where channels do interact, are also tested below, by Cycles alone, to detect changes in Blender.
 """
@@ -24,14 +25,13 @@ from noise import assert_means, surely_apart
 from small_scenes import set_world
 
 TOGETHER_NM = [450, 550, 650]
-SHIFTED_NM = [400, 450, 500, 550, 600, 650]  # 450 is in green, 550 in blue, 650 in red
-ALONE_NM = [450, 450.001, 450.002, 550, 550.001, 550.002, 650, 650.001, 650.002]  # a thousandth of a nm is negligible
+COMPANIONS_NM = {450: [400, 450, 500], 550: [550, 600, 680], 650: [520, 650, 700]}  # in green, blue and green
 STRONG_COLOUR = (0.9, 0.35, 0.08)
 ONLY_ITS_BLUE = STRONG_COLOUR[2:] * 3
 OTHER_COLOUR = (0.1, 0.5, 0.8)
 FILTER_GLOSSY = 5.0  # more than usual: 1 is Blender's default
 EXACT = 1e-5  # of a pixel and of the mean radiance: 160 operations with errors of 2^-24, all in one direction
-COUPLED = 0.01  # of the mean radiance: the threshold of a systematic difference; 5 sigma of noise are less
+COUPLED = 0.01  # of the mean radiance: larger systematic differences are coupling; 5 sigma of noise are less
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ def test_other_wavelengths_in_a_pass_change_only_the_noise(scene, tmp_path, kind
     furnish(scene, kind)
     alone, *companies = in_companies(scene, tmp_path)
     for planes in companies:
-        assert_means(planes, alone, noise=COUPLED)
+        assert_means(planes, alone, rtol=COUPLED, noise=COUPLED)
 
 
 def test_filter_glossy_was_on_in_the_tests_above(scene, tmp_path):
@@ -155,7 +155,7 @@ def test_coloured_tints_couple_channels(scene, tmp_path, tint, lobe):
 def test_other_coloured_inputs_do_not_couple_channels(scene, tmp_path, colour, lobe):
     grey = lobe | {"Base Color": (0.5, 0.5, 0.5)}
     coupled, alone = (blue_of(scene, tmp_path, grey | {colour: value}) for value in (STRONG_COLOUR, ONLY_ITS_BLUE))
-    assert_means(coupled, alone, noise=COUPLED)
+    assert_means(coupled, alone, rtol=COUPLED, noise=COUPLED)
 
 
 @pytest.mark.parametrize("kind", [
@@ -174,8 +174,9 @@ def test_shaders_with_built_in_red_green_and_blue_colour_a_grey_scene(scene, tmp
 
 def in_companies(scene, folder):
     """The planes of TOGETHER_NM: each alone, together, and in other channels with other wavelengths."""
-    return (radiance(scene, folder, ALONE_NM)[::3], radiance(scene, folder, TOGETHER_NM),
-            radiance(scene, folder, SHIFTED_NM)[1::2])
+    alone = [radiance(scene, folder, [each])[0] for each in TOGETHER_NM]
+    shifted = [radiance(scene, folder, COMPANIONS_NM[each])[COMPANIONS_NM[each].index(each)] for each in TOGETHER_NM]
+    return np.stack(alone), radiance(scene, folder, TOGETHER_NM), np.stack(shifted)
 
 
 def furnish(scene, kind, wall_colour=OTHER_COLOUR):
