@@ -27,14 +27,15 @@ class PolynomialFit:
     """A polynomial in height / scale_mm, without terms below `first_power`; or, with a finite focal length, in the
     field angle relative to the one of scale_mm.
 
-    `residual` is the largest deviation from the table, in the table's unit; `highest_order` is the highest order for
-    the table's number of heights.
+    `residual` is the largest deviation from the table, in the table's unit; `left_out` is the same for fits that each
+    leave one height out, and predict its value. `highest_order` is the highest order for the table's number of heights.
     """
 
     coefficients: np.ndarray
     first_power: int
     scale_mm: float
     residual: float
+    left_out: float
     highest_order: int
     focal_mm: float = np.inf
 
@@ -92,9 +93,11 @@ def fit_polynomial(heights_mm: np.ndarray, values: np.ndarray, first_power: int,
     for order in orders:
         powers = variable(heights_mm, scale_mm, focal_mm)[:, None] ** np.arange(first_power, order + 1)
         coefficients = np.linalg.lstsq(powers, values, rcond=None)[0]
-        residual = float(np.abs(powers @ coefficients - values).max())
-        fits.append(PolynomialFit(coefficients, first_power, float(scale_mm), residual, orders[-1],
-                                  focal_mm))
+        deviation = np.abs(powers @ coefficients - values)
+        leverage = np.square(np.linalg.qr(powers).Q).sum(axis=1)
+        left_out = float((deviation / np.maximum(1 - leverage, np.finfo(float).eps)).max())
+        residual = float(deviation.max())
+        fits.append(PolynomialFit(coefficients, first_power, float(scale_mm), residual, left_out, orders[-1], focal_mm))
         if residual <= tolerance:
             break
     return min(fits, key=lambda fit: fit.residual)
@@ -115,16 +118,17 @@ def _fit_lit(optics, table):
 
 
 def _fit(optics, table, first_power, tolerance):
-    """The polynomial over the first heights of lens data, or over angles if these fit a very wide field well. A fit
-    through all heights of a small table says nothing about the field between them."""
+    """The polynomial over the first heights of lens data, or over angles if these fit a very wide field well: within
+    tolerance, or better between the heights, as heights that are left out show. A fit through all heights of a small
+    table says nothing about the field between them."""
     heights_mm, focal_mm = optics.heights_mm[:table.size], optics.capture_focal_length_mm
     over_angles = heights_mm[-1] > STEEP * focal_mm and heights_mm.size - SPARE >= ORDERS[0]
     fits = []
     for focal in [focal_mm, np.inf] if over_angles else [np.inf]:
         fits.append(fit_polynomial(heights_mm, table, first_power, tolerance, focal))
         if fits[-1].residual <= tolerance:
-            break
-    return min(fits, key=lambda fit: fit.residual)
+            return fits[-1]
+    return min(fits, key=lambda fit: fit.left_out)
 
 
 def lit_heights(illumination: np.ndarray) -> int:

@@ -168,6 +168,23 @@ def test_very_wide_fields_are_fitted_over_angles(degrees):
     np.testing.assert_allclose(1 / field.paraxial_slope(between_mm), slope, rtol=1e-3)
 
 
+def test_no_fit_of_a_very_wide_field_swings_between_heights():
+    """The light falls faster next to the end. A polynomial in height meets this better than one in the angle, since it
+    is nearly free between the last heights, which are far apart: it swings by many times the light."""
+    degrees = np.array([0, 5, 10, 15, 20, 26, 31, 36, 41, 48, 52, 59, 64, 76, 86.5, 88, 89, 89.45])
+    focal_mm = 10.0
+
+    def light(nm, height_mm):
+        angle = np.degrees(np.arctan(height_mm / focal_mm))
+        return 1 - 0.6 * (angle / 90)**1.5 - np.interp(angle, [88, 89, 89.45], [0.0, 0.02, 0.06])
+
+    lens = make_lens(relative_illumination=light, heights_mm=focal_mm * np.tan(np.radians(degrees)), magnification=0.0,
+                     object_distance_mm=np.inf)
+    field = FieldGeometry(lens.at_wavelength(550), lens.name)
+    between_mm = focal_mm * np.tan(np.radians(np.linspace(0, 89.4, 500)))
+    np.testing.assert_allclose(field.relative_illumination(between_mm), light(550, between_mm), atol=0.03)
+
+
 def lit_after(real_height_mm, points, shape=(201, 201)):
     """{(x, y): value} after distorting points at (x, y) px of 10 um about the middle of the frame."""
     middle = shape[0] // 2
