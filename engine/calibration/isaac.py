@@ -1,7 +1,7 @@
 """A camera for Isaac Sim and other programs of Omniverse, in USD, with OpenCV's models:
 https://docs.omniverse.nvidia.com/kit/docs/omni.usd.schema.omni_lens_distortion/latest/Overview.html
 
-The middle of the upper left pixel is at 0.5, 0.5.
+The middle of the upper left pixel is at 0.5, 0.5. Lengths are in mm, the tenth of a unit of a stage in cm.
 """
 
 from collections.abc import Sequence
@@ -10,6 +10,7 @@ from .views import View, origin
 
 PINHOLE = "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4"
 FISHEYE = "k1", "k2", "k3", "k4"
+M_PER_UNIT = 0.01
 
 
 def isaac_text(views: Sequence[View]) -> str:
@@ -22,7 +23,8 @@ def isaac_text(views: Sequence[View]) -> str:
         zip(names, calibration.opencv_coefficients(len(names)), strict=True))
     pitch_mm = calibration.frame.pitch_um * 1e-3
     return "\n".join([
-        "#usda 1.0", f"# {origin(calibration)}", "", 'def Camera "Camera" (',
+        "#usda 1.0", f"# {origin(calibration)}", "(", '    defaultPrim = "Camera"', f"    metersPerUnit = {M_PER_UNIT}",
+        ")", "", 'def Camera "Camera" (',
         f'    prepend apiSchemas = ["OmniLensDistortion{schema}API"]', ")", "{",
         f"    float focalLength = {fy * pitch_mm!r}",
         f"    float horizontalAperture = {columns * pitch_mm!r}", f"    float verticalAperture = {rows * pitch_mm!r}",

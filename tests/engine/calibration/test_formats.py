@@ -1,7 +1,6 @@
 """The files of calibrations: each program's convention of pixels, coefficients and poses, and refusals."""
 
 import json
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -122,17 +121,6 @@ def test_ros(model, kind, count):
     assert fields["camera_matrix"]["data"] == [400, 0, 42, 0, 410, 61, 0, 0, 1]
     assert fields["projection_matrix"]["data"] == [400, 0, 42, 0, 0, 410, 61, 0, 0, 0, 1, 0]
     np.testing.assert_allclose(fields["distortion_coefficients"]["data"], 0.01 * np.arange(1, count + 1))
-
-
-@pytest.mark.parametrize("model, kind", [(THIN_PRISM, "opencvPinhole"), (KANNALA_BRANDT, "opencvFisheye")])
-def test_isaac(model, kind):
-    contents = text("isaac", fit_of(model))
-    values = dict(re.findall(rf"float omni:lensdistortion:{kind}:(\w+) = (\S+)", contents))
-    assert [float(values.pop(name)) for name in ("cx", "cy", "fx", "fy")] == [42.5, 61.5, 400, 410]
-    np.testing.assert_allclose([float(values.pop(name)) for name in model.coefficients],
-                               0.01 * np.arange(1, len(model.coefficients) + 1))
-    assert not values and f"{kind}:imageSize = (140, 90)" in contents and f'model = "{kind}"' in contents
-    assert f'["OmniLensDistortionOpenCv{kind[6:]}API"]' in contents
 
 
 def undistorted(radial, tangential, x, y):
