@@ -17,6 +17,7 @@ from .models import (
     BROWN_CONRADY,
     DOUBLE_SPHERE,
     FISHEYE_POLY5,
+    FTHETA,
     KANNALA_BRANDT,
     PINHOLE,
     POLY3,
@@ -54,6 +55,8 @@ class Format:
         The contents of a file.
     poses : bool
         Whether it contains the cameras of several frames, and their places.
+    on_request : tuple of Model
+        Further models, which are used only if they are requested.
     """
 
     title: str
@@ -61,6 +64,12 @@ class Format:
     models: tuple[Model, ...]
     text: Callable[[Sequence[View]], str]
     poses: bool = False
+    on_request: tuple[Model, ...] = ()
+
+    @property
+    def all_models(self) -> tuple[Model, ...]:
+        """Also those on request."""
+        return *self.models, *self.on_request
 
 
 SHORT = PINHOLE, *RADIAL[:2], RADTAN
@@ -73,7 +82,7 @@ FORMATS = {
     "kalibr": Format("Kalibr's camchain.yaml", ".yaml", (*SHORT, KANNALA_BRANDT, DOUBLE_SPHERE), kalibr_text),
     "ros": Format("ROS's camera_info", ".yaml", (*POLYNOMIALS, RATIONAL, KANNALA_BRANDT), ros_text),
     "isaac": Format("a USD camera of Isaac Sim", ".usda", (*POLYNOMIALS, RATIONAL, THIN_PRISM, KANNALA_BRANDT),
-                    isaac_text),
+                    isaac_text, on_request=(FTHETA,)),
     "openlensio": Format("OpenTrackIO with OpenLensIO", ".json", UNDISTORTING, openlensio_text),
     "lensfun": Format("Lensfun's database", ".xml", (POLY3, POLY5, PTLENS, *FISHEYE_POLY5), lensfun_text),
     "gyroflow": Format("Gyroflow's lens profile", ".json", (KANNALA_BRANDT,), gyroflow_text),
@@ -82,7 +91,7 @@ FORMATS = {
 
 def check_model(name: str, model: str | None) -> None:
     """Raise an InputError if a format lacks the requested model, if any."""
-    names = [each.name for each in FORMATS[name].models]
+    names = [each.name for each in FORMATS[name].all_models]
     if model is not None and model not in names:
         raise InputError("options", "--model", model, f"--for {name} has {', '.join(names)}")
 
@@ -136,9 +145,10 @@ def _suitable(name, lens, frame, wavelength_nm, requested):
         raise InputError("options", OPTION, name, f"{lens.name} is {kind}: use {', '.join(others)}")
     if requested is None:
         return models
-    if requested not in (names := [model.name for model in models]):
-        raise InputError("options", "--model", requested, f"{lens.name} is {kind}: use {', '.join(names)}")
-    return [model for model in models if model.name == requested]
+    by_name = {model.name: model for model in FORMATS[name].all_models if able(model)}
+    if requested not in by_name:
+        raise InputError("options", "--model", requested, f"{lens.name} is {kind}: use {', '.join(by_name)}")
+    return [by_name[requested]]
 
 
 def _kind(lens, rays):

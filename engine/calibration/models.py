@@ -53,6 +53,7 @@ class Model:
 
 
 NEWTON_STEPS, SLOPE_STEP = 12, 1e-6
+FARTHEST = 1e3  # in focal lengths: keeps Newton's steps finite where a trial polynomial is not monotonic
 LENSFUN_FISHEYES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "fisheye": lambda angle: angle, "equisolid": lambda angle: 2 * np.sin(angle / 2),
     "stereographic": lambda angle: 2 * np.tan(angle / 2), "orthographic": np.sin,
@@ -106,6 +107,17 @@ def _kannala_brandt(x, y, z, k1, k2, k3, k4):
     return at_radius(x, y, z, angle * (1 + square * (k1 + square * (k2 + square * (k3 + square * k4)))))
 
 
+def _ftheta(x, y, z, k2, k3, k4):
+    """NVIDIA's f-theta camera: the angle is a polynomial of the radius, which Newton's method inverts."""
+    angle = np.arctan2(np.hypot(x, y), z)
+    radius = angle
+    for _ in range(NEWTON_STEPS):
+        beyond = radius * (1 + radius * (k2 + radius * (k3 + radius * k4))) - angle
+        slope = 1 + radius * (2 * k2 + radius * (3 * k3 + radius * 4 * k4))
+        radius = np.clip(radius - beyond / np.where(slope > 0, slope, 1), 0, FARTHEST)
+    return at_radius(x, y, z, radius)
+
+
 def at_radius(x: np.ndarray, y: np.ndarray, z: np.ndarray, distorted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Places at these radii, in the azimuths of the directions: arrays of one shape."""
     radius = np.hypot(x, y)
@@ -147,11 +159,12 @@ UNDISTORTING = tuple(
 POLY3, POLY5 = (_model(name, names, _radial, one_focal=True) for name, names in (("poly3", "k1"), ("poly5", "k1 k2")))
 PTLENS = _model("ptlens", "k1 k2 k3", _ptlens, one_focal=True)
 KANNALA_BRANDT = _model("kannala-brandt", "k1 k2 k3 k4", _kannala_brandt, fisheye=True)
+FTHETA = _model("ftheta", "k2 k3 k4", _ftheta, fisheye=True, one_focal=True)
 FISHEYE_POLY5 = tuple(
     _model(f"poly5-{kind}", "k1 k2", _fisheye_poly5(projection), fisheye=True, one_focal=True)
     for kind, projection in LENSFUN_FISHEYES.items())
 DOUBLE_SPHERE = _model("double-sphere", "xi alpha", _double_sphere, fisheye=True, start=(0.0, 0.5), limits=(-1.0, 1.0))
 MODELS = {model.name: model for model in (
     PINHOLE, *RADIAL, RADTAN, BROWN_CONRADY, RATIONAL, THIN_PRISM, KANNALA_BRANDT, DOUBLE_SPHERE, *UNDISTORTING, POLY3,
-    POLY5, PTLENS, *FISHEYE_POLY5)}
+    POLY5, PTLENS, *FISHEYE_POLY5, FTHETA)}
 """By name."""
