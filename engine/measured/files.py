@@ -14,12 +14,12 @@ from .blur import SYMMETRIC, WAVELENGTHS_NM, Blur, Designed, Diffraction
 from .camera import Measured
 from .colmap import read_colmap
 from .documents import OPENCV_ROOT, read_fields, read_xml
+from .gyroflow import read_gyroflow
 from .lens import measured_lens
 from .lensfun import read_lensfun
 from .opencv import (
     COEFFICIENTS,
     MATRIX,
-    read_gyroflow,
     read_kalibr,
     read_nerfstudio,
     read_opencv,

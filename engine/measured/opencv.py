@@ -1,10 +1,12 @@
-"""Calibrations by OpenCV's models: its own FileStorage, ROS, Kalibr, nerfstudio and Gyroflow.
+"""Calibrations by OpenCV's models: its own FileStorage, ROS, Kalibr and nerfstudio.
 
 The middle of the upper left pixel is at 0, 0, except for nerfstudio, where it is at 0.5, 0.5.
 """
 
 from collections.abc import Sequence
 from pathlib import Path
+
+import numpy as np
 
 from ..calibration.models import (
     BROWN_CONRADY,
@@ -93,11 +95,23 @@ def _field(table, names, known):
 
 def _camera(path, program, size_px, camera, coefficients, fisheye):
     """The camera of a matrix and coefficients."""
+    focal_px, principal_px = intrinsics(path, camera)
+    model, values = (fisheye_camera if fisheye else pinhole_camera)(path, coefficients)
+    return ModelledCamera(path.stem, _program(program, model), size_px, focal_px, principal_px, model, values)
+
+
+def intrinsics(where: object, camera: np.ndarray) -> tuple[tuple[float, float], tuple[float, float]]:
+    """fx and fy, cx and cy of OpenCV's camera matrix (3, 3).
+
+    Raises
+    ------
+    LensError
+        It is skewed, or no camera matrix.
+    """
     (fx, skew, cx), (lower, fy, cy), last = camera.tolist()
     if skew or lower or last != [0, 0, 1]:
-        raise LensError(path, "camera matrix", camera.tolist(), "expected fx 0 cx, 0 fy cy, 0 0 1")
-    model, values = (fisheye_camera if fisheye else pinhole_camera)(path, coefficients)
-    return ModelledCamera(path.stem, _program(program, model), size_px, (fx, fy), (cx, cy), model, values)
+        raise LensError(where, "camera matrix", camera.tolist(), "expected fx 0 cx, 0 fy cy, 0 0 1")
+    return (fx, fy), (cx, cy)
 
 
 def _program(program, model):
@@ -159,21 +173,3 @@ def _frame(table, options):
     name = options.chosen(table.path, list(by_name), "frame")
     top = {field: value for field, value in table.values.items() if field != "frames"}
     return TomlTable(table.path, top | by_name[name], f"frame {name}, ")
-
-
-def read_gyroflow(path: Path, options: MeasuredOptions) -> ModelledCamera:
-    """The camera in Gyroflow's lens profile."""
-    table = read_fields(path)
-    if table.values.get("distortion_model") not in (None, "", "opencv_fisheye"):
-        raise table.refusal("distortion_model", "expected opencv_fisheye, Gyroflow's usual model")
-    for field in ("input_horizontal_stretch", "input_vertical_stretch"):
-        if table.number(field, 1.0) not in (0.0, 1.0):
-            raise table.refusal(field, "expected 1: a profile of the picture as recorded")
-    if table.flag("asymmetrical"):
-        raise table.refusal("asymmetrical", "expected false")
-    if table.values.get("digital_lens"):
-        raise table.refusal("digital_lens", "expected none: a profile of the optical picture")
-    model = table_at(table, "fisheye_params")
-    size_px = size_in(table_at(table, "calib_dimension"), ("w", "h"))
-    return _camera(path, "Gyroflow", size_px, matrix(model, "camera_matrix", (3, 3)),
-                   matrix(model, "distortion_coeffs"), True)

@@ -123,7 +123,7 @@ DAMAGE = [
     ("ros", "0.03, -0.01, ", "0.03, ", "distortion_coefficients"),
     ("gyroflow", '"w": 48', '"w": -4', "calib_dimension, w"),
     ("gyroflow", '"opencv_fisheye"', '"sony"', "distortion_model"),
-    ("gyroflow", '"input_horizontal_stretch": 1.0', '"input_horizontal_stretch": 1.33', "input_horizontal_stretch"),
+    ("gyroflow", '"input_horizontal_stretch": 1.0', '"input_horizontal_stretch": "2:1"', "input_horizontal_stretch"),
     ("gyroflow", '"fisheye_params"', '"digital_lens": "gopro_superview", "fisheye_params"', "digital_lens"),
     ("gyroflow", '"fisheye_params"', '"params"', "fisheye_params"),
     ("lensfun", "<type>stereographic", "<type>panoramic", "Optik Zoom 20-40mm, type"),
