@@ -185,6 +185,9 @@ def test_gyroflow():
     assert contents["calib_dimension"] == {"w": 140, "h": 90} and contents["distortion_model"] == "opencv_fisheye"
     assert contents["fisheye_params"]["camera_matrix"] == [[400, 0, 42], [0, 410, 61], [0, 0, 1]]
     np.testing.assert_allclose(contents["fisheye_params"]["distortion_coeffs"], [0.01, 0.02, 0.03, 0.04])
+    assert contents["asymmetrical"]  # otherwise, Gyroflow takes the middle of the frame instead of cx and cy
+    assert contents["calibrator_version"]  # Gyroflow 1.6.3: load_from_data refuses a profile without it
+    assert contents["camera_brand"] and contents["camera_model"]  # its list leaves out profiles without either
 
 
 def test_lensfun_needs_the_axis_in_the_middle():
