@@ -66,7 +66,8 @@
 # make test-photographs  compare docs/photographs.md with a new run of make validate-photographs
 # make test-plate PLATE=FOLDER  compare docs/photographs.md with a new run of make validate-plate
 # make test-calibration  compare calibrations with OpenCV and OpenTrackIO's schema, and measured lenses with OpenCV, in
-#                  .venv-opencv, and both with Lensfun, in .venv-photographs
+#                  .venv-opencv, and both with Lensfun, in .venv-photographs; calibrations also with ROS, if Debian's
+#                  packages python3-camera-calibration-parsers and python3-image-geometry are installed
 # make test-blenderproc  run BlenderProc with Blender's Python wheel in .venv-blenderproc (1.7 GB), and compare its
 #                  pictures through lenses with their STMaps
 # make test-farm   run the tests of Open Job Description and Dask, in .venv-farm
@@ -305,7 +306,7 @@ test-blenderproc: $(BLENDERPROC)/.ready kernels
 	$(BLENDERPROC)/4.2/python/bin/python -m pytest -q tests/engine/field/test_blenderproc.py
 
 test-calibration: $(OPENCV)/.ready $(PHOTOGRAPHS)/.ready kernels
-	$(OPENCV)/bin/python -m pytest -q tests/engine/calibration tests/engine/measured tests/addon/job/test_chessboards.py
+	$(OPENCV)/bin/python -m pytest -q -rs tests/engine/calibration tests/engine/measured tests/addon/job/test_chessboards.py
 	$(PHOTOGRAPHS)/bin/python -m pytest -q tests/engine/calibration/test_lensfun.py tests/engine/measured/test_lensfun.py
 
 test-farm: $(FARM)/.ready kernels
