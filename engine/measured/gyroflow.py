@@ -12,7 +12,7 @@ from .documents import matrix, read_fields, size_in, table_at
 from .opencv import fisheye_camera, intrinsics
 from .options import MeasuredOptions
 
-LEAST_STRETCH = 0.01  # less is none
+LEAST_STRETCH = 0.01  # smaller values mean no stretch
 
 
 def read_gyroflow(path: Path, options: MeasuredOptions) -> ModelledCamera:
