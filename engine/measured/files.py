@@ -48,16 +48,16 @@ class Kind(NamedTuple):
     takes: tuple[str, ...] = ()
 
 
-OF_STMAPS = "focal_mm", "overscan"
+OF_SEVERAL, OF_STMAPS = ("which",), ("focal_mm", "overscan")
 KINDS = {
     "opencv": Kind("OpenCV's FileStorage, in YAML, XML or JSON", read_opencv),
     "opencv-fisheye": Kind("the same, of cv2.fisheye", read_opencv_fisheye),
-    "colmap": Kind("COLMAP's cameras.txt", read_colmap),
-    "nerfstudio": Kind("nerfstudio's transforms.json", read_nerfstudio),
-    "kalibr": Kind("Kalibr's camchain.yaml", read_kalibr),
+    "colmap": Kind("COLMAP's cameras.txt", read_colmap, OF_SEVERAL),
+    "nerfstudio": Kind("nerfstudio's transforms.json", read_nerfstudio, OF_SEVERAL),
+    "kalibr": Kind("Kalibr's camchain.yaml", read_kalibr, OF_SEVERAL),
     "ros": Kind("ROS's camera_info", read_ros),
     "gyroflow": Kind("Gyroflow's lens profile", read_gyroflow),
-    "lensfun": Kind("Lensfun's database", read_lensfun, ("focal_mm",)),
+    "lensfun": Kind("Lensfun's database", read_lensfun, ("which", "focal_mm")),
     "stmap-distort": Kind("an STMap that distorts a picture, in EXR", read_distort, OF_STMAPS),
     "stmap-undistort": Kind("an STMap that undistorts a picture, in EXR", read_undistort, OF_STMAPS)}
 
@@ -78,7 +78,7 @@ def read_measured(path: Path, options: MeasuredOptions, kind: str | None = None)
     LensError
         The file is missing or damaged, is of no known kind, or lacks something that the options do not state either.
     InputError
-        This kind of file does not take one of the options.
+        This kind of file does not take one of the options, or is for pictures of another size.
     """
     if not path.is_dir():
         check_input(path, "file", f"expected one of {', '.join(KINDS)}", error=LensError)
@@ -86,9 +86,11 @@ def read_measured(path: Path, options: MeasuredOptions, kind: str | None = None)
         kind = kind or kind_of(path)
         options.check_taken(KINDS[kind].takes, kind)
         try:
-            return KINDS[kind].read(path, options)
+            measured = KINDS[kind].read(path, options)
         except (OverflowError, ArithmeticError) as error:
             raise LensError(path, "file", "damaged", str(error)) from None
+    options.check_size(measured.size_px)
+    return measured
 
 
 def kind_of(path: Path) -> str:

@@ -57,10 +57,17 @@ class MeasuredOptions:
             raise InputError("options", "--overscan", self.overscan, "expected 1 to 10")
 
     def check_taken(self, takes: tuple[str, ...], kind: str) -> None:
-        """Raise an InputError for a focal length or an overscan that a kind of file does not take."""
-        for field, option, default in (("focal_mm", "--focal-length", None), ("overscan", "--overscan", 1.0)):
+        """Raise an InputError for a name, a focal length or an overscan that a kind of file does not take."""
+        for field, option, default in (("which", "--which", None), ("focal_mm", "--focal-length", None),
+                                       ("overscan", "--overscan", 1.0)):
             if getattr(self, field) != default and field not in takes:
                 raise InputError("options", option, getattr(self, field), f"leave it out: --as {kind} does not take it")
+
+    def check_size(self, size_px: tuple[int, int]) -> None:
+        """Raise an InputError if the file's pictures have another size than stated."""
+        if self.size_px not in (None, size_px):
+            raise InputError("options", "--resolution", "{}x{}".format(*self.size_px),
+                             "leave it out: the file is for pictures of {}x{}".format(*size_px))
 
     def chosen(self, path: object, names: list[str], what: str) -> str:
         """The name among a file's that `which` states; the only one by default.

@@ -42,7 +42,9 @@ def test_the_blur_of_a_designed_lens(file, tmp_path, capsys):
 
 @pytest.mark.parametrize("options, message", [
     (["--as", "kalibr"], "camera is one of 2"), (["--f-number", "0"], "--f-number is 0.0"),
-    (["--resolution", "x"], "--resolution is x"), (["--sensor", "wide"], "--sensor is wide"),
+    (["--resolution", "x"], "--resolution is x"), (["--which", "lab"], "--which is lab: leave it out"),
+    (["--resolution", "96x62"], "--resolution is 96x62: leave it out: the file is for pictures of 48x31"),
+    (["--sensor", "wide"], "--sensor is wide"),
     (["--blur", "cooke-42mm-2x"], "blur is without rotational symmetry"), (["--blur", "none"], "lens is missing"),
     (["--focus", "1mm"], "focus is 1 mm: expected more than the focal length")])
 def test_bad_options_are_refused_in_one_line(file, tmp_path, capsys, options, message):

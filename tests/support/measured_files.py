@@ -49,7 +49,7 @@ OPENCV_XML = """<?xml version="1.0"?>
 
 def options_for(kind):
     """OPTIONS, without those that a kind of file does not take."""
-    return OPTIONS if KINDS[kind].takes else replace(OPTIONS, focal_mm=None)
+    return OPTIONS if "focal_mm" in KINDS[kind].takes else replace(OPTIONS, focal_mm=None)
 
 
 def calibration_of(model, coefficients):
