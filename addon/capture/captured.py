@@ -72,11 +72,11 @@ class Captured:
         return check_depth(self._frame_mm(), lens, self.radiance.pitch_um, empty=self._frame(self._empty),
                            light=self._frame(self.radiance.cube.mean(axis=0)))
 
-    def scale_remarks(self, lens):
-        """The `scale_remarks` for the frame and a lens: tuple of str."""
+    def scale_remarks(self, *lenses):
+        """The `scale_remarks` for the frame and its lenses: tuple of str."""
         depth_mm = self._frame_mm()
         depth_mm = np.where(depth_mm < BACKGROUND_M * M_TO_MM, depth_mm, np.inf)
-        return tuple(map(str, scale_remarks(depth_mm, lens, self.radiance.pitch_um)))
+        return tuple(map(str, scale_remarks(depth_mm, lenses, self.radiance.pitch_um)))
 
     @property
     def _empty(self):

@@ -109,7 +109,7 @@ def unfocused_light(ready, captured):
     planar_mm = np.where(captured.depth_m < BACKGROUND_M, captured.depth_m * M_TO_MM, np.inf)
     rows, columns = np.indices(capture.shape_px, sparse=True)
     shares = [focus_share(blur_px(lens, capture.pitch_um, planar_mm, focus_in_capture(lens, capture, rows, columns)),
-                          focus_range_px(lens, capture.pitch_um)) for lens in (job.lens, *job.others)]
+                          focus_range_px(lens, capture.pitch_um)) for lens in job.lenses]
     spread = 1 - np.min(shares, axis=0)
     light = np.nan_to_num(np.maximum(radiance.cube.mean(axis=0), 0), posinf=0.0)  # without fireflies
     if np.sum(spread * light) <= accuracy * light.sum():
@@ -250,9 +250,11 @@ def _show(complete, ready, lights, capture_px):
 
 
 def _facts(ready, lights, captured, samples):
-    """The plan, and results of the passes: how well spectra were predicted, and the frame's depths."""
+    """The plan, and results of the passes: how well spectra were predicted, and the frame's depths. Several lenses that
+    share the capture have different depths in focus: it states none."""
     job, plan, cut = ready.job, ready.plan, ready.cut
-    choice, far = plan.choice, () if job.traced else captured.scale_remarks(job.lens)
+    choice, far = plan.choice, () if job.traced else captured.scale_remarks(*job.lenses)
+    depth = None if job.traced or job.others else captured.depth_check(job.lens)
     surprise = choice.surprise(np.concatenate([light.blocks() for light in lights], axis=1))
     foreign = bool(surprise > FOREIGN_SURPRISE)
     return SceneFacts(
@@ -264,14 +266,17 @@ def _facts(ready, lights, captured, samples):
         spectral_surprise=float(surprise), foreign_spectra=foreign,
         estimated_colour_error=choice.colour_error * (float(surprise) if foreign else 1),
         rgb_difference=plan.repeated[0].rgb_difference[0] if plan.repeated else 0.0,
-        depth=None if job.traced else captured.depth_check(job.lens), lens_warning=job.lens_warning,
+        depth=depth, lens_warning=job.lens_warning,
         scene_remarks=[*map(str, ready.remarks), *captured.remarks, *ready.passes.remarks, *far],
-        layers=_cut_text(cut) if cut else "", samples=samples, capture_peak_mb=ready.peak_mb, device=ready.device)
+        layers=_cut_text(cut, job.others) if cut else "", samples=samples, capture_peak_mb=ready.peak_mb,
+        device=ready.device)
 
 
-def _cut_text(cut):
+def _cut_text(cut, others):
+    """The slabs in words; with the depths in focus, unless there are others of them, through other lenses."""
     columns = cut.capture.across
-    return cut.plan.text + (f"; {columns} columns in each pixel, which share its samples" if columns > 1 else "")
+    text = cut.plan.cut_text if others else cut.plan.text
+    return text + (f"; {columns} columns in each pixel, which share its samples" if columns > 1 else "")
 
 
 def _picture_part(region, grid):

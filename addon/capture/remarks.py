@@ -64,7 +64,7 @@ class Remark:
 def scene_remarks(scene, job):
     """Remarks on the scene at its current frame, with the job's view layer as the only one on: list of Remark."""
     return [*_of_engine(scene, job), *_of_device(scene, job), *_of_traced_lens(scene, job), *_of_reference(scene, job),
-            *_of_camera(scene, job), *_of_pixels(scene), *_of_masks(scene, job), *_left_out(scene, job)]
+            *_of_rays(job), *_of_camera(scene, job), *_of_pixels(scene), *_of_masks(scene, job), *_left_out(scene, job)]
 
 
 def depth_remarks(job, slabs):
@@ -92,8 +92,8 @@ def colour_remarks(plan):
                    "values; physics, not an error")]
 
 
-def scale_remarks(depth_mm, lens, pitch_um):
-    """A remark if the scene is so far away that the lens shows no visible blur, wherever it is focused.
+def scale_remarks(depth_mm, lenses, pitch_um):
+    """A remark if the scene is so far away that the lenses show no visible blur, wherever they are focused.
 
     Beyond the distance at which the defocus of infinity is one pixel wide, the blur of two depths differs by less than
     a pixel. Rooms are often modelled several times larger than life.
@@ -102,32 +102,32 @@ def scale_remarks(depth_mm, lens, pitch_um):
     ----------
     depth_mm : array (row, column)
         Of the frame, along the axis; inf for the background, NaN where unknown.
-    lens : Lens
+    lenses : sequence of Lens
     pitch_um : float
     """
     finite_mm = np.asarray(depth_mm)[np.isfinite(depth_mm)]
     known = np.count_nonzero(~np.isnan(depth_mm))
-    beyond_mm = blur_per_nearness_px(lens, pitch_um)
+    beyond_mm = max(blur_per_nearness_px(lens, pitch_um) for lens in lenses)
+    shows = "this lens shows" if len(lenses) == 1 else "these lenses show"
     if finite_mm.size < REMARK_SHARE * max(known, 1) or np.mean(finite_mm < beyond_mm) > REMARK_SHARE:
         return []
     return [Remark("Unit Scale", "", f"most of the picture is about {in_metres(float(np.median(finite_mm)))} away; "
-                   f"beyond {in_metres(beyond_mm)} this lens shows no blur at any focus distance",
+                   f"beyond {in_metres(beyond_mm)} {shows} no blur at any focus distance",
                    "if the scene is meant to be smaller, set Unit Scale in the scene properties")]
 
 
 def unlayered_remarks(scene, job, capture):
     """Remarks on content that layers of depth would blur for a wrong distance, or not as the lens does, estimated
-    before the render: generator."""
-    if job.depth == AUTO and not job.lens.prescription:
-        yield Remark("Lens", job.lens.name, ROUND_BLUR, "use a prescription for the lens's own blur")
-    traced = ["Depth: Traced Lens renders it correctly"] if job.lens.prescription else []
-    for kind, content in unlayered(scene, job.lens, capture).items() if job.depth == AUTO else ():
+    before the render: generator. For a capture that several lenses share, they hold for all of these."""
+    traced = ["Depth: Traced Lens renders it correctly"] if all(lens.prescription for lens in job.lenses) else []
+    amount = "up to" if job.others else "about"
+    for kind, content in unlayered(scene, job.lens, capture, job.others).items() if job.depth == AUTO else ():
         if content.share < REMARK_SHARE:
             continue
         what, part, becomes = UNLAYERED[kind]
         more = f" (and {len(content.names) - 1} more)" if len(content.names) > 1 else ""
         yield Remark(what, repr(content.names[0]) + more if content.names else "of the world",
-                     f"about {content.share:.0%} of the picture {part}, and {becomes}",
+                     f"{amount} {content.share:.0%} of the picture {part}, and {becomes}",
                      ", or ".join(traced + [PANES] * (kind == REFRACTED)))
 
 
@@ -176,6 +176,12 @@ def _of_reference(scene, job):
             yield Remark(name, f"{value:g}", "ignored in Reference")
     if cycles.use_denoising and not job.denoises:
         yield Remark("Denoise", "", "ignored in Reference", "turn on Lensfield's own Denoise")
+
+
+def _of_rays(job):
+    """A lens without rays, in a capture for this lens alone."""
+    if job.depth == AUTO and not job.lens.prescription and not job.others:
+        yield Remark("Lens", job.lens.name, ROUND_BLUR, "use a prescription for the lens's own blur")
 
 
 def _of_camera(scene, job):

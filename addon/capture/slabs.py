@@ -177,7 +177,7 @@ def plan_by(depth_mm, scene, job, grid, tinting, sky, emitters, light=None):
     depth_mm, light = sighted.laid_over(depth_mm, light)
     empty = np.isinf(depth_mm) & (light <= 0) & (not sky and not volumes_mm)
     plan = plan_slabs(depth_mm, widest, job.lens, overscan_px=grid.overscan_px, others=job.others, light=light,
-                      empty=empty, reach=max(opening(job.iris, lens).reach for lens in (job.lens, *job.others)),
+                      empty=empty, reach=max(opening(job.iris, lens).reach for lens in job.lenses),
                       most_slabs=PREVIEW_SLABS if job.spectral.tier == "preview" else MOST_SLABS,
                       accuracy=job.options.depth_accuracy, uncut_mm=volumes_mm, bodies_mm=bodies_mm)
     return plan, volumes_mm, bodies_mm

@@ -42,7 +42,7 @@ class Unlayered:
     names: tuple[str, ...]
 
 
-def unlayered(scene, lens, capture):
+def unlayered(scene, lens, capture, others=()):
     """Content of a picture that would be blurred for a wrong distance, estimated before the render.
 
     Parameters
@@ -50,13 +50,15 @@ def unlayered(scene, lens, capture):
     scene : bpy.types.Scene
     lens : Lens
     capture : PixelGrid
+    others : sequence of Lens
+        Further lenses for the same capture: content counts if one of all the lenses would blur it wrongly.
 
     Returns
     -------
     dict
         REFRACTED, MIRRORED and VOLUME to their Unlayered; kinds that do not occur are left out.
     """
-    look = _Look(scene, lens, capture)
+    look = _Look(scene, lens, capture, others)
     boxes, volumes = look.candidates()
     rays = np.flatnonzero(np.isfinite([*boxes, *(entered_m for _, entered_m in volumes)]).any(axis=0))
     results = look.view.look(look.along, rays)
@@ -74,10 +76,11 @@ def unlayered(scene, lens, capture):
 class _Look:
     """Casts the rays of a camera."""
 
-    def __init__(self, scene, lens, capture):
+    def __init__(self, scene, lens, capture, others):
         self.view, self._scene, self._layer = View(scene, lens, capture), scene, rendered_layer(scene)
-        self._pupil_m = entrance_pupil_diameter_mm(lens) / M_TO_MM
-        self._blur_px_m = blur_per_nearness_px(lens, capture.pitch_um) / M_TO_MM
+        lenses = lens, *others
+        self._pupil_m = max(map(entrance_pupil_diameter_mm, lenses)) / M_TO_MM
+        self._blur_px_m = max(blur_per_nearness_px(each, capture.pitch_um) for each in lenses) / M_TO_MM
         self._lobes, self._glows = {}, {}
 
     def candidates(self):

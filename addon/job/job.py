@@ -68,7 +68,7 @@ class Job(RenderRequest):
     ring_words : tuple of str
         A line for each setting of focus and f-stop that the lens does not have.
     others : tuple of Lens
-        Lenses that share the capture: this one, with the settings of other frames.
+        Lenses that share the capture: of other pictures, or this one with the settings of other frames.
     shot : Shot or None
         Its first frame decides on the exposure that the camera's meter chooses; None for this one.
     shot_exposure : (float, float) or None
@@ -84,6 +84,11 @@ class Job(RenderRequest):
     others: tuple[Lens, ...] = ()
     shot: Shot | None = None
     shot_exposure: tuple[float, float] | None = None
+
+    @property
+    def lenses(self):
+        """All lenses of the capture: tuple of Lens."""
+        return self.lens, *self.others
 
     @property
     def exposure(self):

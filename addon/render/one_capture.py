@@ -67,8 +67,11 @@ class OneCapture:
             radiance = captured.radiance
             shared = replace(radiance, grid=replace(radiance.grid, focal_mm=radiance.focal_mm))  # for all lenses
             self._captured, self._facts = replace(captured, radiance=shared), result.report.scene
+        check, layers = self._captured.depth_check(job.lens), self._facts.layers
+        if layers and self._job.others:
+            layers = f"{check.text}: {layers}"
         result.report.add(replace(
-            self._facts, depth=self._captured.depth_check(job.lens), lens_warning=job.lens_warning,
+            self._facts, depth=check, layers=layers, lens_warning=job.lens_warning,
             scene_remarks=(*_remarks(scene, job), *self._captured.remarks, *self._captured.scale_remarks(job.lens))))
         return self._captured
 

@@ -93,7 +93,7 @@ def preflight(scene, *, frame=None, **given):
                     emitters = emitters_of(scene, lambda block: None if shines(block) else np.zeros(1))
                     slabs, *_ = plan_by(depth_mm, scene, job, grid, tinting_objects(scene), empty.sky and not film,
                                         emitters)
-                    remarks += (*depth_remarks(job, slabs), *scale_remarks(depth_mm, job.lens, grid.pitch_um),
+                    remarks += (*depth_remarks(job, slabs), *scale_remarks(depth_mm, [job.lens], grid.pitch_um),
                                 *unlayered_remarks(scene, job, grid))
                 stand_in_camera(scene, journal)
                 plan = plan_scene(scene, job, grid, journal)[0]

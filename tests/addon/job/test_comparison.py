@@ -1,5 +1,7 @@
 """Lenses side by side: one capture serves them all, and each picture is what `apply_lens` and a render give."""
 
+from dataclasses import replace
+
 import bpy
 import numpy as np
 import pytest
@@ -9,7 +11,8 @@ from lensfield import addon
 from lensfield.addon.render import comparison as comparison_module
 from lensfield.addon.scene.look import look_of, shown_pixels
 from lensfield.cli import main
-from lensfield.engine import InputError, Options
+from lensfield.engine import InputError, Options, load_lens
+from lensfield.engine.lens_files.package import write_package
 from lensfield.engine.library import clamped_rings
 from lensfield.engine.pictures.spectral_exr import read_exr, read_parts, read_with_layers
 from lensfield.engine.plan.options import TIER_ACCURACY
@@ -125,6 +128,18 @@ def test_layers_are_captured_if_any_lens_needs_them(squares, tmp_path):
     both, _ = compared(squares, [SHARP, FAST], [1.1], tmp_path / "both", **QUICK)
     counts = [len(layers.layers) if (layers := read_with_layers(each.radiance)[2]) else 0 for each in (alone, both)]
     assert counts[0] < counts[1] and counts[1] > 1
+
+
+def test_remarks_on_the_capture_hold_for_all_lenses(squares, tmp_path):
+    """Those on one lens name it."""
+    squares.cycles.samples, squares.render.resolution_x, squares.render.resolution_y = 1, 192, 144
+    wall(squares, material("Glass", "ShaderNodeBsdfGlass")[0], 2, 0.8).name = "Pane"
+    write_package(replace(load_lens("edmund-54852"), name="Edmund"), tmp_path / "plain.npz")
+    _, sheet = compared(squares, [str(tmp_path / "plain.npz"), SHARP, FAST], (), tmp_path / "sheet", **QUICK)
+    assert not any(line.startswith(("Lens ", "In focus: ")) for line in sheet.messages)
+    assert any(line.startswith("plain.npz: Edmund") and "a package without rays" in line for line in sheet.messages)
+    pane, = (line for line in sheet.messages if line.startswith("Glass 'Pane'"))
+    assert ": up to " in pane and "Traced Lens" not in pane
 
 
 def test_a_radiance_file_replaces_the_scene(squares, tmp_path):

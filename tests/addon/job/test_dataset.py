@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 
 import bpy
 import numpy as np
@@ -14,11 +15,12 @@ from lensfield.addon.render import dataset as dataset_module
 from lensfield.addon.render.animation import Animation
 from lensfield.addon.render.dataset_index import INDEX, line_path
 from lensfield.addon.render.dataset_pairs import exact_sum
-from lensfield.engine import Options
+from lensfield.engine import Options, load_lens
 from lensfield.engine.calibration.formats import FORMATS, calibrated_for
 from lensfield.engine.calibration.stored import calibration_from
 from lensfield.engine.calibration.views import View
 from lensfield.engine.inspection.curves import reference_nm
+from lensfield.engine.lens_files.package import write_package
 from lensfield.engine.pictures.preview import to_rec709
 from lensfield.engine.pictures.spectral_exr import read_exr, read_parts
 from lensfield.engine.plan.options import TIER_ACCURACY
@@ -228,6 +230,19 @@ def test_lenses_of_each_squeeze_have_a_capture(ball, captures, tmp_path):
     assert down / across == pytest.approx(squeezed["squeeze"], rel=0.03)
     indices = read_parts(tmp_path / squeezed["files"]["truth"])[0][1]["ViewLayer.Object Index.X"]
     assert indices.shape == (36, 24) and set(np.unique(indices)) == {3, 7}
+
+
+def test_each_lens_has_its_own_remarks(ball, tmp_path):
+    """Not those of the lens that the capture was planned for."""
+    ball.render.resolution_x, ball.render.resolution_y, ball.cycles.samples = 192, 144, 1
+    ball.camera.data.dof.focus_distance = 10.0
+    write_package(replace(load_lens("edmund-54852"), name="Edmund"), tmp_path / "plain.npz")
+    made = addon.render_dataset(ball, [FAST, str(tmp_path / "plain.npz")], frames=[1], output_folder=tmp_path / "set",
+                                **QUICK)
+    remark, = (line for line in made.messages if "a package without rays" in line)
+    assert remark.startswith("plain: Lens Edmund, scaled by ")
+    in_focus = [line.partition("; ")[0] for line in made.messages if ": In focus: " in line]
+    assert len(in_focus) == len({line.partition(": ")[2] for line in in_focus}) == 2
 
 
 @pytest.mark.parametrize("given, field, match", [

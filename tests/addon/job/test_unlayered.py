@@ -213,6 +213,15 @@ def test_the_report_repeats_the_remarks(scene, tmp_path):
     assert [remark for remark in result.report.remarks() if remark.startswith("Glass 'Pane': about")]
 
 
+def test_content_counts_if_one_lens_of_the_capture_blurs_it(scene):
+    room(scene, shader("ShaderNodeBsdfGlass"))
+    bpy.context.view_layer.update()
+    small = replace(FAST, f_number_effective=1e4)
+    grid = capture_grid(scene, FAST, [550.0])
+    alone, shared = unlayered(scene, small, grid), unlayered(scene, small, grid, [FAST])
+    assert not alone and shared == unlayered(scene, FAST, grid)
+
+
 def test_a_search_beyond_the_time_limit_ends_with_the_share_so_far(scene, monkeypatch):
     """For all rays so far, which are distributed over the picture in random order."""
     room(scene, shader("ShaderNodeBsdfGlass"))
