@@ -1,6 +1,7 @@
 """Arguments that several commands share: options of the engine, sizes, and output files."""
 
 import os
+import sys
 from argparse import BooleanOptionalAction
 from math import inf, isfinite
 from pathlib import Path
@@ -214,7 +215,7 @@ def rings_option(options):
 
 
 def chosen_lens(options, frame_of=None, wavelengths_nm=None):
-    """The lens of the command line, at its focus and f-stop; prints notes on values that the lens cannot reach.
+    """The lens of the command line, at its focus and f-stop; first prints notes on values that the lens cannot reach.
 
     Parameters
     ----------
@@ -225,14 +226,19 @@ def chosen_lens(options, frame_of=None, wavelengths_nm=None):
         As for `load_lens`.
     """
     source, rings = lens_source(options, options.lens), rings_option(options)
+    with errors_of(options.lens):
+        words = clamped_rings(source, rings) if has_rings(source) else ()
+    say_clamped(words)
     with errors_of(options.lens), progress_bar() as on_progress:
         edges_mm = None
         if frame_of and not fits_all_frames(source, rings):
             edges_mm = frame_of(pinhole_of(source, rings)).edges_mm
-        lens = load_lens(source, rings, options.lens_quality or "standard", on_progress, wavelengths_nm, edges_mm)
-    for line in clamped_rings(source, rings) if has_rings(source) else ():
-        say(f"lens: {line}")
-    return lens
+        return load_lens(source, rings, options.lens_quality or "standard", on_progress, wavelengths_nm, edges_mm)
+
+
+def say_clamped(words):
+    """Print notes on values that a lens cannot reach, apart from the output of a command."""
+    say(*(f"lens: {line}" for line in dict.fromkeys(words)), file=sys.stderr)
 
 
 def engine_options(options):

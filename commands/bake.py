@@ -20,7 +20,7 @@ from lensfield.engine.rays.rings import Rings, turned
 from lensfield.engine.runtime.files import atomic_path
 from lensfield.engine.spectral.spectra import parse_wavelengths
 
-from .arguments import check_outputs, distance_mm
+from .arguments import check_outputs, distance_mm, say_clamped
 from .prescription_file import add_reading, errors_of, reading_options
 from .terminal import progress_bar, say
 
@@ -108,8 +108,7 @@ def _focused(prescription, options):
     if options.focus is None:
         return prescription
     lens = turned(prescription, Rings(distance_mm(options.focus)))
-    for line in lens.words:
-        say(f"lens: {line}")
+    say_clamped(lens.words)
     return lens.prescription
 
 

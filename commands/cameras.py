@@ -10,7 +10,7 @@ from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.lens import Lens
 from lensfield.engine.lens.pinhole import fitting_pitch_um
 
-from .arguments import LENSES, add_lens_settings, chosen_lens, given_fields, resolution
+from .arguments import LENSES, add_lens_settings, chosen_lens, given_fields, resolution, say_clamped
 from .blend import open_scene
 from .prescription_file import lens_source
 from .render_options import requested_frames
@@ -55,7 +55,7 @@ def sources(options):
 
 
 def cameras(options):
-    """The ShownCamera of each frame; of the lens alone without a scene."""
+    """The ShownCamera of each frame; of the lens alone without a scene. Prints settings that the lenses do not have."""
     return _of_scene(options) if options.scene else [_of_lens(options)]
 
 
@@ -79,9 +79,11 @@ def _of_scene(options):
 
     if options.frames is None:
         frames = [scene.frame_current]
-    shown = []
+    shown, words = [], []
     with progress_bar() as on_progress:
         for frame in frames_of(scene) if frames is None else frames:
             camera = frame_camera(scene, frame, on_progress, **given)
             shown.append(ShownCamera(camera.lens, camera.grid, frame, camera.pose, camera.picture))
+            words += camera.words
+    say_clamped(words)
     return shown

@@ -11,7 +11,7 @@ from lensfield.engine.measured.files import DEFAULT_WIDTH_MM, KINDS, blur_rings,
 from lensfield.engine.measured.lensfun import installed_database
 from lensfield.engine.measured.options import MeasuredOptions
 
-from .arguments import check_outputs, distance_mm, resolution
+from .arguments import check_outputs, distance_mm, resolution, say_clamped
 from .terminal import progress_bar, quiet, say
 
 
@@ -59,11 +59,11 @@ def _measured(options):
         options.overscan)
     with quiet(1, 2):  # the EXR library prints long messages about damage
         measured = read_measured(path, reading, options.kind)
+    if options.blur and has_rings(options.blur):
+        say_clamped(clamped_rings(options.blur, blur_rings(reading)))
     with progress_bar() as on_progress:
         lens = lens_of(measured, reading, options.blur, on_progress, options.name)
     write_package(lens, options.output)
-    if options.blur and has_rings(options.blur):
-        say(*(f"lens: {line}" for line in clamped_rings(options.blur, blur_rings(reading))))
     say(options.output, f"  {table_summary(lens)}", lens.source, *filter(None, [lens.notes]))
 
 

@@ -33,12 +33,15 @@ class FrameCamera:
         lens's entrance pupil.
     picture : str
         Name of the frame's picture through the lens.
+    words : tuple of str
+        A line for each setting of focus and f-stop that the lens does not have.
     """
 
     lens: Lens
     grid: PixelGrid
     pose: np.ndarray
     picture: str
+    words: tuple[str, ...] = ()
 
 
 def frame_camera(scene, frame, baking=unwatched, **given):
@@ -61,6 +64,6 @@ def frame_camera(scene, frame, baking=unwatched, **given):
     with named_frame(frame), Journal() as journal:
         go_to_frame(scene, frame, journal)
         check_scene(scene, **given)
-        lens = job_of(scene, baking=baking, **given).lens
-        return FrameCamera(lens, frame_grid(scene, lens), camera_pose(scene),
-                           Result.of(scene, Path(), frame).after.name)
+        job = job_of(scene, baking=baking, **given)
+        return FrameCamera(job.lens, frame_grid(scene, job.lens), camera_pose(scene),
+                           Result.of(scene, Path(), frame).after.name, job.ring_words)

@@ -226,7 +226,7 @@ def _f_number(prescription, far, requested):
     if last == far.f_number:
         return end, (f"f/{requested:.4g}: this lens has only f/{end:.3g}",)
     limit = "wider than this lens opens" if requested < far.f_number else "narrower than this lens closes"
-    return end, (f"f/{requested:.4g} is {limit}: rendered at f/{end:.3g}",)
+    return end, (f"f/{requested:.4g} is {limit}: set to f/{end:.3g}",)
 
 
 def _focused_on(lens, far, rings):

@@ -86,10 +86,11 @@ def focus_pull(scene, folder):
     return path
 
 
-def test_each_frame_has_its_focus(scene, tmp_path):
+def test_each_frame_has_its_focus(scene, tmp_path, capsys):
     command = ["lens", "calibration", "--scene", str(focus_pull(scene, tmp_path)), "--for", "nerfstudio", "-o",
                str(tmp_path / "transforms.json"), "--lens-quality", "preview"]
     assert main([*command, "--frames", "1,2"]) == 0
+    assert capsys.readouterr().err == "lens: f/4 is wider than this lens opens: set to f/5.5\n"
     near, far = json.loads((tmp_path / "transforms.json").read_text())["frames"]
     assert near["fl_x"] > 1.02 * far["fl_x"]
     assert main([*command, "--frames", "3", "--for", "opencv"]) == 1

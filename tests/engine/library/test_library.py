@@ -213,7 +213,7 @@ def test_errors_name_the_file(tmp_path):
 
 def test_clamped_rings_are_reported_without_baking(bakes):
     clamped = clamped_rings("tessar-50mm", Rings(f_number=2.0))
-    assert clamped == ("f/2 is wider than this lens opens: rendered at f/5.5",)
+    assert clamped == ("f/2 is wider than this lens opens: set to f/5.5",)
     assert clamped_rings("tessar-50mm", NEAR) == () and bakes == []
     assert prescription_of("tessar-50mm").name == "tessar-50mm" and has_rings("tessar-50mm")
 
@@ -246,7 +246,7 @@ def test_the_command_prints_the_origin_of_the_figures(folder, singlet, capsys):
 def test_the_command_reports_clamped_rings(folder, singlet, capsys):
     assert main(["lens", "info", str(singlet), "--focus", "1cm", "--lens-quality", "preview"]) == 0
     words, = clamped_rings(singlet, Rings(10.0))
-    assert f"lens: {words}" in capsys.readouterr().out
+    assert f"lens: {words}" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("text", ["1200", "1.2 miles", "m", "-1m", "0mm", "nanm", "camera"])

@@ -71,7 +71,7 @@ def test_rings_out_of_range_are_reported_and_clamped():
     lens = prescription_of("tessar-50mm")
     wide = turned(lens, Rings(f_number=2.0))
     assert wide.f_number == pytest.approx(5.5) and wide.prescription == turned(lens).prescription
-    assert wide.words == ("f/2 is wider than this lens opens: rendered at f/5.5",)
+    assert wide.words == ("f/2 is wider than this lens opens: set to f/5.5",)
     assert turned(lens, Rings(f_number=64.0)).f_number == 22.0
     near = turned(lens, Rings(100.0, 8.0))
     assert near.prescription.object_distance_mm == pytest.approx(499.766, abs=0.01), "ten focal lengths"
