@@ -13,7 +13,6 @@ from . import __version__
 
 CANCELLED = 130
 UNHEARD = 141  # a shell's exit status for a program ended by SIGPIPE
-LONGEST_LINE = 1000  # characters of an error message, including the system's
 LONGEST_HEARD_BYTES = 1 << 20
 STOPS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
@@ -59,6 +58,7 @@ def _run_command(options, arguments):
 
     from .commands.farm_log import FARM_LOGS
     from .commands.outcome import FAILURES
+    from .commands.parser import LONGEST_LINE
     from .commands.untrusted import run
 
     if getattr(options, "end_with_stdin", False):

@@ -3,6 +3,8 @@
 import argparse
 from importlib import import_module
 
+LONGEST_LINE = 1000  # characters of an error message, including the system's
+USAGE_ERROR = 2  # exit status
 COMMANDS = {
     "render": "render a .blend multispectrally and through a lens",
     "preview": "show a .blend through a lens, first coarsely, then more and more finely",
@@ -24,7 +26,7 @@ COMMANDS = {
 
 def command_parser(main, version):
     """The parser for a version of Lensfield; `serve` runs commands through `main(arguments)`."""
-    parser = argparse.ArgumentParser(prog="lensfield", description="Render Blender scenes through real lenses.")
+    parser = _Parser(prog="lensfield", description="Render Blender scenes through real lenses.")
     parser.add_argument("--version", action=_Version, const=version, nargs=0,
                         help="print the version, the build, whether the inner loops run in C, numpy or on a GPU, and "
                              "the versions of Python, the system, Blender and packages, for reports of errors")
@@ -35,7 +37,16 @@ def command_parser(main, version):
     return parser
 
 
-class _Subcommand(argparse.ArgumentParser):
+class _Parser(argparse.ArgumentParser):
+    """A parser that reports a usage error in one line, as commands report all bad input."""
+
+    def error(self, message):
+        from lensfield.engine.runtime.errors import shown
+
+        self.exit(USAGE_ERROR, f"{shown(f'{self.prog}: {message}', LONGEST_LINE)}; see {self.prog} --help\n")
+
+
+class _Subcommand(_Parser):
     """The parser of a subcommand. It imports the subcommand's module and adds its options when it is first used."""
 
     def __init__(self, module=None, **settings):
@@ -46,7 +57,10 @@ class _Subcommand(argparse.ArgumentParser):
         if self._module:
             module, self._module = import_module(f".{self._module}", __package__), None
             module.add_options(self)
-        return super().parse_known_args(args, namespace)
+        options, unknown = super().parse_known_args(args, namespace)
+        if unknown:  # here, where the subcommand is known
+            self.error(f"unknown arguments: {' '.join(unknown)}")
+        return options, unknown
 
 
 class _Version(argparse.Action):

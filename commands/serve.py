@@ -16,12 +16,12 @@ from lensfield.engine.runtime.messages import STOP, message_lines
 from lensfield.engine.runtime.waiting import Flag
 
 from .arguments import add_untrusted
+from .parser import USAGE_ERROR
 from .stopping import stoppable
 from .task import arguments_of
 from .untrusted import OPTIONS
 
 EXPECTED = 'expected a JSON list of strings, such as ["lens", "info", "tessar-50mm"]'
-USAGE_ERROR = 2
 
 
 def add_options(serve):

@@ -58,6 +58,12 @@ def test_lens_info_as_json_has_the_first_order_data(capsys):
     assert abs(at_3_mm["lateral_colour_um"]) == pytest.approx(13.8, abs=0.3)
 
 
+def test_notes_do_not_disturb_json(capsys):
+    assert run("lens", "info", "tessar-50mm", "--f-number", "2", "--json", "--lens-quality", "preview") == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out)["name"] == "tessar-50mm" and "f/2 is wider than this lens opens" in err
+
+
 def test_lens_info_as_text_shows_the_same_figures(capsys):
     assert run("lens", "info", "edmund-54852", "--json") == 0
     info = json.loads(capsys.readouterr().out)
@@ -307,9 +313,19 @@ def test_nan_pixels_in_a_black_picture_are_named(tmp_path, capsys):
     assert not read_exr(tmp_path / "out.exr").cube.any()
 
 
-def test_usage_error_is_status_2(capsys):
-    assert run("filter") == 2
-    assert "usage" in capsys.readouterr().err
+@pytest.mark.parametrize("arguments, error", [
+    ("", "lensfield: the following arguments are required: COMMAND; see lensfield --help"),
+    ("lenses", "lensfield: argument COMMAND: invalid choice: 'lenses' (choose from "),
+    ("filter", "lensfield filter: the following arguments are required: RADIANCE.exr, --output, --lens; see lensfield "
+               "filter --help"),
+    ("lens calibration x --for blender", "lensfield lens calibration: argument --for: invalid choice: 'blender' "),
+    ("lens plot x --ghosts a", "lensfield lens plot: argument --ghosts: invalid float value: 'a'; see "),
+    ("lens fit --kit --typical", "lensfield lens fit: argument --typical: not allowed with argument --kit; see "),
+    ("lint x.blend --lense a\nb", "lensfield lint: unknown arguments: --lense a b; see lensfield lint --help")])
+def test_a_usage_error_is_one_line_and_status_2(capsys, arguments, error):
+    assert run(*arguments.split(" ") if arguments else ()) == 2
+    out, err = capsys.readouterr()
+    assert not out and err.startswith(error) and err.count("\n") == 1
 
 
 def test_engine_and_command_need_no_blender():
