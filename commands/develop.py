@@ -5,13 +5,23 @@ from pathlib import Path
 from lensfield.engine import ImageError, InputError, Report, load_camera, photograph
 from lensfield.engine.photo.photograph import CameraFacts, held, missing_channels, missing_text
 from lensfield.engine.photo.raw_file import check_lens, write_raw_file
+from lensfield.engine.runtime.setting import option_of, settings_of
 from lensfield.engine.sensor.exposure import FRAMES, covered_px
 from lensfield.engine.simulation.report import together
 
-from ..request import IRRADIANCE, RenderRequest
-from .arguments import add_lens_settings, add_settings, add_untrusted, check_outputs, chosen_lens, given_fields
+from ..request import IRRADIANCE, RING_FIELDS, RenderRequest
+from .arguments import (
+    add_lens_settings,
+    add_settings,
+    add_untrusted,
+    check_outputs,
+    chosen_lens,
+    given_fields,
+    given_settings,
+)
 from .camera import CAMERAS
 from .outcome import finish
+from .prescription_file import given_reading
 from .sequence import find_shots
 from .terminal import quiet, say
 
@@ -46,6 +56,7 @@ def add_options(develop):
 def _develop(options):
     camera = load_camera(options.camera)
     _check_mosaic(options, camera)
+    _check_lens(options)
     by_output = [find_shots(options.irradiance, output, None, options.frames) for output in options.outputs]
     check_outputs([*((shot.output, _suffix(shot.output)) for shots in by_output for shot in shots),
                    (options.report, ".json")],
@@ -79,6 +90,18 @@ def _check_mosaic(options, camera):
         raise InputError("options", "--mosaic", "given", f"leave it out: all pixels of {camera.name} have all channels")
     if options.mosaic and not any(path.suffix.lower() == ".exr" for path in options.outputs):
         raise InputError("options", "--mosaic", "given", "also give an output with the suffix .exr")
+
+
+def _check_lens(options):
+    """Raise an InputError for a lens that no file states, or for settings without a lens."""
+    rings, settings = given_settings(options, RenderRequest), settings_of(RenderRequest)
+    given = [*given_reading(options), *(option_of(name, settings[name]) for name in (*RING_FIELDS, "lens_quality")
+                                        if name in rings)]
+    if given and not options.lens:
+        option = given[0].replace("_", "-")
+        raise InputError("options", f"--{option}", "given", "leave it out, or also give the lens (--lens)")
+    if options.lens and not any(path.suffix.lower() == ".dng" for path in options.outputs):
+        raise InputError("options", "--lens", options.lens, "leave it out: only raw files (.dng) state the lens")
 
 
 def _check_picture(image, options, camera):

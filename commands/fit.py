@@ -86,6 +86,9 @@ def _check_options(options):
     if options.focus and not options.flat:
         raise InputError("options", "--focus", options.focus, "omit it: it is the distance of --flat, and for "
                          "--points the lens is at its closest distance")
+    for option, value in (("--f-numbers", options.f_numbers), ("--camera-sensor", options.camera_sensor)):
+        if value and not (options.flat or options.points):
+            raise InputError("options", option, value, "omit it: it is of raw pictures (--flat, --points)")
     if fits and not options.output:
         raise InputError("options", "--output", "missing", "name the file to write")
     if options.output and not fits:

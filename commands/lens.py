@@ -45,6 +45,7 @@ from .arguments import (
     check_outputs,
     chosen_lens,
     distance_mm,
+    iris_option,
     rings_option,
     shown_iris,
 )
@@ -191,6 +192,7 @@ def _add_plot(lens):
 def _plot(options):
     from lensfield.engine.inspection.sheet import write_lens_plot
 
+    _check_plot(options)
     if options.ghosts is not None:
         _plot_ghosts(options)
         return
@@ -201,6 +203,15 @@ def _plot(options):
     path = _sheet_path(options)
     write_lens_plot(lens, path, frequencies, _photographs(options))
     say(path)
+
+
+def _check_plot(options):
+    """Raise an InputError for an option that this kind of plot does not show."""
+    for option, value in (("--frequencies", options.frequencies), ("--depth", options.depth)):
+        if options.ghosts is not None and value is not None:
+            raise InputError("options", option, value, "leave it out: --ghosts plots the ghosts alone")
+    if options.ghosts is None and (iris := iris_option(options)):
+        raise InputError("options", "--iris-blades", iris.blades, "also give --ghosts: other plots are of a round stop")
 
 
 def _photographs(options):

@@ -93,6 +93,9 @@ def test_a_fade_in_arbitrary_units_stays_a_fade(scene, tmp_path):
     (["--camera", "nikon-d700", "-o", "a.dng", "--shutter", "1/0"], "--shutter is 1/0: expected seconds such as 1/60"),
     (["--camera", "nikon-d700", "-o", "a.dng", "--iso", "fast"], "--iso is fast: expected a positive number"),
     (["--camera", "nikon-d700", "-o", "a.dng", "-o", "a.dng"], "named twice"),
+    (["--camera", "nikon-d700", "-o", "a.dng", "--tilt", "1,0"], "--tilt is given: leave it out, or also give"),
+    (["--camera", "nikon-d700", "-o", "a.dng", "--which", "2"], "--which is given: leave it out"),
+    (["--camera", "nikon-d700", "-o", "a.png", "--lens", "tessar-50mm"], "--lens is tessar-50mm: leave it out: only"),
     (["--camera", "nikon-d700", "-o", "a.dng", "--seed", "-3"], "seed is -3: expected a whole number")])
 def test_bad_requests_are_refused_before_any_work(scene, arguments, words, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -116,16 +119,16 @@ def test_a_raw_file_names_the_lens_of_the_picture_and_no_other(scene, tmp_path, 
     lens = load_lens("edmund-54852", quality="preview")
     image = replace(read_exr(scene), lens_name=lens.name, f_number_effective=lens.f_number_effective)
     write_exr(image, scene)
-    command = "develop", scene, "--camera", "nikon-d700", "--lens-quality", "preview", "-o"
+    command = "develop", scene, "--camera", "nikon-d700", "-o"
     assert run(*command, tmp_path / "bare.dng") == 0
-    assert run(*command, tmp_path / "full.dng", "--lens", lens.name) == 0
+    assert run(*command, tmp_path / "full.dng", "--lens", lens.name, "--lens-quality", "preview") == 0
     (bare_tags, bare), (full_tags, full) = (fields(tmp_path / f"{name}.dng") for name in ("bare", "full"))
     for exif in (bare, full):
         assert exif[42036] == lens.name and exif[33437] == pytest.approx(lens.f_number_effective)
     assert full[37386] == pytest.approx(lens.efl_mm) and 50736 in full_tags and 51022 in full_tags
     assert 37386 not in bare and not {50736, 51022} & bare_tags.keys()
     capsys.readouterr()
-    assert run(*command, tmp_path / "other.dng", "--lens", "nikkor-58mm-f1.4") == 1
+    assert run(*command, tmp_path / "other.dng", "--lens", "nikkor-58mm-f1.4", "--lens-quality", "preview") == 1
     said = capsys.readouterr()
     assert f"{scene}: lens is edmund-54852: expected nikkor-58mm-f1.4" in said.err and "ISO" not in said.out
     assert not (tmp_path / "other.dng").exists()

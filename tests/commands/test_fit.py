@@ -158,6 +158,8 @@ def test_lensfuns_data_give_a_prescription(tmp_path, capsys):
     ((NAME, "--flat", "a.dng", "--points", "b.dng", "--f-numbers", "2"), "raw pictures: f-numbers is 2: expected 2"),
     ((NAME, "--typical", "--points", "missing.dng"), "missing.dng: raw picture is missing"),
     ((NAME, "--points", "a.dng"), "options: --output is mine.toml: --points only checks rims: omit --output"),
+    ((NAME, "--typical", "--camera-sensor", "24x16"), "options: --camera-sensor is 24x16: omit it"),
+    (("--kit", "--f-numbers", "2"), "options: --f-numbers is 2: omit it: it is of raw pictures (--flat, --points)"),
     (("--kit", "--points", "a.dng"), "options: --points is given with --kit: write the page first"),
     ((NAME, "--vignetting", "light.csv", "--points", "a.dng", "--focus", "2m"), "options: --focus is 2m: omit it"),
     ((NAME,), "options: photographs is missing: give --flat, --vignetting, --lensfun or --points; or --typical, or"),

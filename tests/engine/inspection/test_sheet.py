@@ -88,6 +88,15 @@ def test_the_end_of_the_lens_data_is_a_circle_in_the_picture(tmp_path, monkeypat
     assert np.hypot(*drawn[0].T) == pytest.approx(2.0) and drawn[1] is None
 
 
+@pytest.mark.parametrize("options, message", [
+    (["--ghosts", "10", "--depth", "2m"], "--depth is 2m: leave it out: --ghosts plots the ghosts alone"),
+    (["--ghosts", "10", "--frequencies", "20"], "--frequencies is 20: leave it out"),
+    (["--iris-blades", "5"], "--iris-blades is 5: also give --ghosts")])
+def test_options_that_a_plot_does_not_show_are_refused(capsys, tmp_path, options, message):
+    assert run("tessar-50mm", "-o", tmp_path / "sheet.png", *options) == 1
+    assert message in capsys.readouterr().err and not any(tmp_path.iterdir())
+
+
 def test_tiles_have_a_logarithmic_scale():
     """A PSF with its peak on the outer side, a median level on the inner one, and no light along its upper edge."""
     psf = np.ones((1, 1, 9, 9))
