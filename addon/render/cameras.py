@@ -63,7 +63,12 @@ def frame_camera(scene, frame, baking=unwatched, **given):
     """
     with named_frame(frame), Journal() as journal:
         go_to_frame(scene, frame, journal)
-        check_scene(scene, **given)
-        job = job_of(scene, baking=baking, **given)
-        return FrameCamera(job.lens, frame_grid(scene, job.lens), camera_pose(scene),
-                           Result.of(scene, Path(), frame).after.name, job.ring_words)
+        return camera_at(scene, frame, baking, **given)
+
+
+def camera_at(scene, frame, baking=unwatched, **given):
+    """As `frame_camera`, of a scene that is evaluated at the frame."""
+    check_scene(scene, **given)
+    job = job_of(scene, baking=baking, **given)
+    return FrameCamera(job.lens, frame_grid(scene, job.lens), camera_pose(scene),
+                       Result.of(scene, Path(), frame).after.name, job.ring_words)

@@ -6,7 +6,7 @@ processes as animations are. A process captures a frame for all lenses, or leave
 
 import time
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import partial
 from math import inf
 from pathlib import Path
@@ -34,11 +34,12 @@ from ..scene.requirements import check_scene
 from ..scene.rings import scene_rings
 from ..scene.undo import Journal
 from .animation import WAIT_S, Animation, frames_of, named_frame
-from .cameras import FrameCamera, frame_camera
+from .cameras import FrameCamera, camera_at, frame_camera
 from .comparison import capture_name, lens_stem, squeezed_frame
 from .dataset_index import (
     INDEX,
     calibrations,
+    fisheye_models,
     forget_line,
     forget_pairs,
     has_line,
@@ -82,7 +83,7 @@ class Series:
     squeeze: float
     given: dict
     animation: Animation
-    models: dict
+    models: dict = field(default_factory=dict)
 
     @property
     def name(self):
@@ -159,13 +160,14 @@ class Dataset:
         check_target(self._folder / INDEX)
         given = given | {"view": CAMERA_VIEW, "state": given.get("state") or fingerprint_anew(scene)}
         self._one_for_all = not moving(scene, self._frames)
-        self.series = []
+        series = []
         for number, (name, (lens, f_number)) in enumerate(requested.items(), 1):
             if progress:
                 progress(0.0, f"Preparing lens {number} of {len(requested)}: {name}")
             of_lens = given | {"lens": lens, "output_folder": self._folder / name} | (
                 {} if f_number is None else {"f_number": f_number})
-            self.series.append(self._begun(lens, f_number, of_lens, progress, overwrite, any_build))
+            series.append(self._begun(lens, f_number, of_lens, progress, overwrite, any_build))
+        self.series = self._with_models(series)
 
     def _begun(self, lens, f_number, given, progress, overwrite, any_build):
         """The Series of a lens at an f-number, whose first frame can be rendered and calibrated."""
@@ -177,17 +179,26 @@ class Dataset:
                 check_job(self._scene, job)
                 calibrations(frame_camera(self._scene, self._frames[0], **given), self._formats, {})
             animation = Animation(self._scene, self._frames, overwrite=overwrite, any_build=any_build, **given)
-            models = self._models(animation, given)
-        return Series(lens, f_number, squeeze, given, animation, models)
+        return Series(lens, f_number, squeeze, given, animation)
 
-    def _models(self, animation, given):
-        """The models of calibrations in files with the cameras of several frames, by format."""
-        formats = [name for name in self._formats if FORMATS[name].poses]
-        if not formats:
-            return {}
-        cameras = (frame_camera(self._scene, frame, **given) for frame in self._frames)
-        described = set(self._frames) - set(animation.outdated)
-        return shared_models(cameras, formats, kept_lines(given["output_folder"], stem_of(self._scene), described))
+    def _with_models(self, series):
+        """Series with the models of calibrations in files with the cameras of several frames; visits each frame once,
+        for all of them."""
+        formats, scene = [name for name in self._formats if FORMATS[name].poses], self._scene
+        models = {each.name: dict.fromkeys(formats) for each in series}
+        for frame in self._frames if formats else ():
+            with named_frame(frame), Journal() as journal:
+                go_to_frame(scene, frame, journal)
+                for each in series:
+                    with squeezed_frame(scene, each.squeeze):
+                        of_frame = fisheye_models(camera_at(scene, frame, **each.given), formats)
+                    models[each.name] = {name: model or of_frame[name] for name, model in models[each.name].items()}
+        return [replace(each, models=shared_models(models[each.name], self._kept_lines(each))) for each in series]
+
+    def _kept_lines(self, series):
+        """The lines of a Series' pictures that this run does not describe: list of dict."""
+        described = set(self._frames) - set(series.animation.outdated)
+        return kept_lines(series.given["output_folder"], stem_of(self._scene), described)
 
     @property
     def turns(self):

@@ -30,7 +30,8 @@ WAIT_S = 0.1  # until another process has written the index
 
 
 def calibrations(camera, formats, models):
-    """The calibrations of a FrameCamera by format: dict of str: Calibration.
+    """The calibrations of a FrameCamera, and the contents of their files with this camera alone: dict of str:
+    Calibration, and dict of str: str, by format.
 
     Parameters
     ----------
@@ -47,23 +48,26 @@ def calibrations(camera, formats, models):
     try:
         fits = {name: calibrated_for(name, camera.lens, camera.grid, reference_nm(camera.lens), models.get(name))
                 for name in formats}
-        for name, fit in fits.items():
-            FORMATS[name].text([View(fit, camera.pose, camera.picture)])  # raises the errors of its file
-        return fits
+        return fits, {name: FORMATS[name].text([View(fit, camera.pose, camera.picture)]) for name, fit in fits.items()}
     except InputError as error:
         if error.field != OPTION:
             raise
         raise InputError("options", "calibration", error.value, error.remedy) from None
 
 
-def shared_models(cameras, formats, kept):
+def fisheye_models(camera, formats):
+    """The models of a FrameCamera that are a fisheye's, by format: dict of str: name, or None for others."""
+    return {name: _fisheye([fit.model]) for name, fit in calibrations(camera, formats, {})[0].items()}
+
+
+def shared_models(models, kept):
     """The models for formats whose file has the cameras of several frames, and states once whether they are fisheyes:
     dict of str: name, or None for the simplest.
 
     Parameters
     ----------
-    cameras : iterable of FrameCamera
-    formats : sequence of str
+    models : dict of str: str or None
+        By format: of the fisheyes among the cameras; None without any.
     kept : list of dict
         Lines of a scene's other pictures in the same folder.
 
@@ -72,20 +76,17 @@ def shared_models(cameras, formats, kept):
     InputError
         A camera is a fisheye, but other pictures already have ordinary ones.
     """
-    models = dict.fromkeys(formats)
-    for camera in cameras:
-        for name, fit in calibrations(camera, formats, {}).items():
-            models[name] = models[name] or _fisheye([fit.model])
-    for name in formats:
+    shared = {}
+    for name, fisheye in models.items():
         written = {line["frame"]: MODELS[line["calibration"][name]["model"]]
                    for line in kept if name in line["calibration"]}
         ordinary = [frame for frame, model in written.items() if not model.fisheye]
-        if models[name] and ordinary:
+        if fisheye and ordinary:
             raise InputError("options", "calibration", name, "some of the frames are fisheyes, unlike frame "
                              f"{ordinary[0]}, which is in the file already: render all of them together (--frames), if "
                              "need be with --overwrite, or into another folder")
-        models[name] = models[name] or _fisheye(written.values())
-    return models
+        shared[name] = fisheye or _fisheye(written.values())
+    return shared
 
 
 def _fisheye(models):
@@ -119,12 +120,12 @@ def write_line(result, camera, facts, formats, pairs, models):
     """
     folder = result.record.parents[1]
     earlier = _line(line_path(result)) or {"calibration": {}, "pairs": {}}
-    files, fits = _files(result), calibrations(camera, formats, models)
+    files, (fits, texts) = _files(result), calibrations(camera, formats, models)
     files |= {name: folder / earlier["files"][name] for name in earlier["calibration"]}
-    for name, calibration in fits.items():
+    for name, text in texts.items():
         files[name] = _calibration_path(result, name)
         if not FORMATS[name].poses:
-            _write(files[name], FORMATS[name].text([View(calibration)]))
+            _write(files[name], text)
     line = {"software": software(), "format": FORMAT, "version": VERSION, **facts, "frame": result.frame,
             "files": _relative(files, folder),
             "pairs": earlier["pairs"] | {kind: _relative(paths, folder) for kind, paths in pairs.items()},

@@ -163,6 +163,26 @@ def test_all_cameras_of_a_file_are_of_one_kind(ball, captures, tmp_path):
     assert kinds(tmp_path / "b") == 2 * ["kannala-brandt"] and captures == [1, 2, 2, 1]
 
 
+def test_frames_are_visited_once_for_all_lenses(ball, tmp_path):
+    """To find the models of a file with the cameras of all frames."""
+    def visits(lenses, formats):
+        visited = []
+        bpy.app.handlers.frame_change_post.append(lambda scene, _: visited.append(scene.frame_current))
+        dataset(ball, tmp_path / "set", lenses, [8], formats=formats)
+        bpy.app.handlers.frame_change_post.pop()
+        return visited.count(2)
+
+    one, two = (visits(lenses, ["nerfstudio"]) - visits(lenses, []) for lenses in ([SHARP], [SHARP, FAST]))
+    assert one == two == 1
+
+
+def test_texts_of_calibrations_are_made_once(ball, captures, tmp_path, monkeypatch):
+    planned, made, form = dataset(ball, tmp_path, [SHARP], [8], formats=["opencv"]), [], FORMATS["opencv"]
+    monkeypatch.setitem(FORMATS, "opencv", replace(form, text=lambda views: made.append(views) or form.text(views)))
+    results = [result for turn in planned.turns for result in planned.render(turn)]
+    assert len(made) == len(results) == 2
+
+
 def test_a_stopped_run_resumes(ball, captures, tmp_path, monkeypatch):
     """After the third picture, before the lines of its frame; and without the index."""
     folder, count, render = tmp_path / "set", 0, Animation.render
