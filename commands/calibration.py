@@ -88,6 +88,8 @@ def _targets(options):
     except ValueError:
         raise InputError("options", "--wavelength", options.wavelength,
                          "expected wavelengths in nm, such as 550 or 610,540,465") from None
+    if len({f"{nm:g}" for nm in wavelengths_nm}) < len(wavelengths_nm):  # file names contain these
+        raise InputError("options", "--wavelength", options.wavelength, "expected each wavelength once")
     if len(wavelengths_nm) == 1:
         return {options.output: wavelengths_nm[0]}
     return {options.output.with_stem(f"{options.output.stem}_{nm:g}nm"): nm for nm in wavelengths_nm}

@@ -140,7 +140,7 @@ def quoted() -> Iterator[None]:
 
 
 def absence(path: str | os.PathLike) -> str:
-    """Why a path is not a regular file, as the value of an error."""
+    """Why a path is not a regular file, or not a folder, as the value of an error."""
     try:
         mode = os.stat(path).st_mode
     except (FileNotFoundError, NotADirectoryError):
@@ -149,7 +149,7 @@ def absence(path: str | os.PathLike) -> str:
         return f"not accessible ({error.strerror})"
     except ValueError:
         return "not a valid path (it contains a null character)"
-    return "a folder" if stat.S_ISDIR(mode) else "a device or pipe"
+    return "a folder" if stat.S_ISDIR(mode) else "a file" if stat.S_ISREG(mode) else "a device or pipe"
 
 
 def explain(error: OSError | ValueError) -> str:

@@ -86,6 +86,8 @@ def test_named_categories_are_listed_also_without_objects(tmp_path, capsys):
 def test_missing_and_damaged_pictures_are_reported(tmp_path, capsys):
     assert "ground truth is missing: render with --truth object" in run(tmp_path, capsys)[1]
     assert "absent: folder is missing: expected a folder of renders" in run(tmp_path, capsys, tmp_path / "absent")[1]
+    (tmp_path / "one.exr").write_text("")
+    assert "one.exr: folder is a file: expected a folder of renders" in run(tmp_path, capsys, tmp_path / "one.exr")[1]
     frame(tmp_path, "shot_0001")
     picture = tmp_path / "shot_0001_after.png"
     picture.write_bytes(picture.read_bytes()[:20])

@@ -284,10 +284,11 @@ def test_a_lens_that_no_model_describes_is_reported(tmp_path, capsys):
     assert "the requested model is not within 0.1 px" in printed.out and "--for opencv has" in printed.err
 
 
-def test_wavelengths_must_be_numbers(tmp_path, capsys):
+@pytest.mark.parametrize("wavelengths", ["red", "550,550"])
+def test_wavelengths_must_be_numbers_and_differ(tmp_path, capsys, wavelengths):
     assert main(["lens", "calibration", "edmund-54852", "--for", "colmap", "-o", str(tmp_path / "lens.txt"),
-                 "--resolution", "320x240", "--wavelength", "red"]) == 1
-    assert "--wavelength is red" in capsys.readouterr().err
+                 "--resolution", "320x240", "--wavelength", wavelengths]) == 1
+    assert f"--wavelength is {wavelengths}" in capsys.readouterr().err
 
 
 def test_a_model_of_a_lens_without_symmetry_keeps_its_tangential_terms():
