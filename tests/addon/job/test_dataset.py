@@ -253,7 +253,7 @@ def test_lenses_of_each_squeeze_have_a_capture(ball, captures, tmp_path):
 
 
 def test_each_lens_has_its_own_remarks(ball, tmp_path):
-    """Not those of the lens that the capture was planned for."""
+    """None is about the lens that the capture was planned for."""
     ball.render.resolution_x, ball.render.resolution_y, ball.cycles.samples = 192, 144, 1
     ball.camera.data.dof.focus_distance = 10.0
     write_package(replace(load_lens("edmund-54852"), name="Edmund"), tmp_path / "plain.npz")
