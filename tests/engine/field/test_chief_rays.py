@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy
 
-from lenses import make_lens
+from lenses import fine_grid_lens, make_lens
 from lensfield.engine.field.chief_rays import ChiefRays
 from lensfield.engine.field.field_map import field_map
 from lensfield.engine.image.pixel_grid import PixelGrid
@@ -12,25 +12,44 @@ from lensfield.engine.image.projection import Projection
 
 NM = 550.0
 LENS = make_lens(real_height_mm=lambda nm, p: p - 0.03 * p**3)
+SQUEEZED = fine_grid_lens(source_mm=lambda nm, x, y: (x * (1 + 0.01 * y**2), y * (1 + 0.02 * x**2)), squeeze=1.5)
 FRAME = PixelGrid((50, 70), 40.0, centre_px=(21.3, 38.6))
-CAPTURES = {"plane": PixelGrid((78, 104), 40.0, centre_px=(35.9, 55.2), focal_mm=LENS.capture_focal_length_mm),
-            "panorama": PixelGrid((66, 90), 40.0, centre_px=(30.2, 47.7), focal_mm=LENS.capture_focal_length_mm,
-                                  projection=Projection((1.0, 0.01)))}
-
-
-def rays_in(capture):
-    rays = ChiefRays(LENS, FRAME, capture, NM)
-    x_mm, y_mm = FRAME.axes_mm()
-    return rays, capture.index_of(*field_map(LENS).at_wavelength(NM).source_mm(x_mm[None], y_mm[:, None], capture))
+OTHER_FOCUS_MM = 1.1 * LENS.capture_focal_length_mm  # as of a capture that serves several frames
+CAPTURES = {
+    "plane": (LENS, PixelGrid((78, 104), 40.0, centre_px=(35.9, 55.2), focal_mm=LENS.capture_focal_length_mm)),
+    "panorama": (LENS, PixelGrid((70, 94), 40.0, centre_px=(32.2, 49.7), focal_mm=OTHER_FOCUS_MM,
+                                 projection=Projection((1.0, 0.01)))),
+    "squeezed": (SQUEEZED, PixelGrid((78, 138), 40.0, centre_px=(35.9, 73.2), focal_mm=OTHER_FOCUS_MM, squeeze=1.2))}
 
 
 @pytest.fixture(params=CAPTURES)
-def capture(request):
-    return CAPTURES[request.param]
+def lens(request):
+    return CAPTURES[request.param][0]
 
 
-def test_nearest_values_are_those_of_one_pixel_in_their_type(capture):
-    rays, (row, column) = rays_in(capture)
+@pytest.fixture
+def capture(request, lens):
+    return CAPTURES[request.node.callspec.params["lens"]][1]
+
+
+def source_px(lens, capture, x_mm, y_mm):
+    """Rows and columns in a capture of the light at places on the sensor."""
+    return capture.index_of(*field_map(lens).at_wavelength(NM).source_mm(x_mm, y_mm, capture))
+
+
+@pytest.fixture
+def rays(lens, capture):
+    return ChiefRays(lens, FRAME, capture, NM)
+
+
+@pytest.fixture
+def places_px(lens, capture):
+    x_mm, y_mm = FRAME.axes_mm()
+    return source_px(lens, capture, x_mm[None], y_mm[:, None])
+
+
+def test_nearest_values_are_those_of_one_pixel_in_their_type(capture, rays, places_px):
+    row, column = places_px
     numbers = np.arange(np.prod(capture.shape_px), dtype=np.int32).reshape(capture.shape_px)
     nearest = rays.nearest(numbers)
     assert nearest.dtype == np.int32
@@ -38,8 +57,8 @@ def test_nearest_values_are_those_of_one_pixel_in_their_type(capture):
     assert np.abs(away[0] - row).max() <= 0.5 and np.abs(away[1] - column).max() <= 0.5
 
 
-def test_a_plane_continues_exactly_and_an_edge_is_not_mixed(capture):
-    rays, (row, column) = rays_in(capture)
+def test_a_plane_continues_exactly_and_an_edge_is_not_mixed(capture, rays, places_px):
+    row, column = places_px
     rows, columns = np.indices(capture.shape_px, float)
     plane = 2.0 * columns - 3.0 * rows
     np.testing.assert_allclose(rays.continued(plane), 2.0 * column - 3.0 * row, atol=1e-9)
@@ -49,8 +68,8 @@ def test_a_plane_continues_exactly_and_an_edge_is_not_mixed(capture):
     np.testing.assert_allclose(rays.continued(stepped), expected, atol=1e-9)
 
 
-def test_next_to_pixels_without_a_surface_the_other_neighbour_decides(capture):
-    rays, (row, column) = rays_in(capture)
+def test_next_to_pixels_without_a_surface_the_other_neighbour_decides(capture, rays, places_px):
+    row, column = places_px
     rows, columns = np.indices(capture.shape_px, float)
     plane, known = 0.01 * (columns - 50) + 0.002 * rows, columns >= 50  # 0 as a value would lie near the plane
     continued = rays.continued(np.where(known, plane, np.nan))
@@ -59,8 +78,7 @@ def test_next_to_pixels_without_a_surface_the_other_neighbour_decides(capture):
     assert np.isnan(continued[~shown]).all()
 
 
-def test_values_stay_within_those_of_the_neighbours(capture):
-    rays, _ = rays_in(capture)
+def test_values_stay_within_those_of_the_neighbours(capture, rays):
     noise = np.random.default_rng(4).normal(size=capture.shape_px)
     apart = rays.continued(noise) - rays.nearest(noise)
     assert np.abs(apart).max() <= np.ptp(noise) and np.any(apart)
@@ -69,9 +87,9 @@ def test_values_stay_within_those_of_the_neighbours(capture):
     assert set(np.unique(rays.continued(spike))) <= {0.0, 7.0}
 
 
-def test_what_moves_in_the_capture_moves_through_the_lens(capture):
+def test_what_moves_in_the_capture_moves_through_the_lens(lens, capture, rays, places_px):
     """The chief ray at the end of a motion looks at its end in the capture."""
-    rays, (row, column) = rays_in(capture)
+    row, column = places_px
     right_px = np.linspace(-4, 5, row.size).reshape(row.shape)
     up_px = np.full_like(right_px, 2.5)
     static = np.zeros(row.shape, bool)
@@ -80,20 +98,19 @@ def test_what_moves_in_the_capture_moves_through_the_lens(capture):
     assert not right[static].any() and not up[static].any()
     rows, columns = np.indices(FRAME.shape_px)
     ends = FRAME.position_mm(rows - up, columns + right)
-    end_row, end_column = capture.index_of(*field_map(LENS).at_wavelength(NM).source_mm(*ends, capture))
+    end_row, end_column = source_px(lens, capture, *ends)
     np.testing.assert_allclose(end_row[~static], (row - up_px)[~static], atol=1e-4)
     np.testing.assert_allclose(end_column[~static], (column + right_px)[~static], atol=1e-4)
     assert np.abs(right - right_px)[~static].max() > 0.1, "the lens bends the motion"
 
 
-def test_light_from_infinity_moves_as_the_camera_turns(capture):
+def test_light_from_infinity_moves_as_the_camera_turns(lens, rays):
     """The chief ray at the end of the motion looks in the turned direction, unless that is behind the camera."""
-    rays, _ = rays_in(capture)
     turn = scipy.spatial.transform.Rotation.from_euler("xyz", (0.02, -0.03, 0.05)).as_matrix()
     right, up = rays.turned(turn)
     rows, columns = np.indices(FRAME.shape_px)
-    x_mm, y_mm = field_map(LENS).at_wavelength(NM).source_mm(*FRAME.position_mm(rows - up, columns + right))
-    ends = np.stack([x_mm, y_mm, np.full(x_mm.shape, LENS.capture_focal_length_mm)], axis=-1)
+    x_mm, y_mm = field_map(lens).at_wavelength(NM).source_mm(*FRAME.position_mm(rows - up, columns + right))
+    ends = np.stack([x_mm * lens.squeeze, y_mm, np.full(x_mm.shape, lens.capture_focal_length_mm)], axis=-1)
     ends /= np.linalg.norm(ends, axis=-1, keepdims=True)
     np.testing.assert_allclose(ends, rays.directions() @ turn.T, atol=1e-6)
     assert np.hypot(right, up).min() > 0.5
@@ -101,11 +118,12 @@ def test_light_from_infinity_moves_as_the_camera_turns(capture):
     assert np.isnan(rays.turned(np.diag((-1.0, 1.0, -1.0)))).all()
 
 
-def test_directions_are_those_of_the_ideal_image(capture):
+def test_directions_are_those_of_the_ideal_image(lens, rays):
     x_mm, y_mm = FRAME.axes_mm()
-    ideal = np.broadcast_arrays(*field_map(LENS).at_wavelength(NM).source_mm(x_mm[None], y_mm[:, None]))
-    towards = rays_in(capture)[0].directions()
+    ideal_x_mm, ideal_y_mm = np.broadcast_arrays(
+        *field_map(lens).at_wavelength(NM).source_mm(x_mm[None], y_mm[:, None]))
+    towards = rays.directions()
     np.testing.assert_allclose(np.linalg.norm(towards, axis=-1), 1, rtol=1e-12)
-    for axis in (0, 1):
-        np.testing.assert_allclose(towards[..., axis] / towards[..., 2], ideal[axis] / LENS.capture_focal_length_mm,
+    for axis, ideal_mm in enumerate((ideal_x_mm * lens.squeeze, ideal_y_mm)):
+        np.testing.assert_allclose(towards[..., axis] / towards[..., 2], ideal_mm / lens.capture_focal_length_mm,
                                    atol=1e-6)

@@ -43,6 +43,8 @@ def test_a_shifted_sensor_is_farther_to_the_right_and_up():
 def test_crops_and_rims_keep_every_pixel_in_place():
     grid = PixelGrid((10, 12), 10.0, (2.0, 7.5), (3, 4))
     assert grid.cropped((1, 2)).position_mm(0, 0) == grid.position_mm(1, 2)
+    part = grid.part((slice(1, 7), slice(2, 5)))
+    assert part.position_mm(0, 0) == grid.position_mm(1, 2) and part.shape_px == part.frame_px == (6, 3)
     assert grid.framed(5).position_mm(5, 5) == grid.position_mm(0, 0)
     assert grid.framed(5).cropped((5, 5)) == grid
     assert grid.cropped((1, 2)).frame_px == grid.framed(5).frame_px == grid.frame_px

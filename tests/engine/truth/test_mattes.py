@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lensfield.engine.truth.mattes import Mattes, names_in_files, shares_of_surfaces
+from lensfield.engine.truth.mattes import MISSED_PX, Mattes, names_in_files, shares_of_surfaces
 
 IDS = np.array([[[7, 7, 9, 0, 0, 0, 0]], [[9, 0, 5, 0, 0, 0, 0]]], np.uint32)
 WEIGHTS = np.array([[[0.5, 0.8, 0.3, 0, 0, 0, 0]], [[0.25, 0, 0.3, 0, 0, 0, 0]]], np.float32)
@@ -18,6 +18,9 @@ def test_surfaces_share_all_of_an_alpha_and_continue_a_little():
     np.testing.assert_allclose(shares, [[2 / 3, 1, 0.5, 0.5, 0.5, 0, 0], [1 / 3, 0, 0.5, 0.5, 0.5, 0, 0],
                                         [0, 0, 0, 0, 0, 1, 1]], rtol=1e-6)
     assert ids[0, :5].tolist() == [7, 7, 9, 9, 9]
+    ids, met = np.full((1, 2, 14), 7, np.uint32), np.arange(14) < np.array([[2], [2]])
+    _, shares = shares_of_surfaces(ids, met[None].astype(np.float32), met.astype(np.float32), opaque=False, times=2)
+    np.testing.assert_array_equal(shares[0].reshape(2, 14)[0], np.arange(14) < 2 + 2 * MISSED_PX)
 
 
 def test_the_background_of_an_opaque_layer_has_the_rest():
