@@ -8,6 +8,7 @@ import scipy
 
 from lenses import tinted
 from lensfield.engine import Options, SpectralImage, load_lens, simulate
+from lensfield.engine.image.detail import Detail, merged
 from lensfield.engine.image.layers import Layer, LayeredRadiance
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.rays.rings import Rings
@@ -66,6 +67,20 @@ def test_flat_light_is_the_sum_of_its_surfaces(lens):
     through, of_white = (simulate(each, lens, OPTIONS).cube[0] for each in (light, white))
     np.testing.assert_allclose(np.tensordot(EMISSIONS, coverage, 1), through / of_white, atol=2 * OPTIONS.accuracy)
     assert np.ptp(coverage, axis=(1, 2)).min() > 0.5
+
+
+def test_light_in_parts_of_pixels_is_the_sum_of_its_surfaces(lens):
+    """A stripe at the right of its pixels, which are divided into 2 x 2 parts."""
+    stripe = np.zeros([2 * side for side in GRID.shape_px])
+    stripe[10:90, 1::8] = 1
+    share = sparse(stripe, 0 * stripe, 0 * stripe)
+    light, white = (np.tensordot(emissions, share.toarray().reshape(-1, *stripe.shape), 1).astype(np.float32)[None]
+                    for emissions in (EMISSIONS, np.ones(4)))
+    through, of_white = (simulate(SpectralImage(merged(parts, 2), [NM], GRID, detail=Detail.of(parts, [NM], 2)), lens,
+                                  OPTIONS).cube[0] for parts in (light, white))
+    flat = SpectralImage(merged(light, 2), [NM], GRID)
+    coverage = surface_coverage([share], flat, lens, OPTIONS, NM)
+    np.testing.assert_allclose(np.tensordot(EMISSIONS, coverage, 1), through / of_white, atol=2 * OPTIONS.accuracy)
 
 
 def test_light_of_layers_is_the_sum_of_its_surfaces(lens):
