@@ -197,6 +197,13 @@ def test_a_picture_larger_than_the_sensor_is_cut_and_a_coarser_one_resampled():
     assert expose(flat(0.02, (900, 900)), CAMERA, Exposure(0.01, 100.0)).numbers.shape == CAMERA.shape_px
 
 
+def test_the_middle_of_a_larger_picture_in_the_same_pixels_is_taken():
+    light = flat(0.0, (30, 50))
+    light.cube[0, 5, 10] = 0.02  # the first pixel of the middle, 20 x 30 px
+    raw = expose(light, replace(MONO, shape_px=(20, 30)), Exposure(0.01, 100.0, noise=False))
+    assert np.argwhere(raw.numbers > 100).tolist() == [[0, 0]]
+
+
 def test_saturation_stays_above_black_at_any_gain():
     raw = expose(flat(0.02), replace(CAMERA, black_dn=0.0, gain_dn_per_e=1e-6),
                  Exposure(0.01, 100.0, noise=False))

@@ -98,6 +98,15 @@ def test_the_report_states_exposure_saturation_and_noise():
     assert report.as_dict()["camera"]["saturated"] == facts.saturated
 
 
+def test_the_noise_of_bright_pixels_includes_their_differences():
+    camera, report = replace(CAMERA, filters=("G",)), Report()
+    raw = photograph(daylight(100.0), camera, 200.0, 1 / 300, report=report, seed=SEED)
+    signal = raw.numbers.astype(float) - camera.black_dn
+    light_e, snr = signal.mean() / camera.gain_at(200.0), signal.mean() / signal.std()
+    assert camera.saturation_e / 2 < light_e < camera.saturation_e and snr < 0.8 * np.sqrt(light_e)
+    assert report.parts.of(CameraFacts).darkest_snr == pytest.approx(snr, rel=0.05)
+
+
 def test_another_pitch_and_missing_wavelengths_are_reported():
     report = Report()
     coarse = replace(daylight(100.0, (44, 66), 2.5 * CAMERA.pitch_um))
@@ -111,10 +120,10 @@ def test_another_pitch_and_missing_wavelengths_are_reported():
     assert missing_text(missing_channels(CAMERA, NM)) == ""
 
 
-@pytest.mark.parametrize("shape_px, covered", [((60, 120), 1.0), ((80, 100), 0.75), ((120, 240), 0.25)])
+@pytest.mark.parametrize("shape_px, covered", [((30, 60), 1.0), ((40, 50), 0.75), ((60, 120), 0.25)])
 def test_a_sensor_smaller_than_the_lens_image_is_reported(shape_px, covered):
     report = Report()
-    photograph(daylight(100.0, shape_px), replace(CAMERA, shape_px=(60, 120)), report=report)
+    photograph(daylight(100.0, shape_px, 2 * CAMERA.pitch_um), replace(CAMERA, shape_px=(60, 120)), report=report)
     assert report.parts.of(CameraFacts).covered == pytest.approx(covered)
     words = f"the camera's sensor covers {covered:.0%} of the lens image: the picture lacks the rest"
     assert (words in report.remarks()) == (covered < 1)
