@@ -7,6 +7,7 @@ import pytest
 
 from lenses import make_lens, tinted
 from lensfield.engine import ImageError, InputError, LensError, Options, Report, SpectralImage, simulate
+from lensfield.engine.image.layers import Layer, LayeredRadiance
 from lensfield.engine.image.sources import Sources
 from lensfield.engine.lens.iris import Iris, opening
 from lensfield.engine.pictures.spectral_exr import read_exr, read_parts, read_stray, read_with_layers, write_exr
@@ -62,6 +63,19 @@ def test_the_lens_image_loses_the_light_of_its_stars(stray):
     assert share.min() > 1e-3 and np.ptp(share) > 0.1 * share.max()
     scattered = 1 - remaining(VEIL) if "veil" in stray.stray_light else 0
     np.testing.assert_allclose(1 - remaining(stray) - scattered, share, atol=3e-6)
+
+
+def test_light_out_of_focus_has_wide_stars():
+    lens, iris, stray = make_lens(np.ones((41, 41)) / 41**2, psf_pitch_um=5.0), Iris(5, 10.0), StrayOptions("star")
+    lamp = np.zeros((3, 40, 60), np.float32)
+    lamp[:, 18, 22] = 100
+    light = radiance(lamp)
+    layers = LayeredRadiance((Layer(lamp, lamp[0].clip(0, 1), np.full((40, 60), 30.0)),), NM, light.grid)
+    _, added = lens_image(light, lens, OPTIONS, stray, layers=layers, iris=iris)
+    wide, narrow = (stray_light(light, lens, stray, OPTIONS.accuracy, layers=each, iris=iris).cube
+                    for each in (layers, None))
+    assert wide.max() < 0.8 * narrow.max()
+    np.testing.assert_array_equal(added.cube, wide)
 
 
 def test_the_predicted_light_of_sources_beyond_the_picture_falls_with_their_cosine():
