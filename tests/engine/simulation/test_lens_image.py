@@ -83,14 +83,16 @@ def test_the_predicted_light_of_sources_beyond_the_picture_falls_with_their_cosi
     """
     lens, light = tinted(make_lens()), radiance()
 
-    def predicted(direction, watts_m2=1e-2):
-        sun = Sources(np.array([direction]), np.array([np.inf]), np.full((1, 3), watts_m2), NM, np.zeros(1), ("sun",))
+    def predicted(direction, lens=lens):
+        sun = Sources(np.array([direction]), np.array([np.inf]), np.full((1, 3), 1e-2), NM, np.zeros(1), ("sun",))
         return stray_light(light, lens, StrayOptions(glare_index=0.5), 0.09, outside=sun).predicted["veil"]
 
     alone, behind = stray_light(light, lens, StrayOptions(glare_index=0.5), 0.09).predicted["veil"], [0.6, 0.0, -0.8]
     steep, oblique = (predicted(direction) - alone for direction in ([0.6, 0.0, 0.8], [0.0, -0.96, 0.28]))
     assert predicted(behind) == pytest.approx(alone) and oblique > 0.01 * alone
     assert steep / oblique == pytest.approx(0.8 / 0.28, rel=1e-6)
+    clear, grey = (predicted([0.6, 0.0, 0.8], make_lens(transmittance=share)) for share in (1.0, 0.4))
+    assert grey == pytest.approx(clear, rel=1e-6), "the glass absorbs all light alike"
 
 
 def test_non_finite_pixels_are_refused_or_replaced():
