@@ -64,12 +64,25 @@ def test_the_simplest_sufficient_model_is_chosen():
     assert fits[0].rms_px < fits[0].largest_px
 
 
+def test_of_models_that_all_miss_the_target_the_simplest_of_nearly_the_best_is_chosen():
+    lens = modelled_lens(RADTAN, (0.0, 0.0, 0.011, -0.007))
+    pinhole, *radial = fits = [calibrate(lens, FRAME, 550.0, [model]) for model in (PINHOLE, *RADIAL)]
+    best_px = radial[2].largest_px
+    assert pinhole.largest_px > 1.2 * best_px and best_px < radial[0].largest_px < 1.05 * best_px
+    assert calibrate(lens, FRAME, 550.0, [fit.model for fit in fits]) == radial[0]
+
+
 def test_a_fisheye_returns_its_angles():
-    fit = calibrate(radial_lens(lambda t: np.arctan(t) * (1 - 0.05 * np.arctan(t)**2), np.linspace(0, 30, 65)),
-                    PixelGrid((90, 140), 150.0, centre_px=(61.0, 42.0)), 550.0, [KANNALA_BRANDT])
-    assert fit.largest_px < 0.01 and fit.largest_angle_deg > 60
+    def distorted(angle):
+        return angle * (1 - 0.05 * angle**2)
+
+    fit = calibrate(radial_lens(lambda t: distorted(np.arctan(t)), np.linspace(0, 30, 65)),
+                    PixelGrid((90, 140), 100.0, centre_px=(61.0, 42.0)), 550.0, [KANNALA_BRANDT])
+    angle, corner_mm = np.linspace(0, 1.5, 1001), 0.1 * np.hypot(97.5, 61.5)  # the upper right one
+    corner_deg = np.degrees(np.interp(corner_mm / FOCAL_MM, distorted(angle), angle))
+    assert fit.largest_px < 0.01 and fit.largest_angle_deg == pytest.approx(corner_deg, abs=0.02)
     np.testing.assert_allclose(fit.coefficients[0], -0.05, atol=1e-3)
-    np.testing.assert_allclose(fit.focal_px, FOCAL_MM / 0.15, rtol=1e-4)
+    np.testing.assert_allclose(fit.focal_px, FOCAL_MM / 0.1, rtol=1e-4)
 
 
 def test_a_double_sphere_returns():
