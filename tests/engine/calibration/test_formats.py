@@ -202,6 +202,11 @@ def test_overscan_holds_the_undistorted_frame():
     line, = overscan_lines(fit)
     assert "6 px more on the left, 7 on the right, 9 above, 3 below" in line
     assert '"153 102 6 3 146 93 1 undistorted"' in line
+    centred = json.loads(text("openlensio", fit))["lens"]["distortion"][0]["overscan"]
+    assert centred == pytest.approx(max(1 + 2 * 6.5 / 140, 1 + 2 * 8.2 / 90))
+    across = replace(fit, tangents=(0.12, 0.17, 0.36, 0.075))
+    centred = json.loads(text("openlensio", across))["lens"]["distortion"][0]["overscan"]
+    assert centred == pytest.approx(1 + 2 * 46.5 / 140)
 
 
 def fisheye():
