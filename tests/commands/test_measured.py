@@ -46,7 +46,8 @@ def test_the_blur_of_a_designed_lens(file, tmp_path, capsys):
     (["--resolution", "96x62"], "--resolution is 96x62: leave it out: the file is for pictures of 48x31"),
     (["--sensor", "wide"], "--sensor is wide"),
     (["--blur", "cooke-42mm-2x"], "blur is without rotational symmetry"), (["--blur", "none"], "lens is missing"),
-    (["--focus", "1mm"], "focus is 1 mm: expected more than the focal length")])
+    (["--focus", "1mm"], "focus is 1 mm: expected more than the focal length"),
+    (["--overscan", "1.2"], "--overscan is 1.2: leave it out")])
 def test_bad_options_are_refused_in_one_line(file, tmp_path, capsys, options, message):
     assert run(file, "-o", str(tmp_path / "lab.npz"), *options) == 1
     error = capsys.readouterr().err.splitlines()[-1]
@@ -56,7 +57,8 @@ def test_bad_options_are_refused_in_one_line(file, tmp_path, capsys, options, me
 
 def test_a_lens_of_lensfun_is_named(tmp_path, capsys):
     (tmp_path / "database").mkdir()
-    (tmp_path / "database" / "mine.xml").write_text(LENSFUN)
+    for name, model in (("mine", "Zoom 20-40mm"), ("other", "Zoom 20-50mm")):
+        (tmp_path / "database" / f"{name}.xml").write_text(LENSFUN.replace("Zoom 20-40mm", model))
     output = tmp_path / "zoom.npz"
     assert run(tmp_path / "database", "-o", str(output), "--which", "zoom 20-40mm", "--focal-length", "25") == 0
     assert load_lens(output).name == "Optik Zoom 20-40mm"
