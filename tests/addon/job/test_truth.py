@@ -78,6 +78,20 @@ def test_slabs_of_depth_and_motion_blur_do_not_change_the_truth(painted, tmp_pat
         assert name in ("UV.A", "Normal.Y") or np.ptp(flat[name]), name
 
 
+def test_truth_is_that_of_surfaces_in_fog(painted, tmp_path):
+    clear = channels_of(render(painted, tmp_path, truth="depth,normal,index", depth="off"))
+    fog, scatter = material("Fog", "ShaderNodeVolumeScatter")
+    scatter.inputs["Density"].default_value = 20.0
+    links = fog.node_tree.links
+    links.new(scatter.outputs[0], links[0].to_node.inputs["Volume"])
+    links.remove(links[0])
+    bpy.ops.mesh.primitive_cube_add(size=0.1, location=(0.5, -0.25, 0.8))  # before the ball
+    bpy.context.object.data.materials.append(fog)
+    foggy = channels_of(render(painted, tmp_path, truth="depth,normal,index", depth="off"))
+    for name, plane in clear.items():
+        np.testing.assert_array_equal(foggy[name], plane, err_msg=name)
+
+
 def test_cryptomatte_has_the_users_names(painted, tmp_path):
     result = render(painted, tmp_path, truth="cryptomatte")
     (header, channels), = read_parts(result.truth)
