@@ -41,9 +41,13 @@ class _Parser(argparse.ArgumentParser):
     """A parser that reports a usage error in one line, as commands report all bad input."""
 
     def error(self, message):
+        self.refuse(message, f"; see {self.prog} --help")
+
+    def refuse(self, message, advice=""):
+        """Exit after a line on bad input."""
         from lensfield.engine.runtime.errors import shown
 
-        self.exit(USAGE_ERROR, f"{shown(f'{self.prog}: {message}', LONGEST_LINE)}; see {self.prog} --help\n")
+        self.exit(USAGE_ERROR, f"{shown(f'{self.prog}: {message}', LONGEST_LINE)}{advice}\n")
 
 
 class _Subcommand(_Parser):
@@ -78,5 +82,5 @@ class _Version(argparse.Action):
             print(f"lensfield {self.const}, build {build_identity()} (inner loops: {loops}{on_gpu})", surroundings(),
                   sep="\n")
         except InputError as error:
-            parser.error(str(error))
+            parser.refuse(error)
         parser.exit()
