@@ -18,7 +18,7 @@ SMALLEST, LARGEST = 1e-4, {True: 1e6, False: 1e4}  # of labels without powers of
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 KEY_PT, KEY_GAP_PT, LEGEND_LINE = 19, 6, 1.4  # length of a legend's strokes, gap after them, height of its lines
 CHECKED = 200  # points of a curve that a legend avoids
-LABEL_GAP, NAME_GAPS = 0.06, (0.24, 0.48)  # between labels, and from a panel to the names of its axes, in inches
+LABEL_GAP, NAME_GAPS = 0.06, (0.24, 0.52)  # between labels, and from a panel to the names of its axes, in inches
 OUTSIDE = 1e-9  # of an axis: ticks so far beyond its end are on it
 
 

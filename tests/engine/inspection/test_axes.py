@@ -142,3 +142,12 @@ def test_a_legend_shows_pens_before_names():
         middle = round((3 - box.bottom - box.height / 2) * DPI)
         left = page.pixels()[middle - 3:middle + 3, :round(box.left * DPI)]
         assert (left == colour).all(axis=-1).any()
+
+
+def test_the_name_of_the_upward_axis_is_beyond_the_longest_labels():
+    page = Page(6, 5, DPI)
+    panel = Panel(page, Box(0.85, 0.6, 5, 4), Axis(1, 10, log=True), Axis(1e-6, 0.01, log=True))
+    with written() as texts:
+        panel.upwards(np.array([1e-4]), labels_of(np.array([1e-4])), 8)  # in the middle, as the name is
+        panel.name_axes("seconds", "relative L2 error", 9)
+    check_legible(texts)
