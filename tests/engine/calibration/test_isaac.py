@@ -101,8 +101,9 @@ def test_f_theta_refuses_an_anamorphic_lens():
 @pytest.fixture
 def camera_of(tmp_path, monkeypatch):
     """A function: the camera prim of a stage that references the file of a calibration."""
+    bpy = pytest.importorskip("bpy", reason="USD is a part of Blender's wheel")
     monkeypatch.setattr(sys, "path", sys.path[:])  # Blender puts all its modules there
-    pytest.importorskip("bpy", reason="USD is a part of Blender's wheel").utils.expose_bundled_modules()
+    bpy.utils.expose_bundled_modules()
     usd = pytest.importorskip("pxr.Usd", reason="this Blender lacks USD for Python")
 
     def camera(fit):
