@@ -61,7 +61,8 @@ def rims_of(path):
 
 
 def test_raw_pictures_give_the_camera_a_fitted_lens(chosen, tmp_path, truth):
-    """Pictures of a smaller sensor, without f-numbers, in the order of their names, at 0.7 m."""
+    """Pictures of a smaller sensor, without f-numbers, in the order of their names, at 0.7 m. Adjacent surfaces have
+    nearly the same effect on their light, so noise decides which of them block it."""
     small_mm = 27.0, 18.0
     for name, f_number in (("c.dng", 2.0), ("a.dng", 8.0), ("b.dng", 2.8), ("d.dng", 4.0)):
         write_flat(tmp_path / name, flat_light(truth, f_number, small_mm, (0.06, 0.03), focus_mm=700.0))
@@ -69,8 +70,9 @@ def test_raw_pictures_give_the_camera_a_fitted_lens(chosen, tmp_path, truth):
                focus_m=0.7) == {"FINISHED"}
     assert (chosen.lens, chosen.lens_file) == ("FILE", f"//lenses/{NAME}-fitted.toml")
     stored = tmp_path / "film" / "lenses" / f"{NAME}-fitted.toml"
-    assert rims_of(stored) == pytest.approx(RIMS_MM, rel=0.05)
     photographs = read_prescription(stored).photographs
+    lights = [np.concatenate(light_of(lens, photographs.light)) for lens in (read_prescription(stored), truth)]
+    np.testing.assert_allclose(*lights, atol=0.03)
     assert photographs.source == "a.dng, b.dng, c.dng and 1 more" and photographs.illumination < 0.03
     assert [(curve.f_number, curve.focus_mm) for curve in photographs.light] == [
         (f_number, 700.0) for f_number in (8.0, 2.8, 2.0, 4.0)]
