@@ -177,7 +177,7 @@ def _nodes(measured):
     the light between them from their places in the calibration."""
     for count in NODES:
         columns, rows = _lines(measured.size_px, count)
-        between = [np.clip(_finer(line), -0.5, side - 0.5)
+        between = [np.clip((line[1:] + line[:-1]) / 2, -0.5, side - 0.5)
                    for line, side in zip((columns, rows), measured.size_px, strict=True)]
         straight = measured.straight(_places(columns, rows))
         off_px = _off_px(measured, (columns, rows), straight.tangents, between)
@@ -193,11 +193,6 @@ def _lines(size_px, count):
         even = np.linspace(-DENSER_RAD, DENSER_RAD, max(LEAST_NODES, round(count * side / max(size_px))))
         lines.append((side - 1) / 2 + MARGIN * side / 2 * np.sin(even) / np.sin(DENSER_RAD))
     return tuple(lines)
-
-
-def _finer(line):
-    """The nodes along a line, and the places between them that are checked."""
-    return np.interp(np.arange(CHECKED * (line.size - 1) + 1) / CHECKED, np.arange(line.size), line)
 
 
 def _places(columns, rows):
@@ -225,5 +220,7 @@ def _slopes(splines, columns, rows):
 
 def _folded(splines, columns, rows):
     """Whether splines are not one-to-one, near a fold of the distortion that is close to the frame."""
-    (a, b), (c, d) = _slopes(splines, _finer(columns), _finer(rows))
+    finer = (np.interp(np.arange(CHECKED * (line.size - 1) + 1) / CHECKED, np.arange(line.size), line)
+             for line in (columns, rows))
+    (a, b), (c, d) = _slopes(splines, *finer)
     return np.any((a <= 0) | (d <= 0) | (a * d - b * c <= 0))
