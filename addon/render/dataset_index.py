@@ -56,7 +56,7 @@ def calibrations(camera, formats, models):
 
 
 def fisheye_models(camera, formats):
-    """The models of a FrameCamera that are a fisheye's, by format: dict of str: name, or None for others."""
+    """The fisheye models that fit a FrameCamera, by format: dict of str: name, or None for an ordinary camera."""
     return {name: _fisheye([fit.model]) for name, fit in calibrations(camera, formats, {})[0].items()}
 
 

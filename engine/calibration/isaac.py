@@ -1,8 +1,9 @@
 """A camera for Isaac Sim and other programs of Omniverse, in USD, with a lens distortion by NVIDIA's schemas:
 https://docs.omniverse.nvidia.com/kit/docs/omni.usd.schema.omni_lens_distortion/latest/Overview.html
 
-The middle of the upper left pixel is at 0.5, 0.5. Lengths are in mm, the tenth of a unit of a stage in cm. The angle of
-f-theta's polynomial is in radians, its radius in pixels, and `maxFov` in degrees from edge to edge.
+The middle of the upper left pixel is at 0.5, 0.5. Lengths are in mm: USD counts them in tenths of the stage's unit, a
+centimetre. The angle of f-theta's polynomial is in radians, its radius in pixels, and `maxFov` in degrees from edge to
+edge.
 """
 
 from collections.abc import Sequence

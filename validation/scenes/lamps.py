@@ -296,7 +296,7 @@ def distant_small_lamps(stage):
 @ordinary()
 def caustic_lamp(stage):
     """Shadow caustics through a lens of glass"""
-    stage.lamp.data.size = 0.5  # its reflection in the glass is then in the noise of every picture
+    stage.lamp.data.size = 0.5  # few pictures contain a smaller one in the glass: a very bright pixel
     stage.lamp.data.cycles.is_caustics_light = True
     stage.floor.cycles.is_caustics_receiver = stage.ball.cycles.is_caustics_caster = True
     glass = painted("Glass", (1, 1, 1), 0.0)
